@@ -1,0 +1,243 @@
+"""The flat map as an image: pixels in mm, what they show, and where they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from voxflat import _core
+from voxflat._errors import InputError
+from voxflat.io import Volume
+
+_OUTSIDE = np.uint32(2**32 - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
+
+    Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
+
+    Parameters
+    ----------
+    corners : ndarray of uint32, shape (H, W, 3)
+        The points (numbers into the map's rows) whose triangle covers the pixel's centre; 2³² − 1 outside the map.
+    weights : ndarray of float32, shape (H, W, 3)
+        Barycentric coordinates of the pixel's centre in that triangle; NaN outside the map.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    pixel_size : float
+        Side of a pixel, mm.
+    """
+
+    corners: NDArray[np.uint32]
+    weights: NDArray[np.float32]
+    origin: tuple[float, float]
+    pixel_size: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return (self.corners.shape[0], self.corners.shape[1])
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Pixels that lie on the map, shape (H, W)."""
+        return np.asarray(self.corners[..., 0] != _OUTSIDE)
+
+    @property
+    def nearest(self) -> NDArray[np.int64]:
+        """For each pixel the number of the map's point nearest to it, shape (H, W); −1 outside the map."""
+        best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
+        nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
+        return np.where(self.inside, nearest, -1)
+
+    def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Carry values of the map's points to the pixels, linearly within each triangle.
+
+        Parameters
+        ----------
+        values : ndarray, shape (N,) or (N, C)
+            One value, or one row, a point.
+
+        Returns
+        -------
+        ndarray of float64, shape (H, W) or (H, W, C)
+            NaN outside the map.
+        """
+        inside = self.inside
+        image = np.full((*self.shape, *values.shape[1:]), np.nan)
+        corners = np.asarray(values, dtype=np.float64)[self.corners[inside]]
+        image[inside] = np.einsum("pc,pc...->p...", self.weights[inside].astype(np.float64), corners)
+        return image
+
+
+@dataclass(frozen=True, eq=False)
+class FlatImage:
+    """An image on the flat map.
+
+    Parameters
+    ----------
+    data : ndarray, shape (H, W), or (H, W, 4) uint8 for colours
+        Values, NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
+    pixel_size : float
+        Side of a pixel, mm.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    name : str
+        What it shows, with its unit.
+    """
+
+    data: NDArray[Any]
+    pixel_size: float
+    origin: tuple[float, float]
+    name: str
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether the data are colours."""
+        return self.data.ndim == 3
+
+    @property
+    def affine(self) -> NDArray[np.float64]:
+        """From (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4)."""
+        step = self.pixel_size
+        u, v = self.origin
+        return np.array([[0, step, 0, u], [-step, 0, 0, v], [0, 0, step, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top edge in mm, as matplotlib's imshow takes them."""
+        height, width = self.data.shape[:2]
+        left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
+        return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
+
+
+def draw(
+    uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float
+) -> Raster:
+    """Draw a flat map's faces.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (N, 2)
+        Places in the plane, mm.
+    faces : ndarray of uint32, shape (F, 3)
+        Triangles of points.
+    torn : ndarray of bool, shape (F,)
+        Triangles without a surface in between: their pixels show the nearest corner.
+    pixel_size : float
+        Side of a pixel, mm.
+
+    Returns
+    -------
+    Raster
+
+    Raises
+    ------
+    InputError
+        If the pixel size is not positive, or so small that the image would be too large.
+    """
+    corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
+    return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))
+
+
+def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
+    """Sample a volume at places in the world.
+
+    Parameters
+    ----------
+    volume : Volume
+        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
+    points : ndarray, shape (..., 3)
+        RAS+ mm; NaN rows give NaN.
+    interpolation : {"linear", "nearest"}, optional
+        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes and
+        colours.
+
+    Returns
+    -------
+    ndarray, shape (...), float64; or (..., 4), uint8 for colours
+        NaN, or alpha 0, where a point lies outside the volume.
+
+    Raises
+    ------
+    InputError
+        If `interpolation` is unknown.
+    """
+    data = volume.data
+    colour = data.ndim == 4
+    if interpolation is None:
+        interpolation = "linear" if colour or data.dtype.kind == "f" else "nearest"
+    if interpolation not in ("linear", "nearest"):
+        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    inverse = np.linalg.inv(volume.affine)
+    where = points @ inverse[:3, :3].T + inverse[:3, 3]
+    # a voxel reaches half a voxel beyond its centre
+    size = np.asarray(data.shape[:3])
+    inside = np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
+    order = 1 if interpolation == "linear" else 0
+    at = where[inside].T
+
+    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
+        image = np.full(points.shape[:-1], np.nan)
+        image[inside] = map_coordinates(values, at, output=np.float64, order=order, mode="nearest")
+        return image
+
+    if not colour:
+        return channel(data)
+    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
+    for c in range(data.shape[3]):
+        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
+    if data.shape[3] == 3:
+        rgba[inside, 3] = 255
+    return rgba
+
+
+def sample_picture(picture: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[Any]:
+    """Lay a picture over a flat map and look up the colour at each place.
+
+    The picture keeps its proportions, is centred on the map, and just covers the map's bounding box.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (H, W) or (H, W, C)
+        Row 0 is the top (largest v).
+    uv : ndarray, shape (N, 2)
+        Places, mm.
+
+    Returns
+    -------
+    ndarray, shape (N,) or (N, C), the picture's dtype
+        Linear between pixels.
+
+    Raises
+    ------
+    InputError
+        If the array is not a picture.
+    """
+    picture = np.asarray(picture)
+    if picture.ndim not in (2, 3) or 0 in picture.shape or picture.dtype.kind not in "buif":
+        raise InputError(
+            f"the picture has shape {picture.shape} and type {picture.dtype}; give (H, W) or (H, W, C) numbers"
+        )
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    size = np.array([picture.shape[1], picture.shape[0]], dtype=np.float64)
+    mm = float(np.max((high - low) / size))  # side of a pixel
+    from_centre = (uv - (low + high) / 2) / (mm if mm > 0 else 1.0)
+    column = from_centre[:, 0] + (size[0] - 1) / 2
+    row = (size[1] - 1) / 2 - from_centre[:, 1]
+    channels = picture[..., None] if picture.ndim == 2 else picture
+    columns = [
+        map_coordinates(channels[..., c].astype(np.float64), [row, column], order=1, mode="nearest")
+        for c in range(channels.shape[2])
+    ]
+    values = np.stack(columns, axis=1)
+    if picture.dtype.kind in "bui":
+        values = np.round(values)
+    values = values.astype(picture.dtype)
+    return values[:, 0] if picture.ndim == 2 else values

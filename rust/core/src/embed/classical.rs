@@ -1,0 +1,146 @@
+//! Classical scaling.
+//!
+//! Grossmann et al. (2002), section 3: with Δ the distances and J = I − 11ᵀ/m, B = −½ J (Δ∘Δ) J. With (λ₁, v₁), (λ₂, v₂)
+//! the two largest positive eigenpairs of B, the places are X = [√λ₁ v₁ | √λ₂ v₂]. It minimises the strain, without search.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::solvers::SelfAdjointEigen;
+use faer::matrix_free::eigen::{
+    PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
+};
+use faer::{Col, Mat, Par, Side};
+
+use crate::error::{Error, Result};
+use crate::rows::DistanceRows;
+use crate::sources::FEWEST_SOURCES;
+
+/// Up to this size all eigenpairs are computed, above only the leading ones (the iterative solver needs some room).
+const DENSE: usize = 256;
+
+/// How many eigenvalues of the largest magnitude are kept.
+const SPECTRUM: usize = 12;
+
+/// The places of the sources in the plane, and how planar their distances are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scaling {
+    /// Centred at the origin, along the principal axes, in mm.
+    pub places: Vec<[f64; 2]>,
+    /// The eigenvalues of B of the largest magnitude (mm²), by falling magnitude. Two that stand out mean a planar
+    /// surface; negative ones cannot be embedded in any dimension.
+    pub eigenvalues: Vec<f64>,
+    /// The share of Σ λ² of all eigenvalues that the two used ones carry: 1 for a surface that is isometric to the plane.
+    pub planarity: f64,
+}
+
+/// Classical scaling of the distances among sources. The two directions' distances are averaged.
+///
+/// # Errors
+/// [`Error::TooFewSources`], [`Error::NotPlanar`], [`Error::EigenNotConverged`].
+pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
+    let m = distances.sources().len();
+    if m < FEWEST_SOURCES {
+        return Err(Error::TooFewSources {
+            sources: m,
+            needed: FEWEST_SOURCES,
+        });
+    }
+    let b = double_centred(distances);
+    let (values, vectors) = if m <= DENSE {
+        all_eigenpairs(&b)?
+    } else {
+        leading_eigenpairs(&b)?
+    };
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&p, &q| values[q].abs().total_cmp(&values[p].abs()));
+    order.truncate(SPECTRUM);
+
+    let total = (0..m).map(|j| b.col(j).squared_norm_l2()).sum::<f64>();
+    let noise = total.sqrt() * 1e-10; // below, an eigenvalue is rounding
+    let mut positive: Vec<usize> = order
+        .iter()
+        .copied()
+        .filter(|&k| values[k] > noise)
+        .collect();
+    positive.sort_by(|&p, &q| values[q].total_cmp(&values[p]));
+    let [first, second] = match positive[..] {
+        [first, second, ..] => [first, second],
+        _ => {
+            return Err(Error::NotPlanar {
+                positive: positive.len(),
+            });
+        }
+    };
+    let axis = |k: usize| {
+        let column = vectors.col(k);
+        // an eigenvector has no sign of its own: the entry of the largest magnitude becomes positive
+        let largest = (0..m)
+            .rev()
+            .max_by(|&p, &q| column[p].abs().total_cmp(&column[q].abs()))
+            .unwrap_or(0);
+        (column, values[k].sqrt().copysign(column[largest]))
+    };
+    let ((x, sx), (y, sy)) = (axis(first), axis(second));
+    Ok(Scaling {
+        places: (0..m).map(|i| [sx * x[i], sy * y[i]]).collect(),
+        eigenvalues: order.iter().map(|&k| values[k]).collect(),
+        planarity: (values[first].powi(2) + values[second].powi(2)) / total,
+    })
+}
+
+/// B = −½ J (Δ∘Δ) J.
+fn double_centred(distances: &DistanceRows) -> Mat<f64> {
+    let m = distances.sources().len();
+    let squared = |i: usize, j: usize| {
+        let mean = 0.5 * (f64::from(distances.row(i)[j]) + f64::from(distances.row(j)[i]));
+        mean * mean
+    };
+    let mut b = Mat::from_fn(m, m, squared);
+    let means: Vec<f64> = (0..m)
+        .map(|j| b.col(j).iter().sum::<f64>() / m as f64)
+        .collect();
+    let mean = means.iter().sum::<f64>() / m as f64;
+    for j in 0..m {
+        for i in 0..m {
+            b[(i, j)] = -0.5 * (b[(i, j)] - means[i] - means[j] + mean);
+        }
+    }
+    b
+}
+
+fn all_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
+    let eigen = SelfAdjointEigen::new(b.as_ref(), Side::Lower)
+        .map_err(|_| Error::EigenNotConverged { sources: b.nrows() })?;
+    Ok((
+        eigen.S().column_vector().iter().copied().collect(),
+        eigen.U().to_owned(),
+    ))
+}
+
+/// The eigenpairs of the largest magnitude, by a restarted Krylov method from a fixed start.
+fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
+    let m = b.nrows();
+    let scale = b.norm_l2();
+    let start = Col::from_fn(m, |i| 1.0 + (i as f64 * 0.618_033_988_749_895).fract());
+    let start = &start * faer::Scale(1.0 / start.norm_l2());
+    let mut values = vec![0.0; SPECTRUM];
+    let mut vectors = Mat::zeros(m, SPECTRUM);
+    let params = PartialEigenParams::default();
+    let scratch = partial_self_adjoint_eigen_scratch(b, SPECTRUM, Par::Seq, params);
+    let found = partial_self_adjoint_eigen(
+        vectors.as_mut(),
+        &mut values,
+        b,
+        start.as_ref(),
+        1e-10 * scale, // the solver's tolerance is absolute
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        params,
+    );
+    // the leading two decide the map; a tail that is a heap of equal small values may stay unsorted
+    if found.n_converged_eigen < 2 {
+        return Err(Error::EigenNotConverged { sources: m });
+    }
+    let kept = found.n_converged_eigen.min(SPECTRUM);
+    values.truncate(kept);
+    Ok((values, vectors.get(.., ..kept).to_owned()))
+}

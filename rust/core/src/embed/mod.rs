@@ -1,0 +1,3 @@
+//! Embeddings: from distances between sources to their places in the plane.
+
+pub mod classical;

@@ -1,0 +1,161 @@
+//! Whole methods, composed from the stages.
+
+use crate::adjacency::Graph;
+use crate::control::Control;
+use crate::distortion::{Distortion, measure};
+use crate::embed::classical::classical_scaling;
+use crate::error::{Error, Result};
+use crate::geodesic::chain::{ChainWeights, LinkLengths};
+use crate::orient::orient;
+use crate::patch::{self, Patch};
+use crate::place::radial::RadialFunctions;
+use crate::rows::DistanceRows;
+use crate::sources::{self, FEWEST_SOURCES, Sources};
+use crate::surface::VoxelSurface;
+use crate::surface::topology::Topology;
+
+/// Reference sources from which the distortion is measured.
+pub const REFERENCE_SOURCES: usize = 200;
+
+/// A flat map of surface voxels.
+#[derive(Debug, Clone)]
+pub struct FlatMap {
+    /// What was flattened.
+    pub surface: VoxelSurface,
+    /// Its 26-neighbour graph.
+    pub graph: Graph,
+    /// The place of each point in the plane, mm.
+    pub uv: Vec<[f64; 2]>,
+    /// The sources, as vertices of `surface`.
+    pub sources: Vec<u32>,
+    /// The eigenvalues of the scaling, mm², by falling magnitude.
+    pub eigenvalues: Vec<f64>,
+    /// The share of Σ λ² that the plane carries.
+    pub planarity: f64,
+    /// What flattening did to the distances.
+    pub distortion: Distortion,
+    /// The topology of what was flattened.
+    pub topology: Topology,
+}
+
+/// The 26-neighbour graph of a surface.
+///
+/// # Errors
+/// As [`Graph::of_voxels`].
+pub fn chain_graph(
+    surface: &VoxelSurface,
+    lengths: LinkLengths,
+    control: &Control,
+) -> Result<Graph> {
+    let weights = ChainWeights::new(surface.affine().spacing(), lengths);
+    Graph::of_voxels(surface, weights.lengths(), control)
+}
+
+/// What is to be flattened of a surface, with its graph: the patch, or the largest component where none is given.
+///
+/// # Errors
+/// Those of [`patch`]; [`Error::Disconnected`] if a given patch falls into pieces.
+pub fn cut_out(
+    surface: &VoxelSurface,
+    patch: &Patch<'_>,
+    lengths: LinkLengths,
+    control: &Control,
+) -> Result<(VoxelSurface, Graph)> {
+    control.begin("cutting out the patch", 1);
+    let mut part = match patch.keep {
+        Some(mask) => patch::keep(surface, mask)?,
+        None => surface.clone(),
+    };
+    let mut graph = chain_graph(&part, lengths, control)?;
+    if let Some(disk) = patch.disk {
+        part = patch::geodesic_disk(&part, &graph, disk, control)?;
+        graph = chain_graph(&part, lengths, control)?;
+    }
+    let components = graph.components();
+    if components.sizes.len() > 1 {
+        if patch.keep.is_some() {
+            return Err(Error::Disconnected {
+                count: components.sizes.len(),
+                sizes: components.describe(),
+            });
+        }
+        part = patch::largest_component(&part, &graph);
+        graph = chain_graph(&part, lengths, control)?;
+    }
+    Ok((part, graph))
+}
+
+/// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
+/// scaling of the sources, radial functions for the rest.
+///
+/// # Errors
+/// [`Error::Closed`], [`Error::TooFewPoints`], those of the stages, and [`Error::Cancelled`].
+pub fn grossmann2002(
+    surface: VoxelSurface,
+    graph: Graph,
+    sources: &Sources,
+    seed: u64,
+    control: &Control,
+) -> Result<FlatMap> {
+    let points = surface.len();
+    if points < FEWEST_SOURCES {
+        return Err(Error::TooFewPoints {
+            points,
+            needed: FEWEST_SOURCES,
+        });
+    }
+    let topology = Topology::of(&surface, control)?;
+    if topology.is_closed() {
+        return Err(Error::Closed {
+            points,
+            touching: topology.lining,
+            euler: topology.euler,
+        });
+    }
+    let sources = sources.choose(&graph, control)?;
+    if sources.len() < FEWEST_SOURCES {
+        return Err(Error::TooFewSources {
+            sources: sources.len(),
+            needed: FEWEST_SOURCES,
+        });
+    }
+    let among = DistanceRows::among_sources(&graph, &sources, control)?;
+    control.begin("scaling", 1);
+    let scaling = classical_scaling(&among)?;
+    control.check()?;
+    let centres = surface.points();
+    let known: Vec<_> = sources
+        .iter()
+        .map(|&source| centres[source as usize])
+        .collect();
+    let functions = RadialFunctions::fit(&known, &scaling.places)?;
+    let mut uv = functions.at_all(&centres, control)?;
+    orient(&surface, &graph, &mut uv);
+
+    let reference = sources::random(points, points.min(REFERENCE_SOURCES), seed.wrapping_add(1));
+    let rows = DistanceRows::compute(&graph, &reference, control)?;
+    let distortion = measure(&uv, &rows, seed, control)?;
+    let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
+    Ok(FlatMap {
+        surface,
+        graph,
+        uv,
+        sources,
+        eigenvalues,
+        planarity,
+        distortion,
+        topology,
+    })
+}
+
+/// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
+/// with `links` links in its graph.
+pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
+    let [points, links, sources, threads] = [points, links, sources, threads].map(|n| n as u64);
+    let graph = 4 * links + 4 * points;
+    let surface = (15 + 24 + 16) * points;
+    let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
+    let workers = threads * (4 + 16) * points;
+    let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);
+    graph + surface + workers + scaling.max(reference)
+}

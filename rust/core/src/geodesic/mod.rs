@@ -1,0 +1,31 @@
+//! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
+
+pub mod chain;
+pub mod shortest;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// A geodesic solver fills one row: the distances from a source to every vertex.
+pub trait Solver: Sync {
+    /// What a worker keeps from one row to the next.
+    type Scratch: Send;
+
+    /// Scratch for one worker.
+    fn scratch(&self) -> Self::Scratch;
+
+    /// Number of vertices, the length of a row.
+    fn vertices(&self) -> usize;
+
+    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn row(
+        &self,
+        source: u32,
+        row: &mut [f32],
+        scratch: &mut Self::Scratch,
+        control: &Control,
+    ) -> Result<()>;
+}

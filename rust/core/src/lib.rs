@@ -1,0 +1,43 @@
+//! **voxflat** flattens curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
+//!
+//! The way through, one direction; each module is one stage and imports only what stands above it:
+//!
+//! | module | stage | concept |
+//! |---|---|---|
+//! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
+//! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
+//! | [`surface`] | volume → surface | surface voxels; the topology of a voxel set |
+//! | [`adjacency`] | | [`Graph`](adjacency::Graph): who is next to whom, and how far |
+//! | [`geodesic`] | | chain-code lengths; shortest paths |
+//! | [`patch`] | surface → surface | the part that is flattened |
+//! | [`sources`] | surface → sources | farthest-point and random sampling |
+//! | [`rows`] | sources → distance rows | many sources in parallel |
+//! | [`embed`] | distance rows → embedding | classical scaling |
+//! | [`place`] | embedding → every point | radial functions |
+//! | [`orient`] | | the map's up and its handedness |
+//! | [`distortion`] | flat map → figures | what flattening did to the distances |
+//! | [`raster`] | flat map → image | pixels of the map and where they come from |
+//! | [`flatten`] | | whole methods, composed from the stages |
+//!
+//! # Conventions
+//! A voxel's centre has integer index coordinates `(i, j, k)`; millimetres (RAS+) come from the affine. Distance rows
+//! are `f32` millimetres, arithmetic is `f64`. `NaN` means undefined. Results depend on the input and the seed alone,
+//! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources.
+
+pub mod adjacency;
+pub mod control;
+pub mod distortion;
+pub mod embed;
+pub mod error;
+pub mod flatten;
+pub mod geodesic;
+pub mod orient;
+pub mod patch;
+pub mod place;
+pub mod raster;
+pub mod rows;
+pub mod sources;
+pub mod surface;
+pub mod volume;
+
+pub use error::{Error, Result};

@@ -1,0 +1,77 @@
+//! The map's up and its handedness: distances leave both open, so they are settled by the anatomy.
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+use crate::adjacency::Graph;
+use crate::surface::VoxelSurface;
+
+/// The share of a direction's variance that the map must explain for the direction to become the map's up.
+const EXPLAINED: f64 = 0.05;
+
+/// Turns a map about its mean, and mirrors it if need be, such that
+/// - the surface is seen from outside (from the background), not from within; a sheet that has background on both sides
+///   alike is left as it is;
+/// - superior is up, as far as one direction of the map can say so; where the patch is level, anterior is up, else right.
+pub fn orient(surface: &VoxelSurface, graph: &Graph, uv: &mut [[f64; 2]]) {
+    let points = surface.points();
+    if handedness(surface, graph, &points, uv) < 0.0 {
+        uv.iter_mut().for_each(|[_, v]| *v = -*v);
+    }
+    let mean = uv
+        .iter()
+        .map(|&place| Vector2::from(place))
+        .sum::<Vector2<f64>>()
+        / uv.len() as f64;
+    let Some(up) = up_direction(&points, uv, mean) else {
+        return;
+    };
+    for place in uv {
+        let p = Vector2::from(*place) - mean;
+        *place = [p.x * up.y - p.y * up.x, p.x * up.x + p.y * up.y]; // turns `up` onto (0, 1)
+    }
+}
+
+/// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
+/// the outward direction, turns in the map.
+fn handedness(
+    surface: &VoxelSurface,
+    graph: &Graph,
+    points: &[Vector3<f64>],
+    uv: &[[f64; 2]],
+) -> f64 {
+    let at_point = |v: usize| {
+        let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
+        for arc in graph.arcs(v as u32) {
+            let step = points[arc.to as usize] - points[v];
+            du += step * (uv[arc.to as usize][0] - uv[v][0]);
+            dv += step * (uv[arc.to as usize][1] - uv[v][1]);
+        }
+        du.cross(&dv).dot(&surface.outward(v))
+    };
+    (0..points.len()).map(at_point).sum()
+}
+
+/// The direction in the map along which superior (else anterior, else right) grows fastest, by linear regression.
+fn up_direction(
+    points: &[Vector3<f64>],
+    uv: &[[f64; 2]],
+    mean: Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let centred = || uv.iter().map(|&place| Vector2::from(place) - mean);
+    let covariance: Matrix2<f64> = centred().map(|p| p * p.transpose()).sum();
+    let inverse = covariance.try_inverse()?;
+    [2, 1, 0].into_iter().find_map(|axis| {
+        let moment: Vector2<f64> = centred()
+            .zip(points)
+            .map(|(p, x)| p * (x[axis] - centre[axis]))
+            .sum();
+        let slope = inverse * moment;
+        let total: f64 = points
+            .iter()
+            .map(|x| (x[axis] - centre[axis]).powi(2))
+            .sum();
+        let explained = slope.dot(&moment) / total;
+        (explained > EXPLAINED).then(|| slope.normalize())
+    })
+}

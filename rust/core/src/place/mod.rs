@@ -1,0 +1,3 @@
+//! From the places of the sources to the places of all points.
+
+pub mod radial;

@@ -1,0 +1,160 @@
+//! Interpolation by radial functions.
+//!
+//! Grossmann et al. (2002), section 4, equations 7 to 9: each flat coordinate is
+//! f(x) = Σᵢ bᵢ |x − xᵢ| + a₀ + a·x with Σ bᵢ = 0, Σ bᵢ xᵢ = 0 and f(xᵢ) = ξᵢ. Of all such functions it is the smoothest.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+
+/// Points of one task; small enough to cancel and to keep both threads busy.
+const BATCH: usize = 1024;
+
+/// Two coordinates interpolated over space.
+#[derive(Debug, Clone)]
+pub struct RadialFunctions {
+    centre: Vector3<f64>,
+    axes: Vec<Vector3<f64>>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+    weights: [Vec<f64>; 2],
+    linear: [Vec<f64>; 2],
+}
+
+impl RadialFunctions {
+    /// The functions with value `values[i]` at `points[i]` (mm).
+    ///
+    /// The linear part spans only the directions in which the points extend: for points in one plane or line, equations 8
+    /// and 9 alone do not determine the rest, and it is left out.
+    ///
+    /// # Errors
+    /// [`Error::RadialSingular`].
+    pub fn fit(points: &[Vector3<f64>], values: &[[f64; 2]]) -> Result<Self> {
+        let m = points.len();
+        let centre = points.iter().sum::<Vector3<f64>>() / m.max(1) as f64;
+        let axes = extended_axes(points, centre);
+        let size = m + 1 + axes.len();
+        let polynomial = |i: usize, k: usize| {
+            if k == 0 {
+                1.0
+            } else {
+                axes[k - 1].dot(&(points[i] - centre))
+            }
+        };
+        let system = Mat::from_fn(size, size, |r, c| match (r < m, c < m) {
+            (true, true) => (points[r] - points[c]).norm(),
+            (true, false) => polynomial(r, c - m),
+            (false, true) => polynomial(c, r - m),
+            (false, false) => 0.0,
+        });
+        let right = Mat::from_fn(size, 2, |r, k| if r < m { values[r][k] } else { 0.0 });
+        let solution = system.lblt(Side::Lower).solve(&right);
+        let column = |k: usize| solution.col(k).iter().copied().collect::<Vec<f64>>();
+        let [first, second] = [column(0), column(1)];
+        let residual = (&system * &solution - &right).norm_max();
+        let scale = right.norm_max().max(f64::MIN_POSITIVE);
+        // NaN fails the comparison too
+        if !(residual <= 1e-6 * scale) {
+            return Err(Error::RadialSingular { sources: m });
+        }
+        let coordinate = |axis: usize| points.iter().map(|p| p[axis] - centre[axis]).collect();
+        Ok(Self {
+            centre,
+            axes,
+            x: coordinate(0),
+            y: coordinate(1),
+            z: coordinate(2),
+            weights: [first[..m].to_vec(), second[..m].to_vec()],
+            linear: [first[m..].to_vec(), second[m..].to_vec()],
+        })
+    }
+
+    /// The functions' two values at a point (mm).
+    pub fn at(&self, point: &Vector3<f64>) -> [f64; 2] {
+        let p = point - self.centre;
+        let mut sum = [self.linear[0][0], self.linear[1][0]];
+        for (k, axis) in self.axes.iter().enumerate() {
+            sum[0] += self.linear[0][k + 1] * axis.dot(&p);
+            sum[1] += self.linear[1][k + 1] * axis.dot(&p);
+        }
+        let radial = self.radial(&p);
+        [sum[0] + radial[0], sum[1] + radial[1]]
+    }
+
+    /// Σᵢ bᵢ |p − xᵢ|, in lanes that the compiler can vectorise.
+    fn radial(&self, p: &Vector3<f64>) -> [f64; 2] {
+        const LANES: usize = 8;
+        let mut sums = [[0.0; LANES]; 2];
+        let [first, second] = &self.weights;
+        let whole = self.x.len() / LANES * LANES;
+        for start in (0..whole).step_by(LANES) {
+            let range = start..start + LANES;
+            let (x, y, z) = (
+                &self.x[range.clone()],
+                &self.y[range.clone()],
+                &self.z[range.clone()],
+            );
+            let (b, c) = (&first[range.clone()], &second[range]);
+            for lane in 0..LANES {
+                let r = distance(p, x[lane], y[lane], z[lane]);
+                sums[0][lane] += b[lane] * r;
+                sums[1][lane] += c[lane] * r;
+            }
+        }
+        let mut total = sums.map(|lanes| lanes.iter().sum::<f64>());
+        for i in whole..self.x.len() {
+            let r = distance(p, self.x[i], self.y[i], self.z[i]);
+            total[0] += first[i] * r;
+            total[1] += second[i] * r;
+        }
+        total
+    }
+
+    /// The functions' values at many points, in parallel.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
+        control.begin("placing the rest", points.len().div_ceil(BATCH) as u64);
+        let mut values = vec![[0.0; 2]; points.len()];
+        values
+            .par_chunks_mut(BATCH)
+            .zip(points.par_chunks(BATCH))
+            .try_for_each(|(values, points)| {
+                control.check()?;
+                values
+                    .iter_mut()
+                    .zip(points)
+                    .for_each(|(value, point)| *value = self.at(point));
+                control.advance();
+                Ok(())
+            })?;
+        Ok(values)
+    }
+}
+
+#[inline(always)]
+fn distance(p: &Vector3<f64>, x: f64, y: f64, z: f64) -> f64 {
+    let (dx, dy, dz) = (p.x - x, p.y - y, p.z - z);
+    (dx * dx + dy * dy + dz * dz).sqrt()
+}
+
+/// The principal directions in which points extend by more than rounding.
+fn extended_axes(points: &[Vector3<f64>], centre: Vector3<f64>) -> Vec<Vector3<f64>> {
+    let covariance: Matrix3<f64> = points
+        .iter()
+        .map(|p| (p - centre) * (p - centre).transpose())
+        .sum();
+    let eigen = covariance.symmetric_eigen();
+    let largest = eigen.eigenvalues.max();
+    let extended = |k: &usize| eigen.eigenvalues[*k] > 1e-12 * largest;
+    (0..3)
+        .filter(extended)
+        .map(|k| eigen.eigenvectors.column(k).into_owned())
+        .collect()
+}

@@ -1,0 +1,262 @@
+//! The flat map as a raster: which place on the surface each pixel shows.
+//!
+//! The places in the plane are joined by a Delaunay triangulation; its triangles within the map become faces, and each
+//! pixel's centre gets its face and barycentric coordinates. From these follow its position on the surface (linear), its
+//! surface voxel (the nearest corner) and any value of the points. Where a face is torn, its corners being neighbours in the
+//! plane but not on the surface, there is nothing in between: its pixels show the nearest corner.
+
+use nalgebra::Vector2;
+use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
+
+use crate::adjacency::Graph;
+use crate::control::Control;
+use crate::error::{Error, Result};
+
+/// Most pixels of an image.
+const MOST_PIXELS: f64 = 1e9;
+
+/// A face is part of the map if no side in the plane is longer than this many times the usual flat distance of neighbours.
+const LONGEST_SIDE: f64 = 3.0;
+
+/// Pixels of a flat map. Row 0 is at the top (largest v); column 0 at the left (smallest u).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Raster {
+    /// Number of columns.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// Side of a pixel, mm.
+    pub pixel_size: f64,
+    /// (u, v) of the centre of the pixel in row 0, column 0, mm.
+    pub origin: [f64; 2],
+    /// For each pixel, row by row, the three vertices of its face; [`Raster::OUTSIDE`] thrice outside the map.
+    pub corners: Vec<[u32; 3]>,
+    /// For each pixel its barycentric coordinates in the face; NaN outside the map.
+    pub weights: Vec<[f32; 3]>,
+}
+
+impl Raster {
+    /// Stands for a vertex where a pixel is outside the map.
+    pub const OUTSIDE: u32 = u32::MAX;
+
+    /// Draws faces over the plane; pixels of a face that is `torn` show its nearest corner. Where faces overlap, the first is
+    /// kept.
+    ///
+    /// # Errors
+    /// [`Error::PixelSizeNotPositive`], [`Error::RasterTooLarge`], [`Error::Cancelled`].
+    pub fn draw(
+        uv: &[[f64; 2]],
+        faces: &Faces,
+        pixel_size: f64,
+        control: &Control,
+    ) -> Result<Self> {
+        if !(pixel_size > 0.0 && pixel_size.is_finite()) {
+            return Err(Error::PixelSizeNotPositive { pixel_size });
+        }
+        let mut raster = Self::blank(uv, pixel_size)?;
+        control.begin("drawing the map", faces.corners.len() as u64);
+        for (&face, &torn) in faces.corners.iter().zip(&faces.torn) {
+            control.check()?;
+            raster.paint(uv, face, torn);
+            control.advance();
+        }
+        Ok(raster)
+    }
+
+    /// Covers all places; the pixels' centres lie at multiples of the pixel size, so that maps of one size line up.
+    fn blank(uv: &[[f64; 2]], pixel_size: f64) -> Result<Self> {
+        let extreme = |axis: usize, least: bool| {
+            let values = uv.iter().map(|place| place[axis] / pixel_size);
+            if least {
+                values.fold(f64::INFINITY, f64::min).floor()
+            } else {
+                values.fold(f64::NEG_INFINITY, f64::max).ceil()
+            }
+        };
+        let (left, right) = (extreme(0, true), extreme(0, false));
+        let (bottom, top) = (extreme(1, true), extreme(1, false));
+        let (width, height) = (right - left + 1.0, top - bottom + 1.0);
+        if !(width * height <= MOST_PIXELS) {
+            return Err(Error::RasterTooLarge {
+                width,
+                height,
+                pixel_size,
+            });
+        }
+        let (width, height) = (width as usize, height as usize);
+        Ok(Self {
+            width,
+            height,
+            pixel_size,
+            origin: [left * pixel_size, top * pixel_size],
+            corners: vec![[Self::OUTSIDE; 3]; width * height],
+            weights: vec![[f32::NAN; 3]; width * height],
+        })
+    }
+
+    fn paint(&mut self, uv: &[[f64; 2]], face: [u32; 3], torn: bool) {
+        // in pixels: x to the right, y down, pixel centres at integers
+        let corners = face.map(|vertex| {
+            let [u, v] = uv[vertex as usize];
+            Vector2::new(
+                (u - self.origin[0]) / self.pixel_size,
+                (self.origin[1] - v) / self.pixel_size,
+            )
+        });
+        let [a, b, c] = corners;
+        let area = (b - a).perp(&(c - a));
+        if area == 0.0 {
+            return;
+        }
+        let bounds = |axis: usize, size: usize| {
+            let low = corners
+                .iter()
+                .fold(f64::INFINITY, |low, p| low.min(p[axis]))
+                .ceil()
+                .max(0.0);
+            let high = corners
+                .iter()
+                .fold(f64::NEG_INFINITY, |high, p| high.max(p[axis]))
+                .floor();
+            low as usize..(high as usize + 1).min(size)
+        };
+        for row in bounds(1, self.height) {
+            for column in bounds(0, self.width) {
+                let p = Vector2::new(column as f64, row as f64);
+                let weights = [
+                    (c - b).perp(&(p - b)),
+                    (a - c).perp(&(p - c)),
+                    (b - a).perp(&(p - a)),
+                ]
+                .map(|w| w / area);
+                let pixel = row * self.width + column;
+                // the small tolerance keeps a pixel on a shared side from falling between its faces
+                if weights.iter().all(|&w| w >= -1e-9) && self.corners[pixel][0] == Self::OUTSIDE {
+                    self.corners[pixel] = face;
+                    let apart = corners.map(|corner| (corner - p).norm_squared());
+                    let nearest = (0..3)
+                        .min_by(|&k, &l| apart[k].total_cmp(&apart[l]))
+                        .unwrap_or(0);
+                    let only = |k| if k == nearest { 1.0 } else { 0.0 };
+                    self.weights[pixel] = if torn {
+                        [0, 1, 2].map(only)
+                    } else {
+                        weights.map(|w| w as f32)
+                    };
+                }
+            }
+        }
+    }
+
+    /// For each pixel the vertex nearest to it (of its face the corner with the largest weight).
+    pub fn nearest_vertices(&self) -> Vec<u32> {
+        let heaviest = |(corners, weights): (&[u32; 3], &[f32; 3])| {
+            let corner = (0..3)
+                .rev()
+                .max_by(|&p, &q| weights[p].total_cmp(&weights[q]))
+                .unwrap_or(0);
+            corners[corner]
+        };
+        self.corners
+            .iter()
+            .zip(&self.weights)
+            .map(heaviest)
+            .collect()
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Place {
+    position: Point2<f64>,
+    vertex: u32,
+}
+
+impl HasPosition for Place {
+    type Scalar = f64;
+    fn position(&self) -> Point2<f64> {
+        self.position
+    }
+}
+
+/// Triangles that cover a flat map.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Faces {
+    /// Three vertices each, the lowest first, turning counterclockwise in the plane.
+    pub corners: Vec<[u32; 3]>,
+    /// Whether two of the corners are more than two links apart on the surface: there the map is squeezed or folded.
+    pub torn: Vec<bool>,
+}
+
+/// Joins the places of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
+/// between neighbours on the surface. Of places that coincide only one becomes a corner.
+///
+/// # Errors
+/// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
+pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Faces> {
+    control.check()?;
+    let places = uv.iter().enumerate().map(|(vertex, &[u, v])| Place {
+        position: Point2::new(u, v),
+        vertex: vertex as u32,
+    });
+    let too_few = |_| Error::TooFewPoints {
+        points: uv.len(),
+        needed: 3,
+    };
+    let triangulation =
+        DelaunayTriangulation::<Place>::bulk_load_stable(places.collect()).map_err(too_few)?;
+    control.check()?;
+    let longest = LONGEST_SIDE * usual_step(uv, graph);
+    let sides = |[a, b, c]: [u32; 3]| [(a, b), (b, c), (c, a)];
+    let short = |(a, b): (u32, u32)| {
+        let ([u, v], [x, y]) = (uv[a as usize], uv[b as usize]);
+        (u - x).hypot(v - y) <= longest
+    };
+    let mut corners: Vec<[u32; 3]> = triangulation
+        .inner_faces()
+        .map(|face| face.vertices().map(|vertex| vertex.data().vertex))
+        .filter(|&face| sides(face).into_iter().all(short))
+        .collect();
+    corners.iter_mut().for_each(rotate_lowest_first);
+    corners.sort_unstable();
+    if corners.is_empty() {
+        return Err(Error::TooFewPoints {
+            points: uv.len(),
+            needed: 3,
+        });
+    }
+    let torn = corners
+        .iter()
+        .map(|&face| {
+            !sides(face)
+                .into_iter()
+                .all(|(a, b)| within_two_links(graph, a, b))
+        })
+        .collect();
+    Ok(Faces { corners, torn })
+}
+
+/// The median flat distance between neighbours, mm.
+pub fn usual_step(uv: &[[f64; 2]], graph: &Graph) -> f64 {
+    let steps = |v: usize| {
+        let [x, y] = uv[v];
+        graph
+            .arcs(v as u32)
+            .map(move |arc| (uv[arc.to as usize][0] - x).hypot(uv[arc.to as usize][1] - y))
+    };
+    let mut steps: Vec<f64> = (0..uv.len()).flat_map(steps).collect();
+    if steps.is_empty() {
+        return f64::NAN;
+    }
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn within_two_links(graph: &Graph, a: u32, b: u32) -> bool {
+    let joined = |x: u32| graph.arcs(x).any(|arc| arc.to == b);
+    joined(a) || graph.arcs(a).any(|arc| joined(arc.to))
+}
+
+fn rotate_lowest_first(face: &mut [u32; 3]) {
+    let lowest = (0..3).min_by_key(|&k| face[k]).unwrap_or(0);
+    face.rotate_left(lowest);
+}

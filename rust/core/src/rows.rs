@@ -1,0 +1,111 @@
+//! Distance rows: the distances from many sources, computed in parallel.
+
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geodesic::Solver;
+
+/// Distances from sources to columns, in mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DistanceRows {
+    sources: Vec<u32>,
+    columns: usize,
+    data: Vec<f32>,
+}
+
+impl DistanceRows {
+    /// Rows from every source to every vertex.
+    ///
+    /// # Errors
+    /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
+    pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
+        let columns = solver.vertices();
+        let mut data = vec![0.0; sources.len() * columns];
+        control.begin("measuring distances", sources.len() as u64);
+        data.par_chunks_mut(columns.max(1))
+            .zip(sources)
+            .try_for_each_init(
+                || solver.scratch(),
+                |scratch, (row, &source)| {
+                    solver.row(source, row, scratch, control)?;
+                    reachable(row, source)?;
+                    control.advance();
+                    Ok(())
+                },
+            )?;
+        Ok(Self {
+            sources: sources.to_vec(),
+            columns,
+            data,
+        })
+    }
+
+    /// The distances among the sources only; whole rows exist one a thread at a time.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn among_sources<S: Solver>(
+        solver: &S,
+        sources: &[u32],
+        control: &Control,
+    ) -> Result<Self> {
+        let columns = sources.len();
+        let mut data = vec![0.0; columns * columns];
+        control.begin("measuring distances", columns as u64);
+        data.par_chunks_mut(columns.max(1))
+            .zip(sources)
+            .try_for_each_init(
+                || (solver.scratch(), vec![0.0; solver.vertices()]),
+                |(scratch, whole), (row, &source)| {
+                    solver.row(source, whole, scratch, control)?;
+                    reachable(whole, source)?;
+                    row.iter_mut()
+                        .zip(sources)
+                        .for_each(|(to, &column)| *to = whole[column as usize]);
+                    control.advance();
+                    Ok(())
+                },
+            )?;
+        Ok(Self {
+            sources: sources.to_vec(),
+            columns,
+            data,
+        })
+    }
+
+    /// The vertices from which distances were measured.
+    pub fn sources(&self) -> &[u32] {
+        &self.sources
+    }
+
+    /// Length of a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// The distances from the n-th source.
+    pub fn row(&self, n: usize) -> &[f32] {
+        &self.data[n * self.columns..(n + 1) * self.columns]
+    }
+
+    /// All rows, one after the other.
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// All rows, one after the other.
+    pub fn into_data(self) -> Vec<f32> {
+        self.data
+    }
+}
+
+fn reachable(row: &[f32], source: u32) -> Result<()> {
+    match row.iter().position(|distance| distance.is_infinite()) {
+        Some(vertex) => Err(Error::Unreachable {
+            source_vertex: source as usize,
+            vertex,
+        }),
+        None => Ok(()),
+    }
+}

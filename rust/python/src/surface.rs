@@ -1,0 +1,361 @@
+//! Voxel surfaces and what is done with them.
+
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use voxflat::adjacency::Graph;
+use voxflat::distortion::Figures;
+use voxflat::flatten::{FlatMap, chain_graph, cut_out, grossmann2002, memory_need};
+use voxflat::geodesic::Solver;
+use voxflat::geodesic::chain::{ChainWeights, LinkLengths};
+use voxflat::geodesic::shortest::trace_path;
+use voxflat::patch::{Disk, Patch};
+use voxflat::raster::map_faces;
+use voxflat::rows::DistanceRows;
+use voxflat::sources::Sources;
+use voxflat::surface::VoxelSurface as CoreSurface;
+use voxflat::surface::topology::Topology;
+use voxflat::volume::Affine;
+
+use crate::convert;
+use crate::work::{InputError, run, to_python};
+
+type Csr<'py> = (
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray1<f32>>,
+);
+
+/// The surface voxels of a label volume with their 26-neighbour graph.
+#[pyclass(frozen, module = "voxflat._core")]
+pub struct VoxelSurface {
+    surface: CoreSurface,
+    graph: Graph,
+    lengths: LinkLengths,
+}
+
+/// The lengths in mm of the links of a chain code by kind, the set of axes along which a link steps (bits 1, 2, 4).
+#[pyfunction]
+pub fn chain_weights(spacing: [f64; 3], link_lengths: &str) -> PyResult<[f64; 8]> {
+    let spacing = Affine::from_spacing(spacing).map_err(to_python)?.spacing();
+    Ok(ChainWeights::new(spacing, self::link_lengths(link_lengths)?).lengths())
+}
+
+#[pymethods]
+impl VoxelSurface {
+    /// From a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm.
+    #[staticmethod]
+    #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
+    fn from_mask(
+        py: Python<'_>,
+        mask: PyReadonlyArray3<'_, bool>,
+        affine: [[f64; 4]; 4],
+        link_lengths: &str,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let lengths = self::link_lengths(link_lengths)?;
+        let affine = Affine::new(affine).map_err(to_python)?;
+        let mask = convert::mask(&mask)?;
+        run(py, Some(1), progress.as_ref(), |control| {
+            control.begin("finding the surface", 1);
+            let surface = CoreSurface::from_mask(&mask, affine, control)?;
+            let graph = chain_graph(&surface, lengths, control)?;
+            Ok(Self {
+                surface,
+                graph,
+                lengths,
+            })
+        })
+    }
+
+    /// The part to flatten: a mask's, a geodesic disk's, or the largest component.
+    #[pyo3(signature = (keep=None, seed_point=None, radius=None, progress=None))]
+    fn cut_out(
+        &self,
+        py: Python<'_>,
+        keep: Option<PyReadonlyArray3<'_, bool>>,
+        seed_point: Option<[i64; 3]>,
+        radius: Option<f64>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let keep = keep.as_ref().map(convert::mask).transpose()?;
+        let disk = seed_point
+            .zip(radius)
+            .map(|(seed_point, radius)| Disk { seed_point, radius });
+        let (surface, lengths) = (&self.surface, self.lengths);
+        let patch = Patch {
+            keep: keep.as_ref(),
+            disk,
+        };
+        let (surface, graph) = run(py, Some(1), progress.as_ref(), |control| {
+            cut_out(surface, &patch, lengths, control)
+        })?;
+        Ok(Self {
+            surface,
+            graph,
+            lengths,
+        })
+    }
+
+    fn __len__(&self) -> usize {
+        self.surface.len()
+    }
+
+    /// Number of links of the graph, each counted from both ends.
+    #[getter]
+    fn links(&self) -> usize {
+        self.graph.links()
+    }
+
+    /// Voxel indices (N, 3).
+    #[getter]
+    fn voxels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        convert::array(py, self.surface.voxels())
+    }
+
+    /// RAS+ mm (N, 3).
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points: Vec<[f64; 3]> = self.surface.points().into_iter().map(Into::into).collect();
+        convert::array(py, &points)
+    }
+
+    /// The graph in compressed rows: starts (N + 1), neighbours, lengths in mm.
+    #[getter]
+    fn csr<'py>(&self, py: Python<'py>) -> Csr<'py> {
+        let arcs = || (0..self.graph.len() as u32).flat_map(|vertex| self.graph.arcs(vertex));
+        let neighbours: Vec<u32> = arcs().map(|arc| arc.to).collect();
+        let lengths: Vec<f32> = arcs().map(|arc| arc.length).collect();
+        (
+            self.graph.starts().to_vec().into_pyarray(py),
+            neighbours.into_pyarray(py),
+            lengths.into_pyarray(py),
+        )
+    }
+
+    /// Numbers of voxels of the connected components, largest first.
+    fn component_sizes(&self) -> Vec<usize> {
+        let mut sizes = self.graph.components().sizes;
+        sizes.sort_unstable_by(|a, b| b.cmp(a));
+        sizes
+    }
+
+    /// Euler characteristic, cavities, and whether the surface is closed.
+    #[pyo3(signature = (progress=None))]
+    fn topology<'py>(
+        &self,
+        py: Python<'py>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let topology = run(py, Some(1), progress.as_ref(), |control| {
+            Topology::of(&self.surface, control)
+        })?;
+        topology_dict(py, &topology)
+    }
+
+    /// The vertices at voxels (m, 3).
+    fn find<'py>(
+        &self,
+        py: Python<'py>,
+        voxels: PyReadonlyArray2<'py, i64>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        self.check_not_empty()?;
+        let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
+        let found = voxels
+            .into_iter()
+            .map(|voxel| self.surface.find(voxel).map(|vertex| vertex as u32));
+        Ok(found
+            .collect::<voxflat::Result<Vec<u32>>>()
+            .map_err(to_python)?
+            .into_pyarray(py))
+    }
+
+    /// The surface voxel nearest to a voxel, as a vertex, and its distance in mm.
+    fn nearest(&self, voxel: [i64; 3]) -> PyResult<(usize, f64)> {
+        self.check_not_empty()?;
+        Ok(self.surface.nearest(voxel))
+    }
+
+    /// Chooses sources: "farthest" or "random".
+    #[pyo3(signature = (sampling, count, seed, progress=None))]
+    fn choose_sources<'py>(
+        &self,
+        py: Python<'py>,
+        sampling: &str,
+        count: usize,
+        seed: u64,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let sources = match sampling {
+            "farthest" => Sources::Farthest { count, seed },
+            "random" => Sources::Random { count, seed },
+            _ => {
+                return Err(InputError::new_err(format!(
+                    "sampling is {sampling:?}; give 'farthest' or 'random'"
+                )));
+            }
+        };
+        let chosen = run(py, Some(1), progress.as_ref(), |control| {
+            sources.choose(&self.graph, control)
+        })?;
+        Ok(chosen.into_pyarray(py))
+    }
+
+    /// Distance rows (m, N) in mm from sources (vertices).
+    #[pyo3(signature = (sources, threads=None, progress=None))]
+    fn rows<'py>(
+        &self,
+        py: Python<'py>,
+        sources: PyReadonlyArray1<'py, u32>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.surface.len())?;
+        let rows = run(py, threads, progress.as_ref(), |control| {
+            DistanceRows::compute(&self.graph, &sources, control)
+        })?;
+        convert::table(py, rows.into_data(), self.surface.len())
+    }
+
+    /// The vertices of a shortest path, both ends included, and its length in mm.
+    fn path<'py>(
+        &self,
+        py: Python<'py>,
+        source: u32,
+        target: u32,
+    ) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
+        convert::check_vertices([source, target], self.surface.len())?;
+        let graph = &self.graph;
+        let (path, length) = run(py, Some(1), None, |control| {
+            let mut row = vec![0.0; graph.len()];
+            graph.row(source, &mut row, &mut graph.scratch(), control)?;
+            Ok((
+                trace_path(graph, &row, source, target)?,
+                row[target as usize],
+            ))
+        })?;
+        Ok((path.into_pyarray(py), length))
+    }
+
+    /// The memory in bytes that flattening needs at most.
+    fn memory_need(&self, sources: usize, threads: usize) -> u64 {
+        memory_need(self.surface.len(), self.graph.links(), sources, threads)
+    }
+
+    /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
+    #[pyo3(signature = (sources, seed, threads=None, progress=None))]
+    fn grossmann2002<'py>(
+        &self,
+        py: Python<'py>,
+        sources: PyReadonlyArray1<'py, u32>,
+        seed: u64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let given = Sources::Given(
+            sources
+                .as_array()
+                .iter()
+                .map(|&vertex| vertex as usize)
+                .collect(),
+        );
+        let map = run(py, threads, progress.as_ref(), |control| {
+            grossmann2002(
+                self.surface.clone(),
+                self.graph.clone(),
+                &given,
+                seed,
+                control,
+            )
+        })?;
+        map_dict(py, map)
+    }
+
+    /// The faces (F, 3) that join the places (N, 2) of a flat map of this surface, and which of them are torn (F).
+    #[pyo3(signature = (uv, progress=None))]
+    fn map_faces<'py>(
+        &self,
+        py: Python<'py>,
+        uv: PyReadonlyArray2<'py, f64>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<bool>>)> {
+        let uv = convert::rows::<_, 2>(&uv, "uv")?;
+        if uv.len() != self.surface.len() {
+            let message = format!(
+                "uv has {} rows; the surface has {} points",
+                uv.len(),
+                self.surface.len()
+            );
+            return Err(InputError::new_err(message));
+        }
+        let faces = run(py, Some(1), progress.as_ref(), |control| {
+            map_faces(&uv, &self.graph, control)
+        })?;
+        Ok((
+            convert::array(py, &faces.corners)?,
+            faces.torn.into_pyarray(py),
+        ))
+    }
+}
+
+impl VoxelSurface {
+    fn check_not_empty(&self) -> PyResult<()> {
+        if self.surface.is_empty() {
+            Err(InputError::new_err("the surface has no points"))
+        } else {
+            Ok(())
+        }
+    }
+}
+
+fn link_lengths(name: &str) -> PyResult<LinkLengths> {
+    match name {
+        "chain-code" => Ok(LinkLengths::ChainCode),
+        "euclidean" => Ok(LinkLengths::Euclidean),
+        _ => Err(InputError::new_err(format!(
+            "link_lengths is {name:?}; give 'chain-code' or 'euclidean'"
+        ))),
+    }
+}
+
+fn topology_dict<'py>(py: Python<'py>, topology: &Topology) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("euler_characteristic", topology.euler)?;
+    dict.set_item("cavities", topology.cavities)?;
+    dict.set_item("closed", topology.is_closed())?;
+    Ok(dict)
+}
+
+fn figures_dict<'py>(py: Python<'py>, figures: &Figures) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("scale", figures.scale)?;
+    dict.set_item("relative_error", figures.relative_error)?;
+    dict.set_item("relative_error_10mm", figures.relative_error_10mm)?;
+    dict.set_item("relative_error_30mm", figures.relative_error_30mm)?;
+    dict.set_item("absolute_error", figures.absolute_error)?;
+    dict.set_item("stress_1", figures.stress_1)?;
+    dict.set_item("sammon_stress", figures.sammon_stress)?;
+    Ok(dict)
+}
+
+fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
+    let distortion = PyDict::new(py);
+    distortion.set_item("raw", figures_dict(py, &map.distortion.raw)?)?;
+    distortion.set_item("best_scale", figures_dict(py, &map.distortion.best_scale)?)?;
+    distortion.set_item("pearson_r", map.distortion.pearson_r)?;
+    distortion.set_item("mean_geodesic", map.distortion.mean_geodesic)?;
+    distortion.set_item("pairs", map.distortion.pairs)?;
+    distortion.set_item("per_point", map.distortion.per_point.into_pyarray(py))?;
+    distortion.set_item("scatter", convert::array(py, &map.distortion.scatter)?)?;
+    let dict = PyDict::new(py);
+    dict.set_item("uv", convert::array(py, &map.uv)?)?;
+    dict.set_item("sources", map.sources.into_pyarray(py))?;
+    dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
+    dict.set_item("planarity", map.planarity)?;
+    dict.set_item("topology", topology_dict(py, &map.topology)?)?;
+    dict.set_item("distortion", distortion)?;
+    Ok(dict)
+}

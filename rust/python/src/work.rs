@@ -1,0 +1,90 @@
+//! Long work beside a Python that stays alive: signals, progress, cancelling, errors.
+
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use voxflat::control::{Control, Progress};
+use voxflat::{Error, Result};
+
+pyo3::import_exception!(voxflat._errors, VoxflatError);
+pyo3::import_exception!(voxflat._errors, InputError);
+pyo3::import_exception!(voxflat._errors, Cancelled);
+
+/// How often the waiting thread looks for signals and reports progress.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Runs `work` on threads of its own (`threads` of them, or one a core) without the GIL. The calling thread passes the
+/// progress to `progress(stage, done, total)`; if that returns False or raises, or Ctrl-C is pressed, the work is cancelled.
+pub fn run<T: Send>(
+    py: Python<'_>,
+    threads: Option<usize>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&Control) -> Result<T> + Send,
+) -> PyResult<T> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build();
+    let pool = pool
+        .map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
+    let progress = progress.map(|callback| callback.clone().unbind());
+    let control = Control::default();
+    py.detach(|| {
+        std::thread::scope(|scope| {
+            let (sender, receiver) = channel();
+            scope.spawn(|| {
+                let sender = sender; // dropped at the end even of a panic, which ends the waiting
+                let _ = sender.send(pool.install(|| work(&control)));
+            });
+            let mut reported = None;
+            let mut failed = None;
+            loop {
+                let ended = match receiver.recv_timeout(POLL) {
+                    Ok(result) => Some(result.map_err(to_python)),
+                    Err(RecvTimeoutError::Disconnected) => Some(Err(PyRuntimeError::new_err(
+                        "an internal error stopped the computation; please report it with the input that caused it",
+                    ))),
+                    Err(RecvTimeoutError::Timeout) => None,
+                };
+                if failed.is_none() {
+                    let now = control.progress();
+                    let report = progress.as_ref().filter(|_| reported != Some(now));
+                    reported = Some(now);
+                    failed = Python::attach(|py| watch(py, report, now)).err();
+                    if failed.is_some() {
+                        control.cancel();
+                    }
+                }
+                if let Some(result) = ended {
+                    return failed.map_or(result, Err);
+                }
+            }
+        })
+    })
+}
+
+fn watch(py: Python<'_>, progress: Option<&Py<PyAny>>, now: Progress) -> PyResult<()> {
+    py.check_signals()?;
+    if let Some(callback) = progress
+        && !now.stage.is_empty()
+    {
+        let answer = callback.bind(py).call1((now.stage, now.done, now.total))?;
+        if answer.extract::<bool>().is_ok_and(|go_on| !go_on) && !answer.is_none() {
+            return Err(Cancelled::new_err("cancelled"));
+        }
+    }
+    Ok(())
+}
+
+/// The Python exception of a core error.
+pub fn to_python(error: Error) -> PyErr {
+    let message = error.to_string();
+    match error {
+        Error::Cancelled => Cancelled::new_err(message),
+        Error::EigenNotConverged { .. } | Error::RadialSingular { .. } => {
+            VoxflatError::new_err(message)
+        }
+        _ => InputError::new_err(message),
+    }
+}
