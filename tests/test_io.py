@@ -41,9 +41,7 @@ def values(dtype="int16", shape=SHAPE):
     if dtype.kind == "b":
         return RNG.random(shape) < 0.5
     info = np.iinfo(dtype)
-    return RNG.integers(info.min, info.max, size=shape, dtype=dtype.newbyteorder("="), endpoint=True).astype(
-        dtype
-    )
+    return RNG.integers(info.min, info.max, size=shape, dtype=dtype.newbyteorder("="), endpoint=True).astype(dtype)
 
 
 def save(path, data, affine=None, *, sform=1, qform=0, qaffine=None, endian="<", patch=None, dtype=None):
@@ -117,9 +115,7 @@ def test_nifti_values(tmp_path, dtype, ending):
 @pytest.mark.parametrize("sform", [0, 1, 2, 3, 4])
 @pytest.mark.parametrize("qform", [0, 1, 2])
 def test_nifti_chooses_the_affine_as_nibabel_does(tmp_path, sform, qform, capfd):
-    path = save(
-        tmp_path / "v.nii", values(), sform=sform, qform=qform, qaffine=oblique(1, (1, 2, 0.7), (1, 200, 3))
-    )
+    path = save(tmp_path / "v.nii", values(), sform=sform, qform=qform, qaffine=oblique(1, (1, 2, 0.7), (1, 200, 3)))
     same_as_nibabel(path)
     assert capfd.readouterr() == ("", "")
 
@@ -191,9 +187,7 @@ def test_nifti_pixdim_must_be_positive_where_it_counts(tmp_path, value):
     np.testing.assert_allclose(read_volume(path).affine, oblique(), rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "parts", [(1, 0, 0), (0.6, 0.8, 0), (0, 0.6, -0.8), (0.57735, 0.57735, 0.57735), (0, 0, 0)]
-)
+@pytest.mark.parametrize("parts", [(1, 0, 0), (0.6, 0.8, 0), (0, 0.6, -0.8), (0.57735, 0.57735, 0.57735), (0, 0, 0)])
 @pytest.mark.parametrize("step", [-1, 0, 1])
 def test_nifti_quaternions_near_a_half_turn(tmp_path, parts, step):
     quaternion = np.float32(parts)
@@ -411,9 +405,7 @@ def test_spacing_and_affine():
     np.testing.assert_array_equal(again.affine, volume.affine)
 
 
-@pytest.mark.parametrize(
-    "spacing", [(1, 1, 0), (1, -1, 1), (1, np.nan, 1), (np.inf, 1, 1), (1, 1), 1.0, "abc"]
-)
+@pytest.mark.parametrize("spacing", [(1, 1, 0), (1, -1, 1), (1, np.nan, 1), (np.inf, 1, 1), (1, 1), 1.0, "abc"])
 def test_bad_spacing(spacing):
     with pytest.raises(InputError, match="spacing"):
         as_volume(values(), spacing=spacing)

@@ -117,9 +117,7 @@ class FlatImage:
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
 
 
-def draw(
-    uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float
-) -> Raster:
+def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
     """Draw a flat map's faces.
 
     Parameters

@@ -12,9 +12,7 @@ from voxflat._errors import InputError
 _SHOWN = 20  # labels named in a message
 
 
-def foreground(
-    data: NDArray[Any], *, label: int | None = None, threshold: float | None = None
-) -> NDArray[np.bool_]:
+def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
     """Select the foreground of a volume.
 
     Parameters
@@ -37,18 +35,14 @@ def foreground(
         If the choice is ambiguous or empty, or values are not finite; the message lists the labels that are there.
     """
     if data.ndim != 3:
-        raise InputError(
-            f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)"
-        )
+        raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
     if data.size == 0:
         raise InputError(f"the volume has shape {data.shape}: it holds no voxel")
     if label is not None and threshold is not None:
         raise InputError(f"both label={label} and threshold={threshold} are given; give one of them")
     if data.dtype.kind == "f" and not np.isfinite(data).all():
         count = int(np.size(data) - np.isfinite(data).sum())
-        raise InputError(
-            f"{count} voxels are NaN or infinite; replace them, for example with numpy.nan_to_num"
-        )
+        raise InputError(f"{count} voxels are NaN or infinite; replace them, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
     return _labelled(data, _only_label(data) if label is None else label)
@@ -114,6 +108,4 @@ def _present(data: NDArray[Any]) -> str:
     if not labels:
         return "every voxel is 0"
     shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
-    return f"the volume has labels {shown}" + (
-        f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
-    )
+    return f"the volume has labels {shown}" + (f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else "")

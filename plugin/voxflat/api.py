@@ -310,9 +310,7 @@ def path(
     InputError
         If an end is not on the surface, or the ends lie in different components.
     """
-    prepared = _prepare(
-        surface, label, threshold, spacing, affine, None, None, None, link_lengths, memory_limit, None
-    )
+    prepared = _prepare(surface, label, threshold, spacing, affine, None, None, None, link_lengths, memory_limit, None)
     whole = prepared.whole
     start, end = (int(vertex) for vertex in whole.find(_voxel_indices([a, b], "the ends")))
     vertices, length = whole.path(start, end)
@@ -381,11 +379,7 @@ class Check:
 
     def table(self) -> str:
         """Return the findings as a table of text."""
-        labels = (
-            "intensities"
-            if self.labels is None
-            else _shortened([f"{k} ({n})" for k, n in self.labels.items()])
-        )
+        labels = "intensities" if self.labels is None else _shortened([f"{k} ({n})" for k, n in self.labels.items()])
         rows = [
             ("input", self.path or "array"),
             ("shape", " x ".join(str(n) for n in self.shape) + f", {self.dtype}"),
@@ -517,9 +511,7 @@ def _prepare(
     progress: Progress | None,
 ) -> _Prepared:
     if (seed_point is None) != (radius is None):
-        given, missing = (
-            ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
-        )
+        given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
         raise InputError(f"{given} is given without {missing}; give both or neither")
     volume = as_volume(surface, spacing=spacing, affine=affine)
     _check_scalar(volume)
@@ -550,9 +542,7 @@ def _prepare(
 
 def _check_scalar(volume: Volume) -> None:
     if volume.data.ndim != 3:
-        raise InputError(
-            f"the volume has shape {volume.data.shape}: colours have no label; give one value a voxel"
-        )
+        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label; give one value a voxel")
     if volume.data.size == 0:
         raise InputError(f"the volume has shape {volume.data.shape}: it holds no voxel")
 
@@ -565,9 +555,7 @@ def _keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
         )
     placed = mask.path is not None or not isinstance(keep, np.ndarray)
     if placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
-        raise InputError(
-            "the mask to keep lies elsewhere than the volume (their affines differ); resample it first"
-        )
+        raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
     if not mask.data.any():
         raise InputError("the mask to keep is empty: every voxel is 0")
     return np.asarray(mask.data != 0)
@@ -609,9 +597,7 @@ def _choose_sources(
     voxels = _voxel_indices(sources, "sources")
     unique, counts = np.unique(voxels, axis=0, return_counts=True)
     if (counts > 1).any():
-        raise InputError(
-            f"source {unique[counts > 1][0].tolist()} is given {counts.max()} times; give each once"
-        )
+        raise InputError(f"source {unique[counts > 1][0].tolist()} is given {counts.max()} times; give each once")
     on_surface = prepared.whole.find(voxels)  # names a voxel that is not on the surface at all
     try:
         return part.find(voxels)
@@ -637,9 +623,7 @@ def _check_memory(need: int, limit: int | None, remedy: str) -> None:
     allowed = psutil.virtual_memory().available if limit is None else limit
     if need > allowed:
         kind = "are free" if limit is None else "is the limit"
-        raise InputError(
-            f"{need / _GIB:.2f} GiB of memory are needed, {allowed / _GIB:.2f} GiB {kind}; {remedy}"
-        )
+        raise InputError(f"{need / _GIB:.2f} GiB of memory are needed, {allowed / _GIB:.2f} GiB {kind}; {remedy}")
 
 
 def _checked_seed(seed: int) -> int:

@@ -262,9 +262,7 @@ class FlatMap:
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
-        return FlatImage(
-            data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances"
-        )
+        return FlatImage(data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances")
 
     def texture(self, picture: ArrayLike) -> NDArray[Any]:
         """Carry a picture back to the surface (Grossmann et al. 2002, figures 11 to 13).
@@ -339,7 +337,7 @@ class FlatMap:
             arrays["rows"] = self.rows
         text = json.dumps({"format": _FORMAT, **self.metadata, "distortion": distortion}, allow_nan=True)
         with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, metadata=np.array(text), **arrays)  # type: ignore[arg-type]
+            np.savez_compressed(file, metadata=np.array(text), **arrays)
 
     def _placed(self, volume: object) -> Volume:
         if isinstance(volume, np.ndarray):
@@ -395,6 +393,4 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     except (FileNotFoundError, IsADirectoryError, PermissionError):
         raise
     except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path} is not a flat map of voxflat or is damaged ({type(error).__name__})"
-        ) from error
+        raise InputError(f"{path} is not a flat map of voxflat or is damaged ({type(error).__name__})") from error

@@ -103,9 +103,7 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     return as_volume(Path(path))
 
 
-def as_volume(
-    obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None
-) -> Volume:
+def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
     """Take anything that holds voxels as a `Volume`, without a copy where possible.
 
     Parameters
@@ -130,9 +128,7 @@ def as_volume(
     """
     given = _given_affine(spacing, affine)
     is_file = isinstance(obj, str | os.PathLike)
-    remedy = (
-        "is the file complete, and what its ending says?" if is_file else "give an array, a path or an image"
-    )
+    remedy = "is the file complete, and what its ending says?" if is_file else "give an array, a path or an image"
     with _naming(obj if is_file else type(obj).__name__, remedy):
         data, own, path = _parts(obj)
         if given is not None and own is not None:
@@ -234,9 +230,7 @@ def check_affine(affine: ArrayLike) -> _Affine:
         raise InputError(f"affine's last row is {matrix[3].tolist()}: it must be 0 0 0 1; is it transposed?")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
-        raise InputError(
-            f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0"
-        )
+        raise InputError(f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0")
     axes = matrix[:3, :3] / sizes
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear <= _MAX_SHEAR:
@@ -276,9 +270,7 @@ def _volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ..
     kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
-        raise InputError(
-            f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)"
-        )
+        raise InputError(f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)")
     return kept
 
 

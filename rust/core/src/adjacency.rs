@@ -39,25 +39,16 @@ impl Graph {
     pub fn of_voxels(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
         let most = (u32::MAX / 26).min(NEIGHBOUR) as usize;
         if surface.len() > most {
-            return Err(Error::GraphTooLarge {
-                points: surface.len(),
-                most,
-            });
+            return Err(Error::GraphTooLarge { points: surface.len(), most });
         }
         let lengths = lengths.map(|length| length as f32);
-        let mut graph = Self {
-            starts: Vec::with_capacity(surface.len() + 1),
-            arcs: Vec::new(),
-            lengths,
-        };
+        let mut graph = Self { starts: Vec::with_capacity(surface.len() + 1), arcs: Vec::new(), lengths };
         if surface.is_empty() {
             graph.starts.push(0);
             return Ok(graph);
         }
         let grid = VertexGrid::new(surface);
-        let links: Vec<(isize, u32)> = neighbours()
-            .map(|offset| (grid.step(offset), kind(offset)))
-            .collect();
+        let links: Vec<(isize, u32)> = neighbours().map(|offset| (grid.step(offset), kind(offset))).collect();
         for (vertex, voxel) in surface.voxels().iter().enumerate() {
             if vertex % (1 << 16) == 0 {
                 control.check()?;
@@ -95,8 +86,7 @@ impl Graph {
     /// The links of a vertex.
     #[inline]
     pub fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
-        let range =
-            self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
+        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
         let unpack = |&PackedArc(bits): &PackedArc| Arc {
             to: bits & NEIGHBOUR,
             length: self.lengths[(bits >> NEIGHBOUR_BITS) as usize],
@@ -144,10 +134,7 @@ impl Graph {
 
 /// The axes along which a link steps, as bits.
 fn kind(offset: [i64; 3]) -> u32 {
-    (0..3)
-        .filter(|&axis| offset[axis] != 0)
-        .map(|axis| 1 << axis)
-        .sum()
+    (0..3).filter(|&axis| offset[axis] != 0).map(|axis| 1 << axis).sum()
 }
 
 /// The connected components of a graph.
@@ -162,10 +149,7 @@ pub struct Components {
 impl Components {
     /// The component with the most vertices; of equal ones the first.
     pub fn largest(&self) -> Option<u32> {
-        (0..self.sizes.len())
-            .rev()
-            .max_by_key(|&c| self.sizes[c])
-            .map(|c| c as u32)
+        (0..self.sizes.len()).rev().max_by_key(|&c| self.sizes[c]).map(|c| c as u32)
     }
 
     /// The sizes, largest first, as text.
@@ -173,11 +157,7 @@ impl Components {
         let mut sizes = self.sizes.clone();
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         let shown: Vec<String> = sizes.iter().take(5).map(usize::to_string).collect();
-        if sizes.len() > 5 {
-            format!("{}, ...", shown.join(", "))
-        } else {
-            shown.join(", ")
-        }
+        if sizes.len() > 5 { format!("{}, ...", shown.join(", ")) } else { shown.join(", ") }
     }
 }
 
@@ -189,9 +169,7 @@ mod tests {
 
     fn graph_of(mask: &Mask) -> (VoxelSurface, Graph) {
         let control = Control::default();
-        let surface =
-            VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control)
-                .unwrap();
+        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
         let lengths = std::array::from_fn(|kind: usize| f64::from(kind.count_ones()).sqrt());
         let graph = Graph::of_voxels(&surface, lengths, &control).unwrap();
         (surface, graph)
@@ -219,8 +197,7 @@ mod tests {
 
     #[test]
     fn components_are_counted_and_the_largest_is_found() {
-        let (_, graph) =
-            graph_of(&Mask::from_fn([9, 4, 1], |[i, _, _]| i < 2 || (4..8).contains(&i)).unwrap());
+        let (_, graph) = graph_of(&Mask::from_fn([9, 4, 1], |[i, _, _]| i < 2 || (4..8).contains(&i)).unwrap());
         let components = graph.components();
         assert_eq!(components.sizes, vec![8, 16]);
         assert_eq!(components.largest(), Some(1));

@@ -27,10 +27,7 @@ pub struct Progress {
 impl Control {
     /// Begins a stage of `total` steps.
     pub fn begin(&self, stage: &'static str, total: u64) {
-        let mut now = self
-            .stage
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut now = self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         self.done.store(0, Ordering::Relaxed);
         *now = (stage, total);
     }
@@ -42,15 +39,8 @@ impl Control {
 
     /// Where the work stands.
     pub fn progress(&self) -> Progress {
-        let (stage, total) = *self
-            .stage
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
-        Progress {
-            stage,
-            done: self.done.load(Ordering::Relaxed).min(total),
-            total,
-        }
+        let (stage, total) = *self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        Progress { stage, done: self.done.load(Ordering::Relaxed).min(total), total }
     }
 
     /// Asks the work to end; it returns [`Error::Cancelled`] soon after.
@@ -64,10 +54,6 @@ impl Control {
     /// [`Error::Cancelled`] once [`cancel`](Self::cancel) was called.
     #[inline]
     pub fn check(&self) -> Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
-            Err(Error::Cancelled)
-        } else {
-            Ok(())
-        }
+        if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
     }
 }

@@ -60,12 +60,7 @@ pub struct Distortion {
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`].
-pub fn measure(
-    uv: &[[f64; 2]],
-    rows: &DistanceRows,
-    seed: u64,
-    control: &Control,
-) -> Result<Distortion> {
+pub fn measure(uv: &[[f64; 2]], rows: &DistanceRows, seed: u64, control: &Control) -> Result<Distortion> {
     control.begin("measuring distortion", 5);
     let pairs = Pairs { uv, rows, control };
     let raw = pairs.sums(1.0)?;
@@ -106,17 +101,13 @@ impl Pairs<'_> {
     /// One value a source, in parallel, in the order of the sources.
     fn each_source<T: Send>(&self, value: impl Fn(usize) -> T + Sync) -> Result<Vec<T>> {
         let checked = |n| self.control.check().map(|()| value(n));
-        (0..self.rows.sources().len())
-            .into_par_iter()
-            .map(checked)
-            .collect()
+        (0..self.rows.sources().len()).into_par_iter().map(checked).collect()
     }
 
     fn sums(&self, scale: f64) -> Result<Sums> {
         let of_source = |n| {
             let mut sums = Sums::default();
-            self.of_source(n)
-                .for_each(|(delta, d)| sums.add(delta, scale * d));
+            self.of_source(n).for_each(|(delta, d)| sums.add(delta, scale * d));
             sums
         };
         let parts = self.each_source(of_source)?;
@@ -127,18 +118,11 @@ impl Pairs<'_> {
     fn best_scale(&self) -> Result<f64> {
         const BINS: usize = 2048;
         let extremes = |n| {
-            let ratios = self
-                .of_source(n)
-                .filter(|&(_, d)| d > 0.0)
-                .map(|(delta, d)| delta / d);
-            ratios.fold((f64::INFINITY, 0.0f64), |(low, high), ratio| {
-                (low.min(ratio), high.max(ratio))
-            })
+            let ratios = self.of_source(n).filter(|&(_, d)| d > 0.0).map(|(delta, d)| delta / d);
+            ratios.fold((f64::INFINITY, 0.0f64), |(low, high), ratio| (low.min(ratio), high.max(ratio)))
         };
         let parts = self.each_source(extremes)?;
-        let (mut low, mut high) = parts
-            .iter()
-            .fold((f64::INFINITY, 0.0f64), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let (mut low, mut high) = parts.iter().fold((f64::INFINITY, 0.0f64), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         if low > high {
             return Ok(f64::NAN);
         }
@@ -150,21 +134,14 @@ impl Pairs<'_> {
                 let mut weights = vec![0.0; BINS + 2];
                 for (delta, d) in self.of_source(n).filter(|&(_, d)| d > 0.0) {
                     let ratio = delta / d;
-                    let bin = if ratio < low {
-                        0
-                    } else {
-                        (((ratio - low) * per_bin) as usize + 1).min(BINS + 1)
-                    };
+                    let bin = if ratio < low { 0 } else { (((ratio - low) * per_bin) as usize + 1).min(BINS + 1) };
                     weights[bin] += ratio.recip();
                 }
                 weights
             };
             let mut weights = vec![0.0; BINS + 2];
             for part in self.each_source(histogram)? {
-                weights
-                    .iter_mut()
-                    .zip(part)
-                    .for_each(|(sum, weight)| *sum += weight);
+                weights.iter_mut().zip(part).for_each(|(sum, weight)| *sum += weight);
             }
             let half = 0.5 * weights.iter().sum::<f64>();
             let mut below = 0.0;
@@ -286,7 +263,6 @@ impl Sums {
         let n = self.count;
         let covariance = self.product / n - self.d / n * (self.delta / n);
         let variance = |squares: f64, sum: f64| squares / n - (sum / n).powi(2);
-        covariance
-            / (variance(self.d_squared, self.d) * variance(self.delta_squared, self.delta)).sqrt()
+        covariance / (variance(self.d_squared, self.d) * variance(self.delta_squared, self.delta)).sqrt()
     }
 }

@@ -8,26 +8,18 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
-    ShapeMismatch {
-        shape: [usize; 3],
-        given: usize,
-        needed: usize,
-    },
+    ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 
     #[error("the volume's shape {shape:?} is too large: an axis can have at most 2097152 voxels")]
     VolumeTooLarge { shape: [usize; 3] },
 
-    #[error(
-        "no voxel of the volume (shape {shape:?}) is foreground: choose another label or threshold"
-    )]
+    #[error("no voxel of the volume (shape {shape:?}) is foreground: choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
     #[error("the affine is not finite: {matrix:?}; give a finite affine or spacing")]
     AffineNotFinite { matrix: [[f64; 4]; 4] },
 
-    #[error(
-        "the last row of the affine is {row:?}, not [0, 0, 0, 1]: give an affine from voxel indices to mm"
-    )]
+    #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]: give an affine from voxel indices to mm")]
     AffineNotAffine { row: [f64; 4] },
 
     #[error("the spacing of axis {axis} is {spacing} mm: give a positive spacing")]
@@ -37,11 +29,7 @@ pub enum Error {
         "the affine is sheared: axes {first} and {second} have cosine {cosine:.4}; resample the volume to an \
          orthogonal grid"
     )]
-    AffineSheared {
-        first: usize,
-        second: usize,
-        cosine: f64,
-    },
+    AffineSheared { first: usize, second: usize, cosine: f64 },
 
     #[error(
         "the surface has only {points} points; at least {needed} are needed to flatten: take a larger patch or label"
@@ -51,9 +39,7 @@ pub enum Error {
     #[error("{sources} sources are too few to flatten; give at least {needed}")]
     TooFewSources { sources: usize, needed: usize },
 
-    #[error(
-        "{sources} sources are more than the {points} points of the surface; give at most {points}"
-    )]
+    #[error("{sources} sources are more than the {points} points of the surface; give at most {points}")]
     TooManySources { sources: usize, points: usize },
 
     #[error("voxel {voxel:?} is not on the surface; the nearest surface voxel is {nearest:?}")]
@@ -69,12 +55,7 @@ pub enum Error {
         "the seed point {voxel:?} is {distance:.1} mm away from the surface (nearest surface voxel {nearest:?}), farther \
          than the patch radius {radius} mm: choose a seed point on the surface"
     )]
-    SeedOffSurface {
-        voxel: [i64; 3],
-        nearest: [u32; 3],
-        distance: f64,
-        radius: f64,
-    },
+    SeedOffSurface { voxel: [i64; 3], nearest: [u32; 3], distance: f64, radius: f64 },
 
     #[error("the patch radius is {radius} mm: give a positive, finite radius")]
     RadiusNotPositive { radius: f64 },
@@ -101,11 +82,7 @@ pub enum Error {
          characteristic {euler}); a closed surface cannot be flattened without a cut. Cut out a patch: give a seed point \
          and a radius in mm, or a mask of what to keep"
     )]
-    Closed {
-        points: usize,
-        touching: usize,
-        euler: i64,
-    },
+    Closed { points: usize, touching: usize, euler: i64 },
 
     #[error(
         "the distances are not those of a surface: only {positive} eigenvalue(s) of the scaling are positive, two are \
@@ -113,31 +90,19 @@ pub enum Error {
     )]
     NotPlanar { positive: usize },
 
-    #[error(
-        "the eigenvalue solver did not converge for {sources} sources; try another number of sources"
-    )]
+    #[error("the eigenvalue solver did not converge for {sources} sources; try another number of sources")]
     EigenNotConverged { sources: usize },
 
-    #[error(
-        "the radial functions' system is singular for {sources} sources; try another number of sources or seed"
-    )]
+    #[error("the radial functions' system is singular for {sources} sources; try another number of sources or seed")]
     RadialSingular { sources: usize },
 
     #[error("the pixel size is {pixel_size} mm: give a positive, finite size")]
     PixelSizeNotPositive { pixel_size: f64 },
 
-    #[error(
-        "the flat image would have {width} x {height} pixels; give a pixel size above {pixel_size} mm"
-    )]
-    RasterTooLarge {
-        width: f64,
-        height: f64,
-        pixel_size: f64,
-    },
+    #[error("the flat image would have {width} x {height} pixels; give a pixel size above {pixel_size} mm")]
+    RasterTooLarge { width: f64, height: f64, pixel_size: f64 },
 
-    #[error(
-        "a surface of {points} points is too large for this graph: at most {most} are possible"
-    )]
+    #[error("a surface of {points} points is too large for this graph: at most {most} are possible")]
     GraphTooLarge { points: usize, most: usize },
 
     #[error("cancelled")]

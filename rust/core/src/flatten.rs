@@ -42,11 +42,7 @@ pub struct FlatMap {
 ///
 /// # Errors
 /// As [`Graph::of_voxels`].
-pub fn chain_graph(
-    surface: &VoxelSurface,
-    lengths: LinkLengths,
-    control: &Control,
-) -> Result<Graph> {
+pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<Graph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths);
     Graph::of_voxels(surface, weights.lengths(), control)
 }
@@ -74,10 +70,7 @@ pub fn cut_out(
     let components = graph.components();
     if components.sizes.len() > 1 {
         if patch.keep.is_some() {
-            return Err(Error::Disconnected {
-                count: components.sizes.len(),
-                sizes: components.describe(),
-            });
+            return Err(Error::Disconnected { count: components.sizes.len(), sizes: components.describe() });
         }
         part = patch::largest_component(&part, &graph);
         graph = chain_graph(&part, lengths, control)?;
@@ -99,35 +92,22 @@ pub fn grossmann2002(
 ) -> Result<FlatMap> {
     let points = surface.len();
     if points < FEWEST_SOURCES {
-        return Err(Error::TooFewPoints {
-            points,
-            needed: FEWEST_SOURCES,
-        });
+        return Err(Error::TooFewPoints { points, needed: FEWEST_SOURCES });
     }
     let topology = Topology::of(&surface, control)?;
     if topology.is_closed() {
-        return Err(Error::Closed {
-            points,
-            touching: topology.lining,
-            euler: topology.euler,
-        });
+        return Err(Error::Closed { points, touching: topology.lining, euler: topology.euler });
     }
     let sources = sources.choose(&graph, control)?;
     if sources.len() < FEWEST_SOURCES {
-        return Err(Error::TooFewSources {
-            sources: sources.len(),
-            needed: FEWEST_SOURCES,
-        });
+        return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
     let among = DistanceRows::among_sources(&graph, &sources, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
     let centres = surface.points();
-    let known: Vec<_> = sources
-        .iter()
-        .map(|&source| centres[source as usize])
-        .collect();
+    let known: Vec<_> = sources.iter().map(|&source| centres[source as usize]).collect();
     let functions = RadialFunctions::fit(&known, &scaling.places)?;
     let mut uv = functions.at_all(&centres, control)?;
     orient(&surface, &graph, &mut uv);
@@ -136,16 +116,7 @@ pub fn grossmann2002(
     let rows = DistanceRows::compute(&graph, &reference, control)?;
     let distortion = measure(&uv, &rows, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap {
-        surface,
-        graph,
-        uv,
-        sources,
-        eigenvalues,
-        planarity,
-        distortion,
-        topology,
-    })
+    Ok(FlatMap { surface, graph, uv, sources, eigenvalues, planarity, distortion, topology })
 }
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels

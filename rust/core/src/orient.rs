@@ -17,11 +17,7 @@ pub fn orient(surface: &VoxelSurface, graph: &Graph, uv: &mut [[f64; 2]]) {
     if handedness(surface, graph, &points, uv) < 0.0 {
         uv.iter_mut().for_each(|[_, v]| *v = -*v);
     }
-    let mean = uv
-        .iter()
-        .map(|&place| Vector2::from(place))
-        .sum::<Vector2<f64>>()
-        / uv.len() as f64;
+    let mean = uv.iter().map(|&place| Vector2::from(place)).sum::<Vector2<f64>>() / uv.len() as f64;
     let Some(up) = up_direction(&points, uv, mean) else {
         return;
     };
@@ -33,12 +29,7 @@ pub fn orient(surface: &VoxelSurface, graph: &Graph, uv: &mut [[f64; 2]]) {
 
 /// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
 /// the outward direction, turns in the map.
-fn handedness(
-    surface: &VoxelSurface,
-    graph: &Graph,
-    points: &[Vector3<f64>],
-    uv: &[[f64; 2]],
-) -> f64 {
+fn handedness(surface: &VoxelSurface, graph: &Graph, points: &[Vector3<f64>], uv: &[[f64; 2]]) -> f64 {
     let at_point = |v: usize| {
         let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
         for arc in graph.arcs(v as u32) {
@@ -52,25 +43,15 @@ fn handedness(
 }
 
 /// The direction in the map along which superior (else anterior, else right) grows fastest, by linear regression.
-fn up_direction(
-    points: &[Vector3<f64>],
-    uv: &[[f64; 2]],
-    mean: Vector2<f64>,
-) -> Option<Vector2<f64>> {
+fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) -> Option<Vector2<f64>> {
     let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let centred = || uv.iter().map(|&place| Vector2::from(place) - mean);
     let covariance: Matrix2<f64> = centred().map(|p| p * p.transpose()).sum();
     let inverse = covariance.try_inverse()?;
     [2, 1, 0].into_iter().find_map(|axis| {
-        let moment: Vector2<f64> = centred()
-            .zip(points)
-            .map(|(p, x)| p * (x[axis] - centre[axis]))
-            .sum();
+        let moment: Vector2<f64> = centred().zip(points).map(|(p, x)| p * (x[axis] - centre[axis])).sum();
         let slope = inverse * moment;
-        let total: f64 = points
-            .iter()
-            .map(|x| (x[axis] - centre[axis]).powi(2))
-            .sum();
+        let total: f64 = points.iter().map(|x| (x[axis] - centre[axis]).powi(2)).sum();
         let explained = slope.dot(&moment) / total;
         (explained > EXPLAINED).then(|| slope.normalize())
     })

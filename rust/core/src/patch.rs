@@ -32,21 +32,11 @@ pub struct Disk {
 pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     if mask.shape() != surface.shape() {
         let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
-        return Err(Error::ShapeMismatch {
-            shape: surface.shape(),
-            given,
-            needed,
-        });
+        return Err(Error::ShapeMismatch { shape: surface.shape(), given, needed });
     }
-    let kept: Vec<bool> = surface
-        .voxels()
-        .iter()
-        .map(|v| mask.is_inside(v.map(i64::from)))
-        .collect();
+    let kept: Vec<bool> = surface.voxels().iter().map(|v| mask.is_inside(v.map(i64::from))).collect();
     if !kept.contains(&true) {
-        return Err(Error::EmptyPatch {
-            points: surface.len(),
-        });
+        return Err(Error::EmptyPatch { points: surface.len() });
     }
     Ok(surface.subset(&kept))
 }
@@ -55,24 +45,14 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
 ///
 /// # Errors
 /// [`Error::RadiusNotPositive`], [`Error::SeedOffSurface`], [`Error::Cancelled`].
-pub fn geodesic_disk(
-    surface: &VoxelSurface,
-    graph: &Graph,
-    disk: Disk,
-    control: &Control,
-) -> Result<VoxelSurface> {
+pub fn geodesic_disk(surface: &VoxelSurface, graph: &Graph, disk: Disk, control: &Control) -> Result<VoxelSurface> {
     let Disk { seed_point, radius } = disk;
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });
     }
     let (seed, distance) = surface.nearest(seed_point);
     if distance > radius {
-        return Err(Error::SeedOffSurface {
-            voxel: seed_point,
-            nearest: surface.voxels()[seed],
-            distance,
-            radius,
-        });
+        return Err(Error::SeedOffSurface { voxel: seed_point, nearest: surface.voxels()[seed], distance, radius });
     }
     let beyond = (radius as f32).next_up();
     let mut reached = vec![beyond; surface.len()];
@@ -86,10 +66,6 @@ pub fn geodesic_disk(
 pub fn largest_component(surface: &VoxelSurface, graph: &Graph) -> VoxelSurface {
     let components = graph.components();
     let largest = components.largest();
-    let inside: Vec<bool> = components
-        .labels
-        .iter()
-        .map(|&label| Some(label) == largest)
-        .collect();
+    let inside: Vec<bool> = components.labels.iter().map(|&label| Some(label) == largest).collect();
     surface.subset(&inside)
 }

@@ -44,12 +44,7 @@ impl Raster {
     ///
     /// # Errors
     /// [`Error::PixelSizeNotPositive`], [`Error::RasterTooLarge`], [`Error::Cancelled`].
-    pub fn draw(
-        uv: &[[f64; 2]],
-        faces: &Faces,
-        pixel_size: f64,
-        control: &Control,
-    ) -> Result<Self> {
+    pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });
         }
@@ -77,11 +72,7 @@ impl Raster {
         let (bottom, top) = (extreme(1, true), extreme(1, false));
         let (width, height) = (right - left + 1.0, top - bottom + 1.0);
         if !(width * height <= MOST_PIXELS) {
-            return Err(Error::RasterTooLarge {
-                width,
-                height,
-                pixel_size,
-            });
+            return Err(Error::RasterTooLarge { width, height, pixel_size });
         }
         let (width, height) = (width as usize, height as usize);
         Ok(Self {
@@ -98,10 +89,7 @@ impl Raster {
         // in pixels: x to the right, y down, pixel centres at integers
         let corners = face.map(|vertex| {
             let [u, v] = uv[vertex as usize];
-            Vector2::new(
-                (u - self.origin[0]) / self.pixel_size,
-                (self.origin[1] - v) / self.pixel_size,
-            )
+            Vector2::new((u - self.origin[0]) / self.pixel_size, (self.origin[1] - v) / self.pixel_size)
         });
         let [a, b, c] = corners;
         let area = (b - a).perp(&(c - a));
@@ -109,40 +97,23 @@ impl Raster {
             return;
         }
         let bounds = |axis: usize, size: usize| {
-            let low = corners
-                .iter()
-                .fold(f64::INFINITY, |low, p| low.min(p[axis]))
-                .ceil()
-                .max(0.0);
-            let high = corners
-                .iter()
-                .fold(f64::NEG_INFINITY, |high, p| high.max(p[axis]))
-                .floor();
+            let low = corners.iter().fold(f64::INFINITY, |low, p| low.min(p[axis])).ceil().max(0.0);
+            let high = corners.iter().fold(f64::NEG_INFINITY, |high, p| high.max(p[axis])).floor();
             low as usize..(high as usize + 1).min(size)
         };
         for row in bounds(1, self.height) {
             for column in bounds(0, self.width) {
                 let p = Vector2::new(column as f64, row as f64);
-                let weights = [
-                    (c - b).perp(&(p - b)),
-                    (a - c).perp(&(p - c)),
-                    (b - a).perp(&(p - a)),
-                ]
-                .map(|w| w / area);
+                let weights =
+                    [(c - b).perp(&(p - b)), (a - c).perp(&(p - c)), (b - a).perp(&(p - a))].map(|w| w / area);
                 let pixel = row * self.width + column;
                 // the small tolerance keeps a pixel on a shared side from falling between its faces
                 if weights.iter().all(|&w| w >= -1e-9) && self.corners[pixel][0] == Self::OUTSIDE {
                     self.corners[pixel] = face;
                     let apart = corners.map(|corner| (corner - p).norm_squared());
-                    let nearest = (0..3)
-                        .min_by(|&k, &l| apart[k].total_cmp(&apart[l]))
-                        .unwrap_or(0);
+                    let nearest = (0..3).min_by(|&k, &l| apart[k].total_cmp(&apart[l])).unwrap_or(0);
                     let only = |k| if k == nearest { 1.0 } else { 0.0 };
-                    self.weights[pixel] = if torn {
-                        [0, 1, 2].map(only)
-                    } else {
-                        weights.map(|w| w as f32)
-                    };
+                    self.weights[pixel] = if torn { [0, 1, 2].map(only) } else { weights.map(|w| w as f32) };
                 }
             }
         }
@@ -151,17 +122,10 @@ impl Raster {
     /// For each pixel the vertex nearest to it (of its face the corner with the largest weight).
     pub fn nearest_vertices(&self) -> Vec<u32> {
         let heaviest = |(corners, weights): (&[u32; 3], &[f32; 3])| {
-            let corner = (0..3)
-                .rev()
-                .max_by(|&p, &q| weights[p].total_cmp(&weights[q]))
-                .unwrap_or(0);
+            let corner = (0..3).rev().max_by(|&p, &q| weights[p].total_cmp(&weights[q])).unwrap_or(0);
             corners[corner]
         };
-        self.corners
-            .iter()
-            .zip(&self.weights)
-            .map(heaviest)
-            .collect()
+        self.corners.iter().zip(&self.weights).map(heaviest).collect()
     }
 }
 
@@ -194,16 +158,10 @@ pub struct Faces {
 /// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
 pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Faces> {
     control.check()?;
-    let places = uv.iter().enumerate().map(|(vertex, &[u, v])| Place {
-        position: Point2::new(u, v),
-        vertex: vertex as u32,
-    });
-    let too_few = |_| Error::TooFewPoints {
-        points: uv.len(),
-        needed: 3,
-    };
-    let triangulation =
-        DelaunayTriangulation::<Place>::bulk_load_stable(places.collect()).map_err(too_few)?;
+    let places =
+        uv.iter().enumerate().map(|(vertex, &[u, v])| Place { position: Point2::new(u, v), vertex: vertex as u32 });
+    let too_few = |_| Error::TooFewPoints { points: uv.len(), needed: 3 };
+    let triangulation = DelaunayTriangulation::<Place>::bulk_load_stable(places.collect()).map_err(too_few)?;
     control.check()?;
     let longest = LONGEST_SIDE * usual_step(uv, graph);
     let sides = |[a, b, c]: [u32; 3]| [(a, b), (b, c), (c, a)];
@@ -219,19 +177,10 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Fa
     corners.iter_mut().for_each(rotate_lowest_first);
     corners.sort_unstable();
     if corners.is_empty() {
-        return Err(Error::TooFewPoints {
-            points: uv.len(),
-            needed: 3,
-        });
+        return Err(Error::TooFewPoints { points: uv.len(), needed: 3 });
     }
-    let torn = corners
-        .iter()
-        .map(|&face| {
-            !sides(face)
-                .into_iter()
-                .all(|(a, b)| within_two_links(graph, a, b))
-        })
-        .collect();
+    let torn =
+        corners.iter().map(|&face| !sides(face).into_iter().all(|(a, b)| within_two_links(graph, a, b))).collect();
     Ok(Faces { corners, torn })
 }
 
@@ -239,9 +188,7 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Fa
 pub fn usual_step(uv: &[[f64; 2]], graph: &Graph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];
-        graph
-            .arcs(v as u32)
-            .map(move |arc| (uv[arc.to as usize][0] - x).hypot(uv[arc.to as usize][1] - y))
+        graph.arcs(v as u32).map(move |arc| (uv[arc.to as usize][0] - x).hypot(uv[arc.to as usize][1] - y))
     };
     let mut steps: Vec<f64> = (0..uv.len()).flat_map(steps).collect();
     if steps.is_empty() {

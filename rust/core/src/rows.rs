@@ -23,55 +23,37 @@ impl DistanceRows {
         let columns = solver.vertices();
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
-        data.par_chunks_mut(columns.max(1))
-            .zip(sources)
-            .try_for_each_init(
-                || solver.scratch(),
-                |scratch, (row, &source)| {
-                    solver.row(source, row, scratch, control)?;
-                    reachable(row, source)?;
-                    control.advance();
-                    Ok(())
-                },
-            )?;
-        Ok(Self {
-            sources: sources.to_vec(),
-            columns,
-            data,
-        })
+        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
+            || solver.scratch(),
+            |scratch, (row, &source)| {
+                solver.row(source, row, scratch, control)?;
+                reachable(row, source)?;
+                control.advance();
+                Ok(())
+            },
+        )?;
+        Ok(Self { sources: sources.to_vec(), columns, data })
     }
 
     /// The distances among the sources only; whole rows exist one a thread at a time.
     ///
     /// # Errors
     /// As [`DistanceRows::compute`].
-    pub fn among_sources<S: Solver>(
-        solver: &S,
-        sources: &[u32],
-        control: &Control,
-    ) -> Result<Self> {
+    pub fn among_sources<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
         let columns = sources.len();
         let mut data = vec![0.0; columns * columns];
         control.begin("measuring distances", columns as u64);
-        data.par_chunks_mut(columns.max(1))
-            .zip(sources)
-            .try_for_each_init(
-                || (solver.scratch(), vec![0.0; solver.vertices()]),
-                |(scratch, whole), (row, &source)| {
-                    solver.row(source, whole, scratch, control)?;
-                    reachable(whole, source)?;
-                    row.iter_mut()
-                        .zip(sources)
-                        .for_each(|(to, &column)| *to = whole[column as usize]);
-                    control.advance();
-                    Ok(())
-                },
-            )?;
-        Ok(Self {
-            sources: sources.to_vec(),
-            columns,
-            data,
-        })
+        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
+            || (solver.scratch(), vec![0.0; solver.vertices()]),
+            |(scratch, whole), (row, &source)| {
+                solver.row(source, whole, scratch, control)?;
+                reachable(whole, source)?;
+                row.iter_mut().zip(sources).for_each(|(to, &column)| *to = whole[column as usize]);
+                control.advance();
+                Ok(())
+            },
+        )?;
+        Ok(Self { sources: sources.to_vec(), columns, data })
     }
 
     /// The vertices from which distances were measured.
@@ -102,10 +84,7 @@ impl DistanceRows {
 
 fn reachable(row: &[f32], source: u32) -> Result<()> {
     match row.iter().position(|distance| distance.is_infinite()) {
-        Some(vertex) => Err(Error::Unreachable {
-            source_vertex: source as usize,
-            vertex,
-        }),
+        Some(vertex) => Err(Error::Unreachable { source_vertex: source as usize, vertex }),
         None => Ok(()),
     }
 }

@@ -41,14 +41,7 @@ impl Sources {
     pub fn choose(&self, graph: &Graph, control: &Control) -> Result<Vec<u32>> {
         let points = graph.len();
         let checked = |count: usize| {
-            if count > points {
-                Err(Error::TooManySources {
-                    sources: count,
-                    points,
-                })
-            } else {
-                Ok(count)
-            }
+            if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
         };
         match *self {
             Self::Farthest { count, seed } => farthest(graph, checked(count)?, seed, control),
@@ -61,10 +54,7 @@ impl Sources {
 /// `count` different vertices of `points`, in ascending order.
 pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut chosen: Vec<u32> = index::sample(&mut rng, points, count)
-        .iter()
-        .map(|v| v as u32)
-        .collect();
+    let mut chosen: Vec<u32> = index::sample(&mut rng, points, count).iter().map(|v| v as u32).collect();
     chosen.sort_unstable(); // neighbours' rows touch the same memory
     chosen
 }
@@ -80,9 +70,7 @@ fn farthest(graph: &Graph, count: usize, seed: u64, control: &Control) -> Result
         search.lower(graph, &[source], &mut nearest, control)?;
         chosen.push(source);
         control.advance();
-        next = (0..graph.len() as u32)
-            .rev()
-            .max_by(|&a, &b| nearest[a as usize].total_cmp(&nearest[b as usize]));
+        next = (0..graph.len() as u32).rev().max_by(|&a, &b| nearest[a as usize].total_cmp(&nearest[b as usize]));
     }
     Ok(chosen)
 }

@@ -23,17 +23,11 @@ impl Mask {
         if shape.iter().any(|&n| n > LONGEST_AXIS) {
             return Err(Error::VolumeTooLarge { shape });
         }
-        let needed = shape
-            .iter()
-            .try_fold(1usize, |product, &n| product.checked_mul(n));
+        let needed = shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n));
         match needed {
             Some(needed) if needed == inside.len() => {}
             Some(needed) => {
-                return Err(Error::ShapeMismatch {
-                    shape,
-                    given: inside.len(),
-                    needed,
-                });
+                return Err(Error::ShapeMismatch { shape, given: inside.len(), needed });
             }
             None => return Err(Error::VolumeTooLarge { shape }),
         }
@@ -69,10 +63,7 @@ impl Mask {
     pub fn is_inside(&self, [i, j, k]: [i64; 3]) -> bool {
         let [ni, nj, nk] = self.shape;
         let fits = |x: i64, n: usize| x >= 0 && (x as usize) < n;
-        fits(i, ni)
-            && fits(j, nj)
-            && fits(k, nk)
-            && self.inside[(i as usize * nj + j as usize) * nk + k as usize]
+        fits(i, ni) && fits(j, nj) && fits(k, nk) && self.inside[(i as usize * nj + j as usize) * nk + k as usize]
     }
 
     /// The indices of the foreground voxels, in C order.
@@ -82,11 +73,7 @@ impl Mask {
             let flat = flat as i64;
             [flat / (nj * nk), flat / nk % nj, flat % nk]
         };
-        self.inside
-            .iter()
-            .enumerate()
-            .filter(|&(_, &inside)| inside)
-            .map(move |(flat, _)| index(flat))
+        self.inside.iter().enumerate().filter(|&(_, &inside)| inside).map(move |(flat, _)| index(flat))
     }
 }
 
@@ -118,28 +105,16 @@ impl Affine {
         let spacing: [f64; 3] = std::array::from_fn(|axis| linear.column(axis).norm());
         for axis in 0..3 {
             if !(spacing[axis] > 0.0 && spacing[axis].is_finite()) {
-                return Err(Error::SpacingNotPositive {
-                    axis,
-                    spacing: spacing[axis],
-                });
+                return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
             }
         }
         for (first, second) in [(0, 1), (0, 2), (1, 2)] {
-            let cosine = linear.column(first).dot(&linear.column(second))
-                / (spacing[first] * spacing[second]);
+            let cosine = linear.column(first).dot(&linear.column(second)) / (spacing[first] * spacing[second]);
             if cosine.abs() > Self::SHEAR {
-                return Err(Error::AffineSheared {
-                    first,
-                    second,
-                    cosine,
-                });
+                return Err(Error::AffineSheared { first, second, cosine });
             }
         }
-        Ok(Self {
-            linear,
-            translation,
-            spacing,
-        })
+        Ok(Self { linear, translation, spacing })
     }
 
     /// Axis-aligned, with the origin at voxel 0.
@@ -148,10 +123,7 @@ impl Affine {
     /// As [`Affine::new`].
     pub fn from_spacing(spacing: [f64; 3]) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
-            return Err(Error::SpacingNotPositive {
-                axis,
-                spacing: spacing[axis],
-            });
+            return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
         }
         let mut matrix = [[0.0; 4]; 4];
         for axis in 0..3 {
@@ -179,9 +151,7 @@ impl Affine {
     /// As a homogeneous matrix.
     pub fn matrix(&self) -> Matrix4<f64> {
         let mut matrix = self.linear.to_homogeneous();
-        matrix
-            .fixed_view_mut::<3, 1>(0, 3)
-            .copy_from(&self.translation);
+        matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.translation);
         matrix
     }
 }
@@ -195,11 +165,7 @@ mod tests {
         let mask = Mask::from_fn([2, 3, 4], |[i, j, k]| (i + j + k) % 2 == 1).unwrap();
         let listed: Vec<_> = mask.foreground().collect();
         assert!(listed.is_sorted());
-        assert!(
-            listed
-                .iter()
-                .all(|&voxel| mask.is_inside(voxel) && voxel.iter().sum::<i64>() % 2 == 1)
-        );
+        assert!(listed.iter().all(|&voxel| mask.is_inside(voxel) && voxel.iter().sum::<i64>() % 2 == 1));
         assert_eq!(listed.len(), 12);
     }
 
@@ -214,60 +180,20 @@ mod tests {
 
     #[test]
     fn bad_volumes_are_refused() {
-        assert!(matches!(
-            Mask::new([2, 2, 2], vec![true; 7]),
-            Err(Error::ShapeMismatch {
-                given: 7,
-                needed: 8,
-                ..
-            })
-        ));
-        assert!(matches!(
-            Mask::new([2, 2, 2], vec![false; 8]),
-            Err(Error::EmptyForeground { .. })
-        ));
-        assert!(matches!(
-            Mask::new([1 << 22, 1, 1], vec![]),
-            Err(Error::VolumeTooLarge { .. })
-        ));
-        assert!(matches!(
-            Mask::new([0, 2, 2], vec![]),
-            Err(Error::EmptyForeground { .. })
-        ));
+        assert!(matches!(Mask::new([2, 2, 2], vec![true; 7]), Err(Error::ShapeMismatch { given: 7, needed: 8, .. })));
+        assert!(matches!(Mask::new([2, 2, 2], vec![false; 8]), Err(Error::EmptyForeground { .. })));
+        assert!(matches!(Mask::new([1 << 22, 1, 1], vec![]), Err(Error::VolumeTooLarge { .. })));
+        assert!(matches!(Mask::new([0, 2, 2], vec![]), Err(Error::EmptyForeground { .. })));
     }
 
     #[test]
     fn bad_affines_are_refused() {
-        assert!(matches!(
-            Affine::from_spacing([1.0, -2.0, 1.0]),
-            Err(Error::SpacingNotPositive { axis: 1, .. })
-        ));
-        assert!(matches!(
-            Affine::from_spacing([1.0, 1.0, 0.0]),
-            Err(Error::SpacingNotPositive { axis: 2, .. })
-        ));
-        assert!(matches!(
-            Affine::from_spacing([f64::NAN, 1.0, 1.0]),
-            Err(Error::AffineNotFinite { .. })
-        ));
-        let mut sheared = [
-            [1.0, 0.1, 0.0, 0.0],
-            [0.0, 1.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-        ];
-        assert!(matches!(
-            Affine::new(sheared),
-            Err(Error::AffineSheared {
-                first: 0,
-                second: 1,
-                ..
-            })
-        ));
+        assert!(matches!(Affine::from_spacing([1.0, -2.0, 1.0]), Err(Error::SpacingNotPositive { axis: 1, .. })));
+        assert!(matches!(Affine::from_spacing([1.0, 1.0, 0.0]), Err(Error::SpacingNotPositive { axis: 2, .. })));
+        assert!(matches!(Affine::from_spacing([f64::NAN, 1.0, 1.0]), Err(Error::AffineNotFinite { .. })));
+        let mut sheared = [[1.0, 0.1, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        assert!(matches!(Affine::new(sheared), Err(Error::AffineSheared { first: 0, second: 1, .. })));
         sheared[3][3] = 2.0;
-        assert!(matches!(
-            Affine::new(sheared),
-            Err(Error::AffineNotAffine { .. })
-        ));
+        assert!(matches!(Affine::new(sheared), Err(Error::AffineNotAffine { .. })));
     }
 }

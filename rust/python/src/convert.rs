@@ -1,10 +1,7 @@
 //! Between numpy arrays and the core's values.
 
 use ndarray::Array2;
-use numpy::{
-    IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3,
-    PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use voxflat::volume::Mask;
 
@@ -23,16 +20,9 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(
 ) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
     if view.ncols() != W {
-        return Err(InputError::new_err(format!(
-            "{name} has shape {:?}; it needs {W} columns",
-            view.shape()
-        )));
+        return Err(InputError::new_err(format!("{name} has shape {:?}; it needs {W} columns", view.shape())));
     }
-    Ok(view
-        .rows()
-        .into_iter()
-        .map(|row| std::array::from_fn(|column| row[column]))
-        .collect())
+    Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
 
 /// A two-dimensional array from rows of a fixed width.
@@ -44,28 +34,16 @@ pub fn array<'py, T: numpy::Element + Copy, const W: usize>(
 }
 
 /// A two-dimensional array from its values, row by row.
-pub fn table<T: numpy::Element>(
-    py: Python<'_>,
-    values: Vec<T>,
-    width: usize,
-) -> PyResult<Bound<'_, PyArray2<T>>> {
+pub fn table<T: numpy::Element>(py: Python<'_>, values: Vec<T>, width: usize) -> PyResult<Bound<'_, PyArray2<T>>> {
     let height = values.len().checked_div(width).unwrap_or(0);
     let array = Array2::from_shape_vec((height, width), values);
-    Ok(array
-        .map_err(|error| InputError::new_err(error.to_string()))?
-        .into_pyarray(py))
+    Ok(array.map_err(|error| InputError::new_err(error.to_string()))?.into_pyarray(py))
 }
 
 /// Fails where a vertex is not below `points`.
 pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) -> PyResult<()> {
-    match vertices
-        .into_iter()
-        .find(|&vertex| vertex as usize >= points)
-    {
-        Some(vertex) => Err(to_python(voxflat::Error::NoSuchPoint {
-            vertex: vertex as usize,
-            points,
-        })),
+    match vertices.into_iter().find(|&vertex| vertex as usize >= points) {
+        Some(vertex) => Err(to_python(voxflat::Error::NoSuchPoint { vertex: vertex as usize, points })),
         None => Ok(()),
     }
 }

@@ -7,11 +7,7 @@ use voxflat::raster::{Faces, Raster};
 use crate::convert;
 use crate::work::{InputError, run};
 
-type Pixels<'py> = (
-    Bound<'py, PyArray3<u32>>,
-    Bound<'py, PyArray3<f32>>,
-    [f64; 2],
-);
+type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 2]);
 
 /// Draws faces (F, 3) over the plane; pixels of a torn face show its nearest corner.
 ///
@@ -32,25 +28,11 @@ pub fn draw<'py>(
     convert::check_vertices(corners.iter().flatten().copied(), uv.len())?;
     let torn: Vec<bool> = torn.as_array().iter().copied().collect();
     if torn.len() != corners.len() {
-        return Err(InputError::new_err(format!(
-            "torn has {} values; there are {} faces",
-            torn.len(),
-            corners.len()
-        )));
+        return Err(InputError::new_err(format!("torn has {} values; there are {} faces", torn.len(), corners.len())));
     }
     let faces = Faces { corners, torn };
-    let raster = run(py, Some(1), progress.as_ref(), |control| {
-        Raster::draw(&uv, &faces, pixel_size, control)
-    })?;
-    let corners = convert::image(
-        convert::array(py, &raster.corners)?,
-        raster.height,
-        raster.width,
-    )?;
-    let weights = convert::image(
-        convert::array(py, &raster.weights)?,
-        raster.height,
-        raster.width,
-    )?;
+    let raster = run(py, Some(1), progress.as_ref(), |control| Raster::draw(&uv, &faces, pixel_size, control))?;
+    let corners = convert::image(convert::array(py, &raster.corners)?, raster.height, raster.width)?;
+    let weights = convert::image(convert::array(py, &raster.weights)?, raster.height, raster.width)?;
     Ok((corners, weights, raster.origin))
 }

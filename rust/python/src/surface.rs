@@ -1,8 +1,6 @@
 //! Voxel surfaces and what is done with them.
 
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::adjacency::Graph;
@@ -22,11 +20,7 @@ use voxflat::volume::Affine;
 use crate::convert;
 use crate::work::{InputError, run, to_python};
 
-type Csr<'py> = (
-    Bound<'py, PyArray1<u32>>,
-    Bound<'py, PyArray1<u32>>,
-    Bound<'py, PyArray1<f32>>,
-);
+type Csr<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>);
 
 /// The surface voxels of a label volume with their 26-neighbour graph.
 #[pyclass(frozen, module = "voxflat._core")]
@@ -62,11 +56,7 @@ impl VoxelSurface {
             control.begin("finding the surface", 1);
             let surface = CoreSurface::from_mask(&mask, affine, control)?;
             let graph = chain_graph(&surface, lengths, control)?;
-            Ok(Self {
-                surface,
-                graph,
-                lengths,
-            })
+            Ok(Self { surface, graph, lengths })
         })
     }
 
@@ -81,22 +71,12 @@ impl VoxelSurface {
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let keep = keep.as_ref().map(convert::mask).transpose()?;
-        let disk = seed_point
-            .zip(radius)
-            .map(|(seed_point, radius)| Disk { seed_point, radius });
+        let disk = seed_point.zip(radius).map(|(seed_point, radius)| Disk { seed_point, radius });
         let (surface, lengths) = (&self.surface, self.lengths);
-        let patch = Patch {
-            keep: keep.as_ref(),
-            disk,
-        };
-        let (surface, graph) = run(py, Some(1), progress.as_ref(), |control| {
-            cut_out(surface, &patch, lengths, control)
-        })?;
-        Ok(Self {
-            surface,
-            graph,
-            lengths,
-        })
+        let patch = Patch { keep: keep.as_ref(), disk };
+        let (surface, graph) =
+            run(py, Some(1), progress.as_ref(), |control| cut_out(surface, &patch, lengths, control))?;
+        Ok(Self { surface, graph, lengths })
     }
 
     fn __len__(&self) -> usize {
@@ -128,11 +108,7 @@ impl VoxelSurface {
         let arcs = || (0..self.graph.len() as u32).flat_map(|vertex| self.graph.arcs(vertex));
         let neighbours: Vec<u32> = arcs().map(|arc| arc.to).collect();
         let lengths: Vec<f32> = arcs().map(|arc| arc.length).collect();
-        (
-            self.graph.starts().to_vec().into_pyarray(py),
-            neighbours.into_pyarray(py),
-            lengths.into_pyarray(py),
-        )
+        (self.graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }
 
     /// Numbers of voxels of the connected components, largest first.
@@ -144,32 +120,17 @@ impl VoxelSurface {
 
     /// Euler characteristic, cavities, and whether the surface is closed.
     #[pyo3(signature = (progress=None))]
-    fn topology<'py>(
-        &self,
-        py: Python<'py>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let topology = run(py, Some(1), progress.as_ref(), |control| {
-            Topology::of(&self.surface, control)
-        })?;
+    fn topology<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyDict>> {
+        let topology = run(py, Some(1), progress.as_ref(), |control| Topology::of(&self.surface, control))?;
         topology_dict(py, &topology)
     }
 
     /// The vertices at voxels (m, 3).
-    fn find<'py>(
-        &self,
-        py: Python<'py>,
-        voxels: PyReadonlyArray2<'py, i64>,
-    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    fn find<'py>(&self, py: Python<'py>, voxels: PyReadonlyArray2<'py, i64>) -> PyResult<Bound<'py, PyArray1<u32>>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
-        let found = voxels
-            .into_iter()
-            .map(|voxel| self.surface.find(voxel).map(|vertex| vertex as u32));
-        Ok(found
-            .collect::<voxflat::Result<Vec<u32>>>()
-            .map_err(to_python)?
-            .into_pyarray(py))
+        let found = voxels.into_iter().map(|voxel| self.surface.find(voxel).map(|vertex| vertex as u32));
+        Ok(found.collect::<voxflat::Result<Vec<u32>>>().map_err(to_python)?.into_pyarray(py))
     }
 
     /// The surface voxel nearest to a voxel, as a vertex, and its distance in mm.
@@ -192,14 +153,10 @@ impl VoxelSurface {
             "farthest" => Sources::Farthest { count, seed },
             "random" => Sources::Random { count, seed },
             _ => {
-                return Err(InputError::new_err(format!(
-                    "sampling is {sampling:?}; give 'farthest' or 'random'"
-                )));
+                return Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest' or 'random'")));
             }
         };
-        let chosen = run(py, Some(1), progress.as_ref(), |control| {
-            sources.choose(&self.graph, control)
-        })?;
+        let chosen = run(py, Some(1), progress.as_ref(), |control| sources.choose(&self.graph, control))?;
         Ok(chosen.into_pyarray(py))
     }
 
@@ -214,28 +171,19 @@ impl VoxelSurface {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         convert::check_vertices(sources.iter().copied(), self.surface.len())?;
-        let rows = run(py, threads, progress.as_ref(), |control| {
-            DistanceRows::compute(&self.graph, &sources, control)
-        })?;
+        let rows =
+            run(py, threads, progress.as_ref(), |control| DistanceRows::compute(&self.graph, &sources, control))?;
         convert::table(py, rows.into_data(), self.surface.len())
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.
-    fn path<'py>(
-        &self,
-        py: Python<'py>,
-        source: u32,
-        target: u32,
-    ) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
+    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
         convert::check_vertices([source, target], self.surface.len())?;
         let graph = &self.graph;
         let (path, length) = run(py, Some(1), None, |control| {
             let mut row = vec![0.0; graph.len()];
             graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((
-                trace_path(graph, &row, source, target)?,
-                row[target as usize],
-            ))
+            Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
         })?;
         Ok((path.into_pyarray(py), length))
     }
@@ -255,21 +203,9 @@ impl VoxelSurface {
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let given = Sources::Given(
-            sources
-                .as_array()
-                .iter()
-                .map(|&vertex| vertex as usize)
-                .collect(),
-        );
+        let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
         let map = run(py, threads, progress.as_ref(), |control| {
-            grossmann2002(
-                self.surface.clone(),
-                self.graph.clone(),
-                &given,
-                seed,
-                control,
-            )
+            grossmann2002(self.surface.clone(), self.graph.clone(), &given, seed, control)
         })?;
         map_dict(py, map)
     }
@@ -284,30 +220,17 @@ impl VoxelSurface {
     ) -> PyResult<(Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<bool>>)> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
         if uv.len() != self.surface.len() {
-            let message = format!(
-                "uv has {} rows; the surface has {} points",
-                uv.len(),
-                self.surface.len()
-            );
+            let message = format!("uv has {} rows; the surface has {} points", uv.len(), self.surface.len());
             return Err(InputError::new_err(message));
         }
-        let faces = run(py, Some(1), progress.as_ref(), |control| {
-            map_faces(&uv, &self.graph, control)
-        })?;
-        Ok((
-            convert::array(py, &faces.corners)?,
-            faces.torn.into_pyarray(py),
-        ))
+        let faces = run(py, Some(1), progress.as_ref(), |control| map_faces(&uv, &self.graph, control))?;
+        Ok((convert::array(py, &faces.corners)?, faces.torn.into_pyarray(py)))
     }
 }
 
 impl VoxelSurface {
     fn check_not_empty(&self) -> PyResult<()> {
-        if self.surface.is_empty() {
-            Err(InputError::new_err("the surface has no points"))
-        } else {
-            Ok(())
-        }
+        if self.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
     }
 }
 
@@ -315,9 +238,7 @@ fn link_lengths(name: &str) -> PyResult<LinkLengths> {
     match name {
         "chain-code" => Ok(LinkLengths::ChainCode),
         "euclidean" => Ok(LinkLengths::Euclidean),
-        _ => Err(InputError::new_err(format!(
-            "link_lengths is {name:?}; give 'chain-code' or 'euclidean'"
-        ))),
+        _ => Err(InputError::new_err(format!("link_lengths is {name:?}; give 'chain-code' or 'euclidean'"))),
     }
 }
 

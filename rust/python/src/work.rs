@@ -23,11 +23,8 @@ pub fn run<T: Send>(
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Control) -> Result<T> + Send,
 ) -> PyResult<T> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
-        .build();
-    let pool = pool
-        .map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
     let progress = progress.map(|callback| callback.clone().unbind());
     let control = Control::default();
     py.detach(|| {
@@ -82,9 +79,7 @@ pub fn to_python(error: Error) -> PyErr {
     let message = error.to_string();
     match error {
         Error::Cancelled => Cancelled::new_err(message),
-        Error::EigenNotConverged { .. } | Error::RadialSingular { .. } => {
-            VoxflatError::new_err(message)
-        }
+        Error::EigenNotConverged { .. } | Error::RadialSingular { .. } => VoxflatError::new_err(message),
         _ => InputError::new_err(message),
     }
 }

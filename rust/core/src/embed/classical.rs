@@ -5,9 +5,7 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::SelfAdjointEigen;
-use faer::matrix_free::eigen::{
-    PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
-};
+use faer::matrix_free::eigen::{PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch};
 use faer::{Col, Mat, Par, Side};
 
 use crate::error::{Error, Result};
@@ -39,44 +37,28 @@ pub struct Scaling {
 pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
     if m < FEWEST_SOURCES {
-        return Err(Error::TooFewSources {
-            sources: m,
-            needed: FEWEST_SOURCES,
-        });
+        return Err(Error::TooFewSources { sources: m, needed: FEWEST_SOURCES });
     }
     let b = double_centred(distances);
-    let (values, vectors) = if m <= DENSE {
-        all_eigenpairs(&b)?
-    } else {
-        leading_eigenpairs(&b)?
-    };
+    let (values, vectors) = if m <= DENSE { all_eigenpairs(&b)? } else { leading_eigenpairs(&b)? };
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&p, &q| values[q].abs().total_cmp(&values[p].abs()));
     order.truncate(SPECTRUM);
 
     let total = (0..m).map(|j| b.col(j).squared_norm_l2()).sum::<f64>();
     let noise = total.sqrt() * 1e-10; // below, an eigenvalue is rounding
-    let mut positive: Vec<usize> = order
-        .iter()
-        .copied()
-        .filter(|&k| values[k] > noise)
-        .collect();
+    let mut positive: Vec<usize> = order.iter().copied().filter(|&k| values[k] > noise).collect();
     positive.sort_by(|&p, &q| values[q].total_cmp(&values[p]));
     let [first, second] = match positive[..] {
         [first, second, ..] => [first, second],
         _ => {
-            return Err(Error::NotPlanar {
-                positive: positive.len(),
-            });
+            return Err(Error::NotPlanar { positive: positive.len() });
         }
     };
     let axis = |k: usize| {
         let column = vectors.col(k);
         // an eigenvector has no sign of its own: the entry of the largest magnitude becomes positive
-        let largest = (0..m)
-            .rev()
-            .max_by(|&p, &q| column[p].abs().total_cmp(&column[q].abs()))
-            .unwrap_or(0);
+        let largest = (0..m).rev().max_by(|&p, &q| column[p].abs().total_cmp(&column[q].abs())).unwrap_or(0);
         (column, values[k].sqrt().copysign(column[largest]))
     };
     let ((x, sx), (y, sy)) = (axis(first), axis(second));
@@ -95,9 +77,7 @@ fn double_centred(distances: &DistanceRows) -> Mat<f64> {
         mean * mean
     };
     let mut b = Mat::from_fn(m, m, squared);
-    let means: Vec<f64> = (0..m)
-        .map(|j| b.col(j).iter().sum::<f64>() / m as f64)
-        .collect();
+    let means: Vec<f64> = (0..m).map(|j| b.col(j).iter().sum::<f64>() / m as f64).collect();
     let mean = means.iter().sum::<f64>() / m as f64;
     for j in 0..m {
         for i in 0..m {
@@ -108,12 +88,9 @@ fn double_centred(distances: &DistanceRows) -> Mat<f64> {
 }
 
 fn all_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
-    let eigen = SelfAdjointEigen::new(b.as_ref(), Side::Lower)
-        .map_err(|_| Error::EigenNotConverged { sources: b.nrows() })?;
-    Ok((
-        eigen.S().column_vector().iter().copied().collect(),
-        eigen.U().to_owned(),
-    ))
+    let eigen =
+        SelfAdjointEigen::new(b.as_ref(), Side::Lower).map_err(|_| Error::EigenNotConverged { sources: b.nrows() })?;
+    Ok((eigen.S().column_vector().iter().copied().collect(), eigen.U().to_owned()))
 }
 
 /// The eigenpairs of the largest magnitude, by a restarted Krylov method from a fixed start.

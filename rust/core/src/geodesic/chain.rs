@@ -49,11 +49,7 @@ impl ChainWeights {
     pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Self {
         match lengths {
             LinkLengths::Euclidean => Self(std::array::from_fn(|kind| {
-                (0..3)
-                    .filter(|axis| kind >> axis & 1 == 1)
-                    .map(|axis| spacing[axis].powi(2))
-                    .sum::<f64>()
-                    .sqrt()
+                (0..3).filter(|axis| kind >> axis & 1 == 1).map(|axis| spacing[axis].powi(2)).sum::<f64>().sqrt()
             })),
             LinkLengths::ChainCode if is_cubic(spacing) => {
                 let mean = spacing.iter().sum::<f64>() / 3.0;
@@ -75,9 +71,7 @@ impl ChainWeights {
 /// Do the spacings differ by no more than rounding in a header does?
 fn is_cubic(spacing: [f64; 3]) -> bool {
     let largest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
-    spacing
-        .iter()
-        .all(|&h| (largest - h).abs() < 1e-3 * largest)
+    spacing.iter().all(|&h| (largest - h).abs() < 1e-3 * largest)
 }
 
 /// The least-squares unbiased weights for a grid, as derived above.
@@ -94,9 +88,7 @@ fn unbiased(spacing: [f64; 3]) -> ChainWeights {
     // G is positive definite for any spacing: no kind of link depends linearly on the others over the sphere
     let solution = gram.cholesky().map_or(mean, |factor| factor.solve(&mean));
     let weights = solution / mean.dot(&solution);
-    ChainWeights(std::array::from_fn(|kind| {
-        if kind == 0 { 0.0 } else { weights[kind - 1] }
-    }))
+    ChainWeights(std::array::from_fn(|kind| if kind == 0 { 0.0 } else { weights[kind - 1] }))
 }
 
 /// The expected numbers of the seven kinds of links per mm of a line in direction `u`.

@@ -21,11 +21,5 @@ pub trait Solver: Sync {
     ///
     /// # Errors
     /// [`crate::Error::Cancelled`].
-    fn row(
-        &self,
-        source: u32,
-        row: &mut [f32],
-        scratch: &mut Self::Scratch,
-        control: &Control,
-    ) -> Result<()>;
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 }

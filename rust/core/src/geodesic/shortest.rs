@@ -31,11 +31,7 @@ impl Search {
         let shortest = graph.lengths().iter().copied().fold(longest, f32::min);
         let width = shortest.max(longest / MOST_BUCKETS);
         let ring = ((longest / width) as usize + 2).next_power_of_two();
-        Self {
-            per_mm: width.recip(),
-            buckets: vec![Vec::new(); ring],
-            current: Vec::new(),
-        }
+        Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new() }
     }
 
     /// Lowers `distance` to the distances from `seeds`: `distance[v]` becomes the least of what it was and of
@@ -47,26 +43,12 @@ impl Search {
     ///
     /// # Errors
     /// [`Error::Cancelled`].
-    pub fn lower(
-        &mut self,
-        graph: &Graph,
-        seeds: &[u32],
-        distance: &mut [f32],
-        control: &Control,
-    ) -> Result<()> {
-        let Self {
-            per_mm,
-            buckets,
-            current,
-        } = self;
+    pub fn lower(&mut self, graph: &Graph, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
+        let Self { per_mm, buckets, current } = self;
         let ring = buckets.len();
         let bucket_of = |distance: f32| (distance * *per_mm) as usize;
         buckets.iter_mut().for_each(Vec::clear);
-        let mut now = seeds
-            .iter()
-            .map(|&s| bucket_of(distance[s as usize]))
-            .min()
-            .unwrap_or(0);
+        let mut now = seeds.iter().map(|&s| bucket_of(distance[s as usize])).min().unwrap_or(0);
         for &seed in seeds {
             buckets[bucket_of(distance[seed as usize]).min(now + ring - 1) & (ring - 1)]
                 .push((seed, distance[seed as usize]));
@@ -118,13 +100,7 @@ impl Solver for Graph {
         self.len()
     }
 
-    fn row(
-        &self,
-        source: u32,
-        row: &mut [f32],
-        search: &mut Search,
-        control: &Control,
-    ) -> Result<()> {
+    fn row(&self, source: u32, row: &mut [f32], search: &mut Search, control: &Control) -> Result<()> {
         row.fill(f32::INFINITY);
         row[source as usize] = 0.0;
         search.lower(self, &[source], row, control)
@@ -138,25 +114,15 @@ impl Solver for Graph {
 /// [`Error::Unreachable`] if the row is infinite at `target`.
 pub fn trace_path(graph: &Graph, row: &[f32], source: u32, target: u32) -> Result<Vec<u32>> {
     if row[target as usize].is_infinite() {
-        return Err(Error::Unreachable {
-            source_vertex: source as usize,
-            vertex: target as usize,
-        });
+        return Err(Error::Unreachable { source_vertex: source as usize, vertex: target as usize });
     }
     let mut path = vec![target];
     let mut vertex = target;
     while vertex != source {
         let reached = row[vertex as usize];
         // the row was made by the same sum of the same numbers, so equality is exact
-        let previous = graph
-            .arcs(vertex)
-            .find(|arc| row[arc.to as usize] + arc.length == reached);
-        vertex = previous
-            .ok_or(Error::Unreachable {
-                source_vertex: source as usize,
-                vertex: target as usize,
-            })?
-            .to;
+        let previous = graph.arcs(vertex).find(|arc| row[arc.to as usize] + arc.length == reached);
+        vertex = previous.ok_or(Error::Unreachable { source_vertex: source as usize, vertex: target as usize })?.to;
         path.push(vertex);
     }
     path.reverse();

@@ -40,11 +40,7 @@ impl RadialFunctions {
         let axes = extended_axes(points, centre);
         let size = m + 1 + axes.len();
         let polynomial = |i: usize, k: usize| {
-            if k == 0 {
-                1.0
-            } else {
-                axes[k - 1].dot(&(points[i] - centre))
-            }
+            if k == 0 { 1.0 } else { axes[k - 1].dot(&(points[i] - centre)) }
         };
         let system = Mat::from_fn(size, size, |r, c| match (r < m, c < m) {
             (true, true) => (points[r] - points[c]).norm(),
@@ -94,11 +90,7 @@ impl RadialFunctions {
         let whole = self.x.len() / LANES * LANES;
         for start in (0..whole).step_by(LANES) {
             let range = start..start + LANES;
-            let (x, y, z) = (
-                &self.x[range.clone()],
-                &self.y[range.clone()],
-                &self.z[range.clone()],
-            );
+            let (x, y, z) = (&self.x[range.clone()], &self.y[range.clone()], &self.z[range.clone()]);
             let (b, c) = (&first[range.clone()], &second[range]);
             for lane in 0..LANES {
                 let r = distance(p, x[lane], y[lane], z[lane]);
@@ -122,18 +114,12 @@ impl RadialFunctions {
     pub fn at_all(&self, points: &[Vector3<f64>], control: &Control) -> Result<Vec<[f64; 2]>> {
         control.begin("placing the rest", points.len().div_ceil(BATCH) as u64);
         let mut values = vec![[0.0; 2]; points.len()];
-        values
-            .par_chunks_mut(BATCH)
-            .zip(points.par_chunks(BATCH))
-            .try_for_each(|(values, points)| {
-                control.check()?;
-                values
-                    .iter_mut()
-                    .zip(points)
-                    .for_each(|(value, point)| *value = self.at(point));
-                control.advance();
-                Ok(())
-            })?;
+        values.par_chunks_mut(BATCH).zip(points.par_chunks(BATCH)).try_for_each(|(values, points)| {
+            control.check()?;
+            values.iter_mut().zip(points).for_each(|(value, point)| *value = self.at(point));
+            control.advance();
+            Ok(())
+        })?;
         Ok(values)
     }
 }
@@ -146,15 +132,9 @@ fn distance(p: &Vector3<f64>, x: f64, y: f64, z: f64) -> f64 {
 
 /// The principal directions in which points extend by more than rounding.
 fn extended_axes(points: &[Vector3<f64>], centre: Vector3<f64>) -> Vec<Vector3<f64>> {
-    let covariance: Matrix3<f64> = points
-        .iter()
-        .map(|p| (p - centre) * (p - centre).transpose())
-        .sum();
+    let covariance: Matrix3<f64> = points.iter().map(|p| (p - centre) * (p - centre).transpose()).sum();
     let eigen = covariance.symmetric_eigen();
     let largest = eigen.eigenvalues.max();
     let extended = |k: &usize| eigen.eigenvalues[*k] > 1e-12 * largest;
-    (0..3)
-        .filter(extended)
-        .map(|k| eigen.eigenvectors.column(k).into_owned())
-        .collect()
+    (0..3).filter(extended).map(|k| eigen.eigenvectors.column(k).into_owned()).collect()
 }

@@ -41,23 +41,14 @@ impl Topology {
             let cell = grid.cell(voxel.map(i64::from));
             seen.clear();
             seen.extend(
-                steps
-                    .iter()
-                    .map(|&step| cavity.labels[cell.wrapping_add_signed(step)])
-                    .filter(|&c| c >= FIRST),
+                steps.iter().map(|&step| cavity.labels[cell.wrapping_add_signed(step)]).filter(|&c| c >= FIRST),
             );
             seen.sort_unstable();
             seen.dedup();
-            seen.iter()
-                .for_each(|&label| lining[(label - FIRST) as usize] += 1);
+            seen.iter().for_each(|&label| lining[(label - FIRST) as usize] += 1);
         }
         let lining = lining.into_iter().max().unwrap_or(0);
-        Ok(Self {
-            euler,
-            cavities: cavity.count,
-            lining,
-            points: surface.len(),
-        })
+        Ok(Self { euler, cavities: cavity.count, lining, points: surface.len() })
     }
 
     /// Is it a closed surface, without an edge?
@@ -74,40 +65,21 @@ fn euler_characteristic(surface: &VoxelSurface, grid: &VertexGrid) -> i64 {
     let steps: Vec<isize> = offsets.iter().map(|&offset| grid.step(offset)).collect();
     let shares = |s: [i64; 3], e: [i64; 3]| (0..3).all(|axis| e[axis] == 0 || e[axis] == s[axis]);
     let earlier = |s: [i64; 3]| {
-        let bits = offsets
-            .iter()
-            .enumerate()
-            .filter(|&(_, &e)| e < [0, 0, 0] && shares(s, e));
+        let bits = offsets.iter().enumerate().filter(|&(_, &e)| e < [0, 0, 0] && shares(s, e));
         bits.fold(0u32, |mask, (bit, _)| mask | 1 << bit)
     };
     let cells: Vec<(u32, i64)> = offsets
         .iter()
         .chain(&[[0, 0, 0]])
-        .map(|&s| {
-            (
-                earlier(s),
-                if s.iter().filter(|&&x| x == 0).count() % 2 == 0 {
-                    1
-                } else {
-                    -1
-                },
-            )
-        })
+        .map(|&s| (earlier(s), if s.iter().filter(|&&x| x == 0).count() % 2 == 0 { 1 } else { -1 }))
         .collect();
     let present = |cell: usize| {
-        let found =
-            |&step: &isize| grid.cells()[cell.wrapping_add_signed(step)] != VertexGrid::NONE;
-        steps.iter().enumerate().fold(0u32, |mask, (bit, step)| {
-            mask | u32::from(found(step)) << bit
-        })
+        let found = |&step: &isize| grid.cells()[cell.wrapping_add_signed(step)] != VertexGrid::NONE;
+        steps.iter().enumerate().fold(0u32, |mask, (bit, step)| mask | u32::from(found(step)) << bit)
     };
     let count = |voxel: &[u32; 3]| {
         let present = present(grid.cell(voxel.map(i64::from)));
-        cells
-            .iter()
-            .filter(|&&(earlier, _)| present & earlier == 0)
-            .map(|&(_, sign)| sign)
-            .sum::<i64>()
+        cells.iter().filter(|&&(earlier, _)| present & earlier == 0).map(|&(_, sign)| sign).sum::<i64>()
     };
     surface.voxels().iter().map(count).sum()
 }
@@ -124,17 +96,8 @@ struct Cavities {
 
 /// Names the 6-connected pieces of what is not surface.
 fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
-    let mut labels: Vec<u32> = grid
-        .cells()
-        .iter()
-        .map(|&cell| {
-            if cell == VertexGrid::NONE {
-                UNSEEN
-            } else {
-                SURFACE
-            }
-        })
-        .collect();
+    let mut labels: Vec<u32> =
+        grid.cells().iter().map(|&cell| if cell == VertexGrid::NONE { UNSEEN } else { SURFACE }).collect();
     let mut next = OUTSIDE; // the box is padded, so cell 0 lies outside
     let mut stack = Vec::new();
     let steps = DIRECT.map(|direction| grid.step(direction));
@@ -151,8 +114,7 @@ fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
             }
             let place = grid.position(cell);
             for (direction, step) in DIRECT.iter().zip(steps) {
-                let inside =
-                    (0..3).all(|axis| (0..shape[axis]).contains(&(place[axis] + direction[axis])));
+                let inside = (0..3).all(|axis| (0..shape[axis]).contains(&(place[axis] + direction[axis])));
                 if inside {
                     let other = cell.wrapping_add_signed(step);
                     if labels[other] == UNSEEN {
@@ -164,10 +126,7 @@ fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
         }
         next += 1;
     }
-    Ok(Cavities {
-        labels,
-        count: (next - FIRST) as usize,
-    })
+    Ok(Cavities { labels, count: (next - FIRST) as usize })
 }
 
 #[cfg(test)]
@@ -179,12 +138,7 @@ mod tests {
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
         let mask = Mask::from_fn(shape, rule).unwrap();
-        VoxelSurface::from_mask(
-            &mask,
-            Affine::from_spacing([1.0; 3]).unwrap(),
-            &Control::default(),
-        )
-        .unwrap()
+        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &Control::default()).unwrap()
     }
 
     fn topology_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Topology {
@@ -193,46 +147,28 @@ mod tests {
 
     #[test]
     fn known_shapes() {
-        let ball = |[i, j, k]: [usize; 3]| {
-            [i, j, k]
-                .iter()
-                .map(|&x| (x as f64 - 10.0).powi(2))
-                .sum::<f64>()
-                < 64.0
-        };
+        let ball = |[i, j, k]: [usize; 3]| [i, j, k].iter().map(|&x| (x as f64 - 10.0).powi(2)).sum::<f64>() < 64.0;
         let sphere = topology_of([21; 3], ball);
-        assert_eq!(
-            (sphere.euler, sphere.cavities, sphere.is_closed()),
-            (2, 1, true)
-        );
+        assert_eq!((sphere.euler, sphere.cavities, sphere.is_closed()), (2, 1, true));
 
         let sheet = topology_of([12, 12, 5], |v| v[2] == 2);
-        assert_eq!(
-            (sheet.euler, sheet.cavities, sheet.is_closed()),
-            (1, 0, false)
-        );
+        assert_eq!((sheet.euler, sheet.cavities, sheet.is_closed()), (1, 0, false));
 
-        let annulus = topology_of([12, 12, 5], |v| {
-            v[2] == 2 && !((4..7).contains(&v[0]) && (4..7).contains(&v[1]))
-        });
+        let annulus = topology_of([12, 12, 5], |v| v[2] == 2 && !((4..7).contains(&v[0]) && (4..7).contains(&v[1])));
         assert_eq!((annulus.euler, annulus.is_closed()), (0, false));
 
         let torus = topology_of([30, 30, 15], |v| {
             let [x, y, z] = [v[0] as f64 - 15.0, v[1] as f64 - 15.0, v[2] as f64 - 7.0];
             (x.hypot(y) - 9.0).hypot(z) < 4.0
         });
-        assert_eq!(
-            (torus.euler, torus.cavities, torus.is_closed()),
-            (0, 1, true)
-        );
+        assert_eq!((torus.euler, torus.cavities, torus.is_closed()), (0, 1, true));
     }
 
     #[test]
     fn a_pocket_in_a_sheet_does_not_close_it() {
         // a sheet with one bump three voxels thick, whose middle voxel is enclosed
         let topology = topology_of([40, 40, 7], |v| {
-            v[2] == 3
-                || ((19..22).contains(&v[0]) && (19..22).contains(&v[1]) && (2..5).contains(&v[2]))
+            v[2] == 3 || ((19..22).contains(&v[0]) && (19..22).contains(&v[1]) && (2..5).contains(&v[2]))
         });
         assert_eq!((topology.cavities, topology.is_closed()), (1, false));
     }
@@ -243,17 +179,11 @@ mod tests {
         for voxel in surface.voxels() {
             for n in 0..27 {
                 let s = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
-                cells.insert(std::array::from_fn::<i64, 3, _>(|axis| {
-                    2 * i64::from(voxel[axis]) + s[axis]
-                }));
+                cells.insert(std::array::from_fn::<i64, 3, _>(|axis| 2 * i64::from(voxel[axis]) + s[axis]));
             }
         }
         let sign = |cell: &[i64; 3]| {
-            if cell.iter().filter(|&&x| x % 2 == 0).count() % 2 == 0 {
-                1
-            } else {
-                -1
-            }
+            if cell.iter().filter(|&&x| x % 2 == 0).count() % 2 == 0 { 1 } else { -1 }
         };
         cells.iter().map(sign).sum()
     }

@@ -10,20 +10,11 @@ use crate::error::{Error, Result};
 use crate::volume::{Affine, Mask};
 
 /// The six direct neighbours.
-pub(crate) const DIRECT: [[i64; 3]; 6] = [
-    [-1, 0, 0],
-    [0, -1, 0],
-    [0, 0, -1],
-    [0, 0, 1],
-    [0, 1, 0],
-    [1, 0, 0],
-];
+pub(crate) const DIRECT: [[i64; 3]; 6] = [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [0, 0, 1], [0, 1, 0], [1, 0, 0]];
 
 /// The 26 neighbours in lexicographic order, without the centre.
 pub(crate) fn neighbours() -> impl Iterator<Item = [i64; 3]> {
-    (0..27)
-        .filter(|&n| n != 13)
-        .map(|n| [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1])
+    (0..27).filter(|&n| n != 13).map(|n| [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1])
 }
 
 /// The surface voxels of a volume, in Morton order: neighbours in space are mostly neighbours in memory.
@@ -52,20 +43,9 @@ impl VoxelSurface {
             }
         }
         coded.sort_unstable_by_key(|&(code, _)| code);
-        let voxels = coded
-            .iter()
-            .map(|&(_, voxel)| voxel.map(|x| x as u32))
-            .collect();
-        let outward = coded
-            .iter()
-            .map(|&(_, voxel)| background_direction(mask, voxel))
-            .collect();
-        Ok(Self {
-            shape: mask.shape(),
-            affine,
-            voxels,
-            outward,
-        })
+        let voxels = coded.iter().map(|&(_, voxel)| voxel.map(|x| x as u32)).collect();
+        let outward = coded.iter().map(|&(_, voxel)| background_direction(mask, voxel)).collect();
+        Ok(Self { shape: mask.shape(), affine, voxels, outward })
     }
 
     /// The voxels for which `keep` is true.
@@ -110,19 +90,14 @@ impl VoxelSurface {
 
     /// The voxels' centres in mm (RAS+).
     pub fn points(&self) -> Vec<Vector3<f64>> {
-        self.voxels
-            .iter()
-            .map(|voxel| self.affine.to_mm(voxel.map(f64::from)))
-            .collect()
+        self.voxels.iter().map(|voxel| self.affine.to_mm(voxel.map(f64::from))).collect()
     }
 
     /// The direction from a voxel to the background around it, in mm, not normalised: the sum of the offsets to its
     /// background 26-neighbours. Zero where both sides are background alike (a sheet one voxel thick).
     pub fn outward(&self, vertex: usize) -> Vector3<f64> {
         let spacing = self.affine.spacing();
-        let offset = Vector3::from_fn(|axis, _| {
-            f64::from(self.outward[vertex][axis]) / spacing[axis].powi(2)
-        });
+        let offset = Vector3::from_fn(|axis, _| f64::from(self.outward[vertex][axis]) / spacing[axis].powi(2));
         self.affine.linear() * offset // a normal: the inverse transpose of the affine's linear part
     }
 
@@ -138,10 +113,7 @@ impl VoxelSurface {
                 return Ok(vertex);
             }
         }
-        Err(Error::NotOnSurface {
-            voxel,
-            nearest: self.voxels[self.nearest(voxel).0],
-        })
+        Err(Error::NotOnSurface { voxel, nearest: self.voxels[self.nearest(voxel).0] })
     }
 
     /// The surface voxel nearest to a voxel, and its distance in mm.
@@ -150,14 +122,8 @@ impl VoxelSurface {
     /// If the surface is empty.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
-        let distances = self
-            .points()
-            .into_iter()
-            .map(|point| (point - place).norm());
-        distances
-            .enumerate()
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .expect("a surface has points")
+        let distances = self.points().into_iter().map(|point| (point - place).norm());
+        distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).expect("a surface has points")
     }
 }
 
@@ -211,11 +177,7 @@ impl VertexGrid {
         }
         let origin = low.map(|x| x - 1);
         let shape: [i64; 3] = std::array::from_fn(|axis| high[axis] - low[axis] + 3);
-        let mut grid = Self {
-            origin,
-            shape,
-            cells: vec![Self::NONE; shape.iter().product::<i64>() as usize],
-        };
+        let mut grid = Self { origin, shape, cells: vec![Self::NONE; shape.iter().product::<i64>() as usize] };
         for (vertex, voxel) in surface.voxels().iter().enumerate() {
             let cell = grid.cell(voxel.map(i64::from));
             grid.cells[cell] = vertex as u32;
@@ -242,11 +204,7 @@ impl VertexGrid {
     /// Position of a cell within the box.
     pub fn position(&self, cell: usize) -> [i64; 3] {
         let cell = cell as i64;
-        [
-            cell / (self.shape[1] * self.shape[2]),
-            cell / self.shape[2] % self.shape[1],
-            cell % self.shape[2],
-        ]
+        [cell / (self.shape[1] * self.shape[2]), cell / self.shape[2] % self.shape[1], cell % self.shape[2]]
     }
 
     /// Number of cells along each axis.
@@ -262,12 +220,7 @@ mod tests {
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
         let mask = Mask::from_fn(shape, rule).unwrap();
-        VoxelSurface::from_mask(
-            &mask,
-            Affine::from_spacing([1.0, 2.0, 3.0]).unwrap(),
-            &Control::default(),
-        )
-        .unwrap()
+        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 2.0, 3.0]).unwrap(), &Control::default()).unwrap()
     }
 
     #[test]
@@ -284,27 +237,15 @@ mod tests {
         assert_eq!((normal.x, normal.y), (0.0, 0.0));
         assert!(normal.z > 0.0);
         let sheet = surface_of([7, 7, 7], |v| v[2] == 3);
-        assert_eq!(
-            sheet.outward(sheet.find([3, 3, 3]).unwrap()),
-            Vector3::zeros()
-        );
+        assert_eq!(sheet.outward(sheet.find([3, 3, 3]).unwrap()), Vector3::zeros());
     }
 
     #[test]
     fn a_missing_voxel_is_answered_with_the_nearest() {
         let surface = surface_of([7, 7, 7], |v| v[2] == 3);
         let nearest = [3, 3, 3];
-        assert_eq!(
-            surface.find([3, 3, 5]),
-            Err(Error::NotOnSurface {
-                voxel: [3, 3, 5],
-                nearest
-            })
-        );
-        assert!(matches!(
-            surface.find([-1, 3, 3]),
-            Err(Error::NotOnSurface { .. })
-        ));
+        assert_eq!(surface.find([3, 3, 5]), Err(Error::NotOnSurface { voxel: [3, 3, 5], nearest }));
+        assert!(matches!(surface.find([-1, 3, 3]), Err(Error::NotOnSurface { .. })));
         assert_eq!(surface.nearest([3, 3, 5]).1, 6.0);
     }
 
