@@ -154,8 +154,8 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
     points : ndarray, shape (..., 3)
         RAS+ mm; NaN rows give NaN.
     interpolation : {"linear", "nearest"}, optional
-        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes and
-        colours.
+        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+        volumes and colours.
 
     Returns
     -------

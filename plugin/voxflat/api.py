@@ -54,8 +54,9 @@ def flatten(
     Parameters
     ----------
     surface : ndarray, path, image object or Volume
-        A label volume or an intensity volume (I, J, K): any bool, integer or floating-point type, any strides. The surface
-        is made of the foreground voxels with a background voxel (or the volume's border) among their six neighbours.
+        A label volume or an intensity volume (I, J, K): any bool, integer or floating-point type, any strides. The
+        surface is made of the foreground voxels with a background voxel (or the volume's border) among their six
+        neighbours.
     method : {"grossmann2002"}
         Chain-code geodesics over the 26-neighbour graph of surface voxels, classical scaling of the sources, radial
         functions for the rest (Grossmann, Kiryati, Kimmel 2002).
@@ -74,12 +75,13 @@ def flatten(
     radius : float, optional
         Radius of the geodesic disk around `seed_point`, mm along the surface.
     sources : int or array_like of shape (m, 3), optional
-        How many points distances are measured from (at most, and by default, 1000 or all points), or their voxel indices.
+        How many points distances are measured from (at most, and by default, 1000 or all points), or their voxel
+        indices.
     sampling : {"farthest", "random"}
         How sources are chosen: evenly, each farthest from the others along the surface, or at random.
     link_lengths : {"chain-code", "euclidean"}
-        Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016, 1.289, 1.615 voxels, or
-        its generalisation to anisotropic voxels), or 1, √2, √3 for comparison.
+        Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016, 1.289, 1.615 voxels,
+        or its generalisation to anisotropic voxels), or 1, √2, √3 for comparison.
     seed : int
         Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
     keep_rows : bool
@@ -120,7 +122,7 @@ def flatten(
         progress,
     )
     part = prepared.part
-    _check_flattenable(part, progress)
+    part.check_flattenable(progress)  # the first reason to refuse is the one that matters
     chosen = _choose_sources(prepared, sources, sampling, seed, progress)
     rows_need = 4 * len(chosen) * len(part) if keep_rows else 0
     need = part.memory_need(len(chosen), threads or os.cpu_count() or 1) + rows_need
@@ -348,7 +350,8 @@ class Check:
     used : int or None
         Number of surface voxels that would be flattened.
     euler_characteristic : int or None
-        χ of what would be flattened: 1 is a disk, 2 a closed sphere; every handle, hole and touching bank takes one away.
+        χ of what would be flattened: 1 is a disk, 2 a closed sphere; every handle, hole and touching bank takes one
+        away.
     cavities : int or None
         Enclosed cavities of what would be flattened.
     closed : bool or None
@@ -481,8 +484,8 @@ def _advice(sizes: tuple[int, ...], topology: dict[str, Any], used: int, has_pat
         )
     elif topology["euler_characteristic"] != 1:
         advice.append(
-            f"Euler characteristic {topology['euler_characteristic']} instead of a disk's 1: the patch has holes, handles, "
-            "or banks that touch; distances jump across touching banks. A smaller patch or a finer volume helps"
+            f"Euler characteristic {topology['euler_characteristic']} instead of a disk's 1: the patch has holes, "
+            "handles, or banks that touch; distances jump across touching banks. A smaller patch or a finer volume helps"
         )
     return advice
 
@@ -559,21 +562,6 @@ def _keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
     if not mask.data.any():
         raise InputError("the mask to keep is empty: every voxel is 0")
     return np.asarray(mask.data != 0)
-
-
-def _check_flattenable(part: _core.VoxelSurface, progress: Progress | None) -> None:
-    # before sources are chosen and memory is counted: the first reason is the one that matters
-    topology = part.topology(progress)
-    if topology["closed"]:
-        raise InputError(
-            f"the surface ({len(part)} voxels, Euler characteristic {topology['euler_characteristic']}) is closed, like a "
-            "sphere's, and cannot be flattened without a cut; cut out a patch: give a seed point and a radius in mm "
-            "(seed_point=, radius=), or a mask of what to keep (keep=)"
-        )
-    if len(part) < 3:
-        raise InputError(
-            f"the surface has only {len(part)} voxels; at least 3 are needed: take a larger patch or label"
-        )
 
 
 def _choose_sources(

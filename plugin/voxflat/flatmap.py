@@ -34,11 +34,11 @@ class Figures:
     scale : float
         The factor on flat distances.
     relative_error : float
-        Mean of \\|d − δ\\|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
+        Mean of |d − δ|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
     relative_error_10mm, relative_error_30mm : float
         The same over pairs with δ ≤ 10 mm and ≤ 30 mm.
     absolute_error : float
-        Mean of \\|d − δ\\|, mm (Grossmann et al. 2002: ε̄).
+        Mean of |d − δ|, mm (Grossmann et al. 2002: ε̄).
     stress_1 : float
         √(Σ(d − δ)² / Σδ²), Kruskal.
     sammon_stress : float
@@ -71,7 +71,7 @@ class Distortion:
     pairs : int
         Number of pairs.
     per_point : ndarray, shape (N,)
-        Mean of \\|d − δ\\|/δ over the pairs of each point, at scale 1: the heat map.
+        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
         Some pairs as (δ, d), mm.
     """
@@ -220,13 +220,13 @@ class FlatMap:
         ----------
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
-            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where that
-            lies.
+            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
+            that lies.
         pixel_size : float, optional
             Side of a pixel, mm; by default half the voxel size.
         interpolation : {"linear", "nearest"}, optional
-            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point volumes
-            and colours.
+            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+            volumes and colours.
         name : str, optional
             What the image shows.
 

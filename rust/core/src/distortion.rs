@@ -266,3 +266,120 @@ impl Sums {
         covariance / (variance(self.d_squared, self.d) * variance(self.delta_squared, self.delta)).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) -> f64) -> DistanceRows {
+        let (points, wrong) = (&points, &wrong);
+        let row = |&source: &u32| {
+            let [x, y] = points[source as usize];
+            let distance = move |(n, &[u, v]): (usize, &[f64; 2])| {
+                (x - u).hypot(y - v) * if n == source as usize { 0.0 } else { wrong(source as usize, n) }
+            };
+            points.iter().enumerate().map(distance).map(|d| d as f32).collect::<Vec<f32>>()
+        };
+        DistanceRows::new(sources.to_vec(), points.len(), sources.iter().flat_map(row).collect())
+    }
+
+    /// All (δ, d) by the definition.
+    fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
+        let mut pairs = Vec::new();
+        for (n, &source) in rows.sources().iter().enumerate() {
+            for (point, place) in uv.iter().enumerate().filter(|&(point, _)| point != source as usize) {
+                let [x, y] = uv[source as usize];
+                pairs.push((f64::from(rows.row(n)[point]), (place[0] - x).hypot(place[1] - y)));
+            }
+        }
+        pairs
+    }
+
+    fn mean(values: impl Iterator<Item = f64>) -> f64 {
+        let values: Vec<f64> = values.collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    }
+
+    fn places() -> impl Strategy<Value = Vec<[f64; 2]>> {
+        prop::collection::vec(prop::array::uniform2(-40.0..40.0f64), 12..30)
+    }
+
+    proptest! {
+        #[test]
+        fn figures_follow_their_definitions(uv in places(), stretch in 0.5..2.0f64) {
+            let rows = rows_of(&[0, 3, 7, 11], &uv, |a, b| stretch * (1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin()));
+            let distortion = measure(&uv, &rows, 0, &Control::default()).unwrap();
+            let pairs = pairs(&uv, &rows);
+            let close = |a: f64, b: f64| (a - b).abs() < 1e-9 || (a.is_nan() && b.is_nan());
+            for figures in [distortion.raw, distortion.best_scale] {
+                let s = figures.scale;
+                let relative = |limit: f64| mean(pairs.iter().filter(|p| p.0 <= limit).map(|&(x, d)| (s * d - x).abs() / x));
+                prop_assert!(close(figures.relative_error, relative(f64::INFINITY)));
+                prop_assert!(close(figures.relative_error_10mm, relative(10.0)));
+                prop_assert!(close(figures.relative_error_30mm, relative(30.0)));
+                prop_assert!(close(figures.absolute_error, mean(pairs.iter().map(|&(x, d)| (s * d - x).abs()))));
+                let squares: f64 = pairs.iter().map(|&(x, d)| (s * d - x).powi(2)).sum();
+                let sammon: f64 = pairs.iter().map(|&(x, d)| (s * d - x).powi(2) / x).sum();
+                let total: f64 = pairs.iter().map(|p| p.0).sum();
+                prop_assert!(close(figures.stress_1, (squares / pairs.iter().map(|p| p.0 * p.0).sum::<f64>()).sqrt()));
+                prop_assert!(close(figures.sammon_stress, sammon / total));
+            }
+            prop_assert_eq!((distortion.raw.scale, distortion.pairs), (1.0, pairs.len()));
+            prop_assert!(close(distortion.mean_geodesic, mean(pairs.iter().map(|p| p.0))));
+            let (md, mx) = (mean(pairs.iter().map(|p| p.1)), mean(pairs.iter().map(|p| p.0)));
+            let product = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>();
+            let r = product(&|p| (p.0 - mx) * (p.1 - md))
+                / (product(&|p| (p.0 - mx).powi(2)) * product(&|p| (p.1 - md).powi(2))).sqrt();
+            prop_assert!((distortion.pearson_r - r).abs() < 1e-9);
+        }
+
+        #[test]
+        fn no_scale_is_better_than_the_best(uv in places(), stretch in 0.2..5.0f64) {
+            let rows = rows_of(&[0, 5, 9], &uv, |a, b| stretch * (1.0 + 0.4 * ((a * 7 + b * 13) as f64).sin()));
+            let best = measure(&uv, &rows, 0, &Control::default()).unwrap().best_scale;
+            let pairs = pairs(&uv, &rows);
+            let error = |s: f64| mean(pairs.iter().map(|&(x, d)| (s * d - x).abs() / x));
+            // the objective is convex and piecewise linear: its least value is at one of its kinks
+            let least = pairs.iter().map(|&(x, d)| error(x / d)).fold(f64::INFINITY, f64::min);
+            prop_assert!(best.relative_error <= least + 1e-6, "{} > {}", best.relative_error, least);
+        }
+
+        #[test]
+        fn points_have_the_mean_of_their_pairs(uv in places()) {
+            let sources = [0, 4, 8];
+            let rows = rows_of(&sources, &uv, |a, b| 1.0 + 0.2 * ((a + 3 * b) as f64).cos());
+            let distortion = measure(&uv, &rows, 0, &Control::default()).unwrap();
+            for (point, &value) in distortion.per_point.iter().enumerate() {
+                let errors = sources.iter().enumerate().filter(|&(_, &s)| s as usize != point).map(|(n, &s)| {
+                    let delta = f64::from(rows.row(n)[point]);
+                    let [x, y] = uv[s as usize];
+                    ((uv[point][0] - x).hypot(uv[point][1] - y) - delta).abs() / delta
+                });
+                prop_assert!((value - mean(errors)).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
+        let uv: Vec<[f64; 2]> = (0..50).map(|n| [f64::from(n % 7) * 3.0, f64::from(n / 7) * 2.0]).collect();
+        let rows = rows_of(&[0, 20, 40], &uv, |_, _| 1.0);
+        let perfect = measure(&uv, &rows, 0, &Control::default()).unwrap();
+        assert!(perfect.raw.relative_error < 1e-6 && (perfect.best_scale.scale - 1.0).abs() < 1e-6);
+        assert!(perfect.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5 && *delta > 0.0));
+        let doubled: Vec<[f64; 2]> = uv.iter().map(|p| p.map(|x| 2.0 * x)).collect();
+        let scaled = measure(&doubled, &rows, 0, &Control::default()).unwrap();
+        assert!((scaled.raw.relative_error - 1.0).abs() < 1e-6);
+        assert!((scaled.best_scale.scale - 0.5).abs() < 1e-6 && scaled.best_scale.relative_error < 1e-6);
+    }
+
+    #[test]
+    fn undefined_figures_are_nan() {
+        let uv = [[0.0, 0.0], [50.0, 0.0], [0.0, 60.0]];
+        let rows = rows_of(&[0], &uv, |_, _| 1.0);
+        let distortion = measure(&uv, &rows, 0, &Control::default()).unwrap();
+        assert!(distortion.raw.relative_error_10mm.is_nan() && distortion.raw.relative_error_30mm.is_nan());
+        assert!(distortion.per_point[0].is_nan() && !distortion.per_point[1].is_nan());
+    }
+}

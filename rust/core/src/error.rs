@@ -78,9 +78,9 @@ pub enum Error {
     Disconnected { count: usize, sizes: String },
 
     #[error(
-        "the surface is closed: {touching} of its {points} surface voxels enclose an interior, like a sphere's (Euler \
-         characteristic {euler}); a closed surface cannot be flattened without a cut. Cut out a patch: give a seed point \
-         and a radius in mm, or a mask of what to keep"
+        "the surface is closed, like a sphere's: {touching} of its {points} surface voxels enclose an interior (Euler \
+         characteristic {euler}); it cannot be flattened without a cut. Cut out a patch: give a seed point and a radius in \
+         mm, or a mask of what to keep"
     )]
     Closed { points: usize, touching: usize, euler: i64 },
 

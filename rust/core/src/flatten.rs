@@ -78,11 +78,27 @@ pub fn cut_out(
     Ok((part, graph))
 }
 
+/// Can this connected surface be flattened?
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::Closed`], [`Error::Cancelled`].
+pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<Topology> {
+    let points = surface.len();
+    if points < FEWEST_SOURCES {
+        return Err(Error::TooFewPoints { points, needed: FEWEST_SOURCES });
+    }
+    let topology = Topology::of(surface, control)?;
+    if topology.is_closed() {
+        return Err(Error::Closed { points, touching: topology.lining, euler: topology.euler });
+    }
+    Ok(topology)
+}
+
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
 /// scaling of the sources, radial functions for the rest.
 ///
 /// # Errors
-/// [`Error::Closed`], [`Error::TooFewPoints`], those of the stages, and [`Error::Cancelled`].
+/// Those of [`check_flattenable`] and of the stages.
 pub fn grossmann2002(
     surface: VoxelSurface,
     graph: Graph,
@@ -91,13 +107,7 @@ pub fn grossmann2002(
     control: &Control,
 ) -> Result<FlatMap> {
     let points = surface.len();
-    if points < FEWEST_SOURCES {
-        return Err(Error::TooFewPoints { points, needed: FEWEST_SOURCES });
-    }
-    let topology = Topology::of(&surface, control)?;
-    if topology.is_closed() {
-        return Err(Error::Closed { points, touching: topology.lining, euler: topology.euler });
-    }
+    let topology = check_flattenable(&surface, control)?;
     let sources = sources.choose(&graph, control)?;
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });

@@ -56,3 +56,67 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
         (explained > EXPLAINED).then(|| slope.normalize())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Control;
+    use crate::flatten::chain_graph;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::volume::{Affine, Mask};
+
+    /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
+    fn side(affine: [[f64; 4]; 4], on_side: impl Fn([u32; 3]) -> bool) -> (VoxelSurface, Graph) {
+        let control = Control::default();
+        let mask = Mask::from_fn([14, 15, 16], |v| (0..3).all(|a| (2..12).contains(&v[a]))).unwrap();
+        let whole = VoxelSurface::from_mask(&mask, Affine::new(affine).unwrap(), &control).unwrap();
+        let surface = whole.subset(&whole.voxels().iter().map(|&v| on_side(v)).collect::<Vec<_>>());
+        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        (surface, graph)
+    }
+
+    fn check(surface: &VoxelSurface, graph: &Graph, right: Vector3<f64>, up: Vector3<f64>) {
+        let points = surface.points();
+        let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+        for (angle, mirror) in [(0.0f64, 1.0), (2.0, 1.0), (0.5, -1.0), (4.0, -1.0)] {
+            let turned = |p: &Vector3<f64>| {
+                let (x, y) = ((p - centre).dot(&right), mirror * (p - centre).dot(&up));
+                [x * angle.cos() - y * angle.sin() + 7.0, x * angle.sin() + y * angle.cos()]
+            };
+            let mut uv: Vec<[f64; 2]> = points.iter().map(turned).collect();
+            orient(surface, graph, &mut uv);
+            for (p, [u, v]) in points.iter().zip(uv) {
+                assert!((u - (p - centre).dot(&right)).abs() < 1e-9 && (v - (p - centre).dot(&up)).abs() < 1e-9);
+            }
+        }
+    }
+
+    const RAS: [[f64; 4]; 4] =
+        [[1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, -3.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    const LAS: [[f64; 4]; 4] =
+        [[-1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+    #[test]
+    fn a_side_is_seen_from_outside_with_superior_up() {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        // seen from the right, anterior is to the right
+        let (right, graph) = side(RAS, |v| v[0] == 11);
+        check(&right, &graph, y, z);
+        let (left, graph) = side(RAS, |v| v[0] == 2);
+        check(&left, &graph, -y, z);
+        // the same anatomy stored from right to left gives the same map
+        let (right, graph) = side(LAS, |v| v[0] == 2);
+        check(&right, &graph, y, z);
+        // from behind, right is to the right
+        let (back, graph) = side(RAS, |v| v[1] == 2);
+        check(&back, &graph, x, z);
+    }
+
+    #[test]
+    fn a_level_patch_has_anterior_up() {
+        let (top, graph) = side(RAS, |v| v[2] == 11);
+        check(&top, &graph, Vector3::x(), Vector3::y());
+        let (bottom, graph) = side(RAS, |v| v[2] == 2);
+        check(&bottom, &graph, -Vector3::x(), Vector3::y());
+    }
+}

@@ -207,3 +207,99 @@ fn rotate_lowest_first(face: &mut [u32; 3]) {
     let lowest = (0..3).min_by_key(|&k| face[k]).unwrap_or(0);
     face.rotate_left(lowest);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flatten::chain_graph;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::surface::VoxelSurface;
+    use crate::volume::{Affine, Mask};
+    use proptest::prelude::*;
+
+    fn draw(uv: &[[f64; 2]], corners: &[[u32; 3]], torn: bool, pixel_size: f64) -> Raster {
+        let faces = Faces { corners: corners.to_vec(), torn: vec![torn; corners.len()] };
+        Raster::draw(uv, &faces, pixel_size, &Control::default()).unwrap()
+    }
+
+    /// (u, v) of a pixel's centre.
+    fn centre(raster: &Raster, pixel: usize) -> [f64; 2] {
+        let (row, column) = (pixel / raster.width, pixel % raster.width);
+        [raster.origin[0] + column as f64 * raster.pixel_size, raster.origin[1] - row as f64 * raster.pixel_size]
+    }
+
+    proptest! {
+        #[test]
+        fn weights_give_back_the_pixels_place(corners in prop::array::uniform3(prop::array::uniform2(-9.0..9.0f64)), size in 0.1..1.0f64) {
+            let raster = draw(&corners, &[[0, 1, 2]], false, size);
+            let [[ax, ay], [bx, by], [cx, cy]] = corners;
+            let area = 0.5 * ((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)).abs();
+            let mut inside = 0;
+            for (pixel, weights) in raster.weights.iter().enumerate().filter(|(_, w)| !w[0].is_nan()) {
+                let place: [f64; 2] = std::array::from_fn(|k| (0..3).map(|c| f64::from(weights[c]) * corners[c][k]).sum());
+                let [u, v] = centre(&raster, pixel);
+                prop_assert!((place[0] - u).hypot(place[1] - v) < 1e-4);
+                inside += 1;
+            }
+            let perimeter = (ax - bx).hypot(ay - by) + (bx - cx).hypot(by - cy) + (cx - ax).hypot(cy - ay);
+            prop_assert!((f64::from(inside) * size * size - area).abs() <= 2.0 * size * perimeter + 4.0 * size * size);
+        }
+    }
+
+    #[test]
+    fn faces_that_share_a_side_leave_no_gap() {
+        let uv = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]];
+        let raster = draw(&uv, &[[0, 1, 2], [0, 2, 3]], false, 0.5);
+        assert_eq!((raster.width, raster.height, raster.origin), (21, 21, [0.0, 10.0]));
+        assert!(raster.weights.iter().all(|w| !w[0].is_nan()));
+        let nearest = raster.nearest_vertices();
+        assert_eq!([nearest[0], nearest[20], nearest[20 * 21], nearest[21 * 21 - 1]], [3, 2, 0, 1]);
+    }
+
+    #[test]
+    fn a_torn_face_shows_its_nearest_corner() {
+        let uv = [[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]];
+        let raster = draw(&uv, &[[0, 1, 2]], true, 0.5);
+        for (pixel, weights) in raster.weights.iter().enumerate().filter(|(_, w)| !w[0].is_nan()) {
+            let [u, v] = centre(&raster, pixel);
+            let apart = uv.map(|[x, y]| (x - u).hypot(y - v));
+            let shown = weights.iter().position(|&w| w == 1.0).unwrap();
+            assert_eq!(weights.iter().sum::<f32>(), 1.0);
+            assert!(apart.iter().all(|&other| apart[shown] <= other + 1e-9));
+        }
+    }
+
+    #[test]
+    fn bad_pixel_sizes_are_refused() {
+        let uv = [[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]];
+        let faces = Faces { corners: vec![[0, 1, 2]], torn: vec![false] };
+        let draw = |size| Raster::draw(&uv, &faces, size, &Control::default()).unwrap_err();
+        for pixel_size in [0.0, -1.0, f64::INFINITY] {
+            assert_eq!(draw(pixel_size), Error::PixelSizeNotPositive { pixel_size });
+        }
+        assert!(matches!(draw(f64::NAN), Error::PixelSizeNotPositive { .. }));
+        assert!(matches!(draw(1e-7), Error::RasterTooLarge { .. }));
+    }
+
+    #[test]
+    fn a_flat_sheet_is_covered_by_its_faces_and_a_hole_is_not() {
+        let hole = |i: usize, j: usize| (8..14).contains(&i) && (8..14).contains(&j);
+        let mask = Mask::from_fn([20, 20, 1], |[i, j, _]| !hole(i, j)).unwrap();
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|v| [f64::from(v[0]), f64::from(v[1])]).collect();
+        let faces = map_faces(&uv, &graph, &control).unwrap();
+        let whole = faces.torn.iter().filter(|&&torn| !torn).count();
+        let sheet = 2 * (19 * 19 - 7 * 7);
+        assert!((sheet..=sheet + 8).contains(&whole), "{whole}: each corner of the hole may be rounded by two faces");
+        // the hole is open but for its corners
+        let raster = Raster::draw(&uv, &faces, 0.5, &control).unwrap();
+        let open = raster.weights.iter().filter(|w| w[0].is_nan()).count();
+        assert!(open > 100 && open <= 13 * 13, "{open}");
+        for face in &faces.corners {
+            let [a, b, c] = face.map(|v| uv[v as usize]);
+            assert!((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]) > 0.0, "counterclockwise");
+        }
+    }
+}

@@ -32,7 +32,7 @@ impl DistanceRows {
                 Ok(())
             },
         )?;
-        Ok(Self { sources: sources.to_vec(), columns, data })
+        Ok(Self::new(sources.to_vec(), columns, data))
     }
 
     /// The distances among the sources only; whole rows exist one a thread at a time.
@@ -53,7 +53,16 @@ impl DistanceRows {
                 Ok(())
             },
         )?;
-        Ok(Self { sources: sources.to_vec(), columns, data })
+        Ok(Self::new(sources.to_vec(), columns, data))
+    }
+
+    /// Rows that are known already, of `columns` distances each, one after the other.
+    ///
+    /// # Panics
+    /// If there is not one row a source.
+    pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
+        assert_eq!(data.len(), sources.len() * columns, "one row a source");
+        Self { sources, columns, data }
     }
 
     /// The vertices from which distances were measured.

@@ -86,3 +86,69 @@ fn given(vertices: &[usize], points: usize) -> Result<Vec<u32>> {
     }
     Ok(vertices.iter().map(|&vertex| vertex as u32).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flatten::chain_graph;
+    use crate::geodesic::Solver;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::surface::VoxelSurface;
+    use crate::volume::{Affine, Mask};
+
+    fn bent_sheet() -> Graph {
+        let mask = Mask::from_fn([12, 15, 8], |[i, j, k]| k == j / 3 + usize::from(i > 6)).unwrap();
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+    }
+
+    #[test]
+    fn each_farthest_source_is_farthest_from_those_before() {
+        let graph = bent_sheet();
+        let control = Control::default();
+        let chosen = Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap();
+        let mut nearest = vec![f32::INFINITY; graph.len()];
+        let mut row = nearest.clone();
+        for (n, &source) in chosen.iter().enumerate() {
+            if n > 0 {
+                let farthest = nearest.iter().copied().fold(0.0, f32::max);
+                assert_eq!(nearest[source as usize], farthest);
+            }
+            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
+            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
+        }
+    }
+
+    #[test]
+    fn choices_depend_on_the_seed_alone() {
+        let graph = bent_sheet();
+        let control = Control::default();
+        let choose = |sources: Sources| sources.choose(&graph, &control).unwrap();
+        for count in [3, 10, graph.len()] {
+            for seed in [0, 1] {
+                let random = choose(Sources::Random { count, seed });
+                assert_eq!(random, choose(Sources::Random { count, seed }));
+                assert!(random.is_sorted_by(|a, b| a < b) && random.len() == count);
+                let mut farthest = choose(Sources::Farthest { count, seed });
+                assert_eq!(farthest, choose(Sources::Farthest { count, seed }));
+                farthest.sort_unstable();
+                farthest.dedup();
+                assert_eq!(farthest.len(), count);
+            }
+        }
+        assert_ne!(choose(Sources::Random { count: 10, seed: 0 }), choose(Sources::Random { count: 10, seed: 1 }));
+    }
+
+    #[test]
+    fn impossible_choices_are_refused() {
+        let graph = bent_sheet();
+        let points = graph.len();
+        let control = Control::default();
+        let choose = |sources: Sources| sources.choose(&graph, &control).unwrap_err();
+        let sources = points + 1;
+        assert_eq!(choose(Sources::Random { count: sources, seed: 0 }), Error::TooManySources { sources, points });
+        assert_eq!(choose(Sources::Given(vec![points])), Error::NoSuchPoint { vertex: points, points });
+        assert_eq!(choose(Sources::Given(vec![4, 2, 4])), Error::DuplicateSource { vertex: 4 });
+    }
+}

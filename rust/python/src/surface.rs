@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::adjacency::Graph;
 use voxflat::distortion::Figures;
-use voxflat::flatten::{FlatMap, chain_graph, cut_out, grossmann2002, memory_need};
+use voxflat::flatten::{FlatMap, chain_graph, check_flattenable, cut_out, grossmann2002, memory_need};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths};
 use voxflat::geodesic::shortest::trace_path;
@@ -123,6 +123,12 @@ impl VoxelSurface {
     fn topology<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyDict>> {
         let topology = run(py, Some(1), progress.as_ref(), |control| Topology::of(&self.surface, control))?;
         topology_dict(py, &topology)
+    }
+
+    /// Raises InputError if the surface is closed or has too few points.
+    #[pyo3(signature = (progress=None))]
+    fn check_flattenable(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<()> {
+        run(py, Some(1), progress.as_ref(), |control| check_flattenable(&self.surface, control)).map(|_| ())
     }
 
     /// The vertices at voxels (m, 3).

@@ -18,6 +18,9 @@ const DENSE: usize = 256;
 /// How many eigenvalues of the largest magnitude are kept.
 const SPECTRUM: usize = 12;
 
+/// Eigenvalues below this share of ‖B‖ are rounding: rows are f32.
+const ROUNDING: f64 = 1e-6;
+
 /// The places of the sources in the plane, and how planar their distances are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scaling {
@@ -46,7 +49,7 @@ pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     order.truncate(SPECTRUM);
 
     let total = (0..m).map(|j| b.col(j).squared_norm_l2()).sum::<f64>();
-    let noise = total.sqrt() * 1e-10; // below, an eigenvalue is rounding
+    let noise = total.sqrt() * ROUNDING;
     let mut positive: Vec<usize> = order.iter().copied().filter(|&k| values[k] > noise).collect();
     positive.sort_by(|&p, &q| values[q].total_cmp(&values[p]));
     let [first, second] = match positive[..] {
@@ -120,4 +123,78 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     let kept = found.n_converged_eigen.min(SPECTRUM);
     values.truncate(kept);
     Ok((values, vectors.get(.., ..kept).to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn points(count: usize, spread: [f64; 3]) -> Vec<[f64; 3]> {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        (0..count).map(|_| spread.map(|s| rng.random_range(-1.0..1.0) * s)).collect()
+    }
+
+    fn distance(p: &[f64], q: &[f64]) -> f64 {
+        p.iter().zip(q).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn distances(points: &[[f64; 3]]) -> DistanceRows {
+        let data = points.iter().flat_map(|p| points.iter().map(|q| distance(p, q) as f32)).collect();
+        DistanceRows::new((0..points.len() as u32).collect(), points.len(), data)
+    }
+
+    #[test]
+    fn planar_distances_are_recovered_by_both_solvers() {
+        for count in [3, 40, DENSE, DENSE + 1, 600] {
+            let points = points(count, [30.0, 20.0, 0.0]);
+            let scaling = classical_scaling(&distances(&points)).unwrap();
+            for (p, x) in points.iter().zip(&scaling.places) {
+                for (q, y) in points.iter().zip(&scaling.places) {
+                    assert!((distance(p, q) - distance(x, y)).abs() < 1e-4);
+                }
+            }
+            assert!(scaling.planarity > 1.0 - 1e-9);
+        }
+    }
+
+    #[test]
+    fn both_solvers_find_the_leading_eigenpairs() {
+        let b = double_centred(&distances(&points(400, [30.0, 20.0, 6.0])));
+        let (all, dense) = all_eigenpairs(&b).unwrap();
+        let (leading, sparse) = leading_eigenpairs(&b).unwrap();
+        let mut expected: Vec<usize> = (0..all.len()).collect();
+        expected.sort_by(|&p, &q| all[q].abs().total_cmp(&all[p].abs()));
+        for k in 0..3 {
+            let found = (0..leading.len()).min_by(|&p, &q| {
+                (leading[p] - all[expected[k]]).abs().total_cmp(&(leading[q] - all[expected[k]]).abs())
+            });
+            let found = found.unwrap();
+            assert!((leading[found] - all[expected[k]]).abs() < 1e-6 * all[expected[0]]);
+            let cosine: f64 = (0..400).map(|i| dense[(i, expected[k])] * sparse[(i, found)]).sum();
+            assert!(cosine.abs() > 1.0 - 1e-6);
+        }
+    }
+
+    #[test]
+    fn planarity_is_the_planes_share_of_the_spectrum() {
+        let points = points(100, [30.0, 20.0, 6.0]);
+        let b = double_centred(&distances(&points));
+        let (mut all, _) = all_eigenpairs(&b).unwrap();
+        all.sort_by(|p, q| q.total_cmp(p));
+        let squares: Vec<f64> = all.iter().map(|value| value * value).collect();
+        let share = (squares[0] + squares[1]) / squares.iter().sum::<f64>();
+        let scaling = classical_scaling(&distances(&points)).unwrap();
+        assert!((scaling.planarity - share).abs() < 1e-9);
+        assert!((scaling.eigenvalues[0] - all[0]).abs() < 1e-6 * all[0]);
+    }
+
+    #[test]
+    fn lines_and_too_few_sources_are_refused() {
+        let line = distances(&points(50, [30.0, 0.0, 0.0]));
+        assert_eq!(classical_scaling(&line), Err(Error::NotPlanar { positive: 1 }));
+        let two = distances(&points(2, [1.0; 3]));
+        assert_eq!(classical_scaling(&two), Err(Error::TooFewSources { sources: 2, needed: 3 }));
+    }
 }

@@ -118,3 +118,164 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
         [radius * angle.cos(), radius * angle.sin(), z]
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn random_direction(rng: &mut ChaCha8Rng) -> Vector3<f64> {
+        let z = rng.random_range(-1.0..1.0f64);
+        let angle = rng.random_range(0.0..std::f64::consts::TAU);
+        let radius = (1.0 - z * z).sqrt();
+        Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
+    }
+
+    /// The length of a chain of voxels by the weights; its links must join 26-neighbours.
+    fn chain_length(chain: &[[i64; 3]], weights: &ChainWeights) -> f64 {
+        let link = |pair: &[[i64; 3]]| {
+            let kind = (0..3).map(|axis| ((pair[1][axis] - pair[0][axis]).unsigned_abs() as usize) << axis);
+            assert!((0..3).all(|axis| (pair[1][axis] - pair[0][axis]).abs() <= 1));
+            weights.lengths()[kind.sum::<usize>()]
+        };
+        chain.windows(2).map(link).sum()
+    }
+
+    /// Relative errors for random directions, each the mean over lines with `shifts` random places in the grid, 500 links
+    /// long: a line is cut by the planes of voxel centres across the axis along which it advances fastest, and the other
+    /// two coordinates are rounded.
+    fn line_errors(spacing: [f64; 3], weights: &ChainWeights, directions: usize, shifts: usize) -> Vec<f64> {
+        const LINKS: i64 = 500;
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let error = |_| {
+            let u = random_direction(&mut rng);
+            let advance: [f64; 3] = std::array::from_fn(|axis| u[axis] / spacing[axis]); // voxels a mm
+            let first = (0..3).max_by(|&p, &q| advance[p].abs().total_cmp(&advance[q].abs())).unwrap();
+            let step = advance[first].abs().recip(); // mm a link
+            let mut line = |_| {
+                let phase: [f64; 3] = std::array::from_fn(|_| rng.random_range(-0.5..0.5));
+                let at = |n: i64, axis: usize| (phase[axis] + n as f64 * step * advance[axis]).round() as i64;
+                let chain: Vec<[i64; 3]> = (0..=LINKS).map(|n| std::array::from_fn(|axis| at(n, axis))).collect();
+                chain_length(&chain, weights) / (LINKS as f64 * step) - 1.0
+            };
+            (0..shifts).map(&mut line).sum::<f64>() / shifts as f64
+        };
+        (0..directions).map(error).collect()
+    }
+
+    fn mean_and_rms(errors: &[f64]) -> (f64, f64) {
+        let n = errors.len() as f64;
+        (errors.iter().sum::<f64>() / n, (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt())
+    }
+
+    /// The RMS error that the derivation expects.
+    fn expected_rms(spacing: [f64; 3], weights: &ChainWeights) -> f64 {
+        let weights = SVector::<f64, 7>::from_column_slice(&weights.lengths()[1..]);
+        let squared = |u| (expected_links(u, spacing).dot(&weights) - 1.0).powi(2);
+        (octant_directions().map(squared).sum::<f64>() / OCTANT_POINTS as f64).sqrt()
+    }
+
+    #[test]
+    fn the_derivation_gives_the_published_weights() {
+        let derived = unbiased([1.0; 3]);
+        for kind in 1..8usize {
+            let published = KIRYATI_KUBLER[kind.count_ones() as usize - 1];
+            assert!((derived.lengths()[kind] - published).abs() < 1e-3, "{derived:?}");
+        }
+    }
+
+    #[test]
+    fn random_lines_are_measured_as_published() {
+        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode);
+        let errors = line_errors([1.0; 3], &weights, 2000, 40);
+        let (mean, rms) = mean_and_rms(&errors);
+        assert!(mean.abs() < 0.002, "mean {mean}");
+        assert!((rms - 0.029).abs() < 0.001, "RMS {rms}");
+        let (low, high) = errors.iter().fold((0.0f64, 0.0f64), |(low, high), &e| (low.min(e), high.max(e)));
+        assert!(low > -0.0995 && high < 0.0465, "from {low} to {high}");
+    }
+
+    #[test]
+    fn weights_of_any_spacing_are_unbiased() {
+        for spacing in [[2.0; 3], [1.0, 1.0, 1.2], [0.7, 0.7, 2.0], [1.0, 2.0, 5.0], [0.2, 1.0, 0.2]] {
+            let weights = ChainWeights::new(spacing, LinkLengths::ChainCode);
+            let (mean, rms) = mean_and_rms(&line_errors(spacing, &weights, 5000, 4));
+            assert!(mean.abs() < 0.002, "{spacing:?}: mean {mean}");
+            let expected = expected_rms(spacing, &weights);
+            assert!((rms - expected).abs() < 0.001, "{spacing:?}: RMS {rms}, expected {expected}");
+            let (euclidean, _) =
+                mean_and_rms(&line_errors(spacing, &ChainWeights::new(spacing, LinkLengths::Euclidean), 1000, 4));
+            assert!(euclidean > 0.03, "{spacing:?}: Euclidean lengths overestimate, {euclidean}");
+        }
+    }
+
+    #[test]
+    fn no_link_is_longer_than_a_detour() {
+        for spacing in [[1.0; 3], [1.0, 1.0, 1.2], [0.7, 0.7, 2.0], [1.0, 2.0, 5.0], [0.2, 1.0, 0.2], [1.0, 1.0, 5.0]] {
+            let lengths = ChainWeights::new(spacing, LinkLengths::ChainCode).lengths();
+            assert!(lengths[1..].iter().all(|&length| length > 0.0), "{spacing:?}: {lengths:?}");
+            for kind in 1..8 {
+                for part in (1..kind).filter(|part| part & kind == *part) {
+                    assert!(
+                        lengths[kind] <= lengths[part] + lengths[kind ^ part],
+                        "{spacing:?} {kind} {part}: {lengths:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// Adds a voxel to a chain; where the main axis changes, two cuts can lie two voxels apart.
+    fn join(chain: &mut Vec<[i64; 3]>, voxel: [i64; 3]) {
+        while let Some(&last) = chain.last().filter(|&&last| (0..3).any(|axis| (voxel[axis] - last[axis]).abs() > 1)) {
+            chain.push(std::array::from_fn(|axis| last[axis] + (voxel[axis] - last[axis]).signum()));
+        }
+        if chain.last() != Some(&voxel) {
+            chain.push(voxel);
+        }
+    }
+
+    /// The 26-directional chain of a circle: where its tangent is mostly along an axis, it is cut by the planes of voxel
+    /// centres across that axis.
+    fn circle_chain(radius: f64, centre: Vector3<f64>, rotation: Rotation3<f64>) -> Vec<[i64; 3]> {
+        let samples = (radius * 2000.0) as usize;
+        let at = |n: usize| {
+            let angle = std::f64::consts::TAU * n as f64 / samples as f64;
+            (
+                centre + rotation * Vector3::new(radius * angle.cos(), radius * angle.sin(), 0.0),
+                rotation * Vector3::new(-angle.sin(), angle.cos(), 0.0),
+            )
+        };
+        let mut chain: Vec<[i64; 3]> = Vec::new();
+        for n in 0..=samples {
+            let ((p, tangent), (q, _)) = (at(n), at(n + 1));
+            let main = tangent.iamax();
+            if p[main].floor() != q[main].floor() {
+                join(&mut chain, std::array::from_fn(|axis| p[axis].round() as i64));
+            }
+        }
+        let first = chain[0];
+        join(&mut chain, first);
+        chain
+    }
+
+    #[test]
+    fn circles_are_measured_right_on_average_as_they_grow() {
+        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut mean_error = |radius: f64| {
+            let mut sum = 0.0;
+            for _ in 0..100 {
+                let rotation = Rotation3::rotation_between(&Vector3::z(), &random_direction(&mut rng)).unwrap();
+                let centre = Vector3::from_fn(|_, _| rng.random_range(0.0..1.0));
+                let chain = circle_chain(radius, centre, rotation);
+                sum += chain_length(&chain, &weights) / (std::f64::consts::TAU * radius) - 1.0;
+            }
+            (sum / 100.0).abs()
+        };
+        let [small, middle, large] = [5.0, 20.0, 100.0].map(&mut mean_error);
+        assert!(small < 0.03 && middle < 0.01 && large < 0.005, "{small} {middle} {large}");
+    }
+}

@@ -128,3 +128,119 @@ pub fn trace_path(graph: &Graph, row: &[f32], source: u32, target: u32) -> Resul
     path.reverse();
     Ok(path)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flatten::chain_graph;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::surface::VoxelSurface;
+    use crate::volume::{Affine, Mask};
+    use proptest::prelude::*;
+
+    fn graph_of(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, Graph) {
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
+        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        (surface, graph)
+    }
+
+    fn row_of(graph: &Graph, source: u32) -> Vec<f32> {
+        let mut row = vec![0.0; graph.len()];
+        graph.row(source, &mut row, &mut graph.scratch(), &Control::default()).unwrap();
+        row
+    }
+
+    /// Distances by relaxing every arc until nothing changes (Bellman, Ford).
+    fn relaxed(graph: &Graph, source: u32) -> Vec<f32> {
+        let mut distance = vec![f32::INFINITY; graph.len()];
+        distance[source as usize] = 0.0;
+        loop {
+            let before = distance.clone();
+            for v in 0..graph.len() as u32 {
+                for arc in graph.arcs(v) {
+                    let through = distance[v as usize] + arc.length;
+                    distance[arc.to as usize] = distance[arc.to as usize].min(through);
+                }
+            }
+            if before == distance {
+                return distance;
+            }
+        }
+    }
+
+    fn any_mask() -> impl Strategy<Value = Mask> {
+        prop::collection::vec(prop::bool::weighted(0.4), 7 * 8 * 9)
+            .prop_filter_map("no foreground", |bits| Mask::new([7, 8, 9], bits).ok())
+    }
+
+    proptest! {
+        #[test]
+        fn rows_equal_those_of_relaxation(mask in any_mask(), at in any::<prop::sample::Index>(), z in 0.15f64..7.0) {
+            let (_, graph) = graph_of(&mask, [1.0, 1.3, z]);
+            let source = at.index(graph.len()) as u32;
+            prop_assert_eq!(row_of(&graph, source), relaxed(&graph, source));
+        }
+
+        #[test]
+        fn rows_are_a_metric(mask in any_mask(), picks in prop::array::uniform3(any::<prop::sample::Index>())) {
+            let (_, graph) = graph_of(&mask, [1.0; 3]);
+            let [a, b, c] = picks.map(|pick| pick.index(graph.len()));
+            let (from_a, from_b) = (row_of(&graph, a as u32), row_of(&graph, b as u32));
+            prop_assert_eq!(from_a[a], 0.0);
+            prop_assert!(from_a[b] == from_b[a] || (from_a[b] - from_b[a]).abs() < 1e-4);
+            prop_assert!(from_a[c] <= from_a[b] + from_b[c] + 1e-4);
+        }
+
+        #[test]
+        fn a_traced_path_is_as_long_as_its_distance(mask in any_mask(), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
+            let (_, graph) = graph_of(&mask, [1.0, 2.0, 0.5]);
+            let [source, target] = picks.map(|pick| pick.index(graph.len()) as u32);
+            let row = row_of(&graph, source);
+            match trace_path(&graph, &row, source, target) {
+                Err(error) => {
+                    prop_assert!(row[target as usize].is_infinite());
+                    prop_assert_eq!(error, Error::Unreachable { source_vertex: source as usize, vertex: target as usize });
+                }
+                Ok(path) => {
+                    let link = |pair: &[u32]| graph.arcs(pair[0]).find(|arc| arc.to == pair[1]).unwrap().length;
+                    prop_assert_eq!((path[0], path[path.len() - 1]), (source, target));
+                    prop_assert_eq!(path.windows(2).map(link).fold(0.0, |sum, link| sum + link), row[target as usize]);
+                }
+            }
+        }
+
+        #[test]
+        fn adding_a_source_gives_the_distance_to_the_nearer(mask in any_mask(), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
+            let (_, graph) = graph_of(&mask, [1.0; 3]);
+            let [a, b] = picks.map(|pick| pick.index(graph.len()) as u32);
+            let mut both = row_of(&graph, a);
+            both[b as usize] = 0.0;
+            Search::new(&graph).lower(&graph, &[b], &mut both, &Control::default()).unwrap();
+            let (from_a, from_b) = (row_of(&graph, a), row_of(&graph, b));
+            let nearer: Vec<f32> = from_a.iter().zip(&from_b).map(|(&p, &q)| p.min(q)).collect();
+            prop_assert_eq!(both, nearer);
+        }
+    }
+
+    #[test]
+    fn a_path_goes_round_an_obstacle() {
+        // a plain cut in two by a river with one bridge (figure 3)
+        let (surface, graph) = graph_of(&Mask::from_fn([41, 41, 1], |[i, j, _]| i != 20 || j == 35).unwrap(), [1.0; 3]);
+        let [start, end, bridge] = [[0, 0, 0], [40, 0, 0], [20, 35, 0]].map(|v| surface.find(v).unwrap() as u32);
+        let row = row_of(&graph, start);
+        let path = trace_path(&graph, &row, start, end).unwrap();
+        assert!(path.contains(&bridge));
+        let half = row[bridge as usize];
+        assert!((row[end as usize] - 2.0 * half).abs() < 1e-4);
+    }
+
+    #[test]
+    fn cancelling_stops_a_row() {
+        let (_, graph) = graph_of(&Mask::from_fn([5, 5, 1], |_| true).unwrap(), [1.0; 3]);
+        let control = Control::default();
+        control.cancel();
+        let result = graph.row(0, &mut vec![0.0; graph.len()], &mut graph.scratch(), &control);
+        assert_eq!(result, Err(Error::Cancelled));
+    }
+}

@@ -52,10 +52,9 @@ impl RadialFunctions {
         let solution = system.lblt(Side::Lower).solve(&right);
         let column = |k: usize| solution.col(k).iter().copied().collect::<Vec<f64>>();
         let [first, second] = [column(0), column(1)];
-        let residual = (&system * &solution - &right).norm_max();
-        let scale = right.norm_max().max(f64::MIN_POSITIVE);
-        // NaN fails the comparison too
-        if !(residual <= 1e-6 * scale) {
+        let residual = &system * &solution - &right;
+        let tolerance = 1e-6 * right.norm_max();
+        if residual.col_iter().flat_map(|column| column.iter()).any(|r| !r.is_finite() || r.abs() > tolerance) {
             return Err(Error::RadialSingular { sources: m });
         }
         let coordinate = |axis: usize| points.iter().map(|p| p[axis] - centre[axis]).collect();
@@ -137,4 +136,76 @@ fn extended_axes(points: &[Vector3<f64>], centre: Vector3<f64>) -> Vec<Vector3<f
     let largest = eigen.eigenvalues.max();
     let extended = |k: &usize| eigen.eigenvalues[*k] > 1e-12 * largest;
     (0..3).filter(extended).map(|k| eigen.eigenvectors.column(k).into_owned()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn random_points(count: usize, spread: [f64; 3], seed: u64) -> Vec<Vector3<f64>> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..count).map(|_| Vector3::from(spread.map(|s| 100.0 + s * rng.random_range(-1.0..1.0)))).collect()
+    }
+
+    fn close(a: [f64; 2], b: [f64; 2], tolerance: f64) -> bool {
+        (a[0] - b[0]).abs() < tolerance && (a[1] - b[1]).abs() < tolerance
+    }
+
+    const SPREADS: [[f64; 3]; 4] = [[40.0, 30.0, 20.0], [40.0, 30.0, 0.0], [0.0, 30.0, 20.0], [40.0, 0.0, 0.0]];
+
+    #[test]
+    fn the_known_points_keep_their_values() {
+        for spread in SPREADS {
+            let points = random_points(57, spread, 2);
+            let values: Vec<[f64; 2]> = points.iter().map(|p| [(p.x / 9.0).sin() * 20.0, p.y * p.z / 50.0]).collect();
+            let functions = RadialFunctions::fit(&points, &values).unwrap();
+            for (point, value) in points.iter().zip(values) {
+                assert!(close(functions.at(point), value, 1e-6), "{spread:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn linear_functions_are_exact_everywhere() {
+        for spread in SPREADS {
+            let linear = |p: &Vector3<f64>| [3.0 + p.x - 2.0 * p.y + 0.5 * p.z, p.z - p.x];
+            let points = random_points(20, spread, 3);
+            let values: Vec<[f64; 2]> = points.iter().map(linear).collect();
+            let functions = RadialFunctions::fit(&points, &values).unwrap();
+            for point in random_points(50, spread, 4) {
+                assert!(close(functions.at(&point), linear(&point), 1e-6), "{spread:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_side_conditions_hold() {
+        let points = random_points(61, SPREADS[0], 5);
+        let values: Vec<[f64; 2]> = points.iter().map(|p| [p.norm(), (p.x / 5.0).cos()]).collect();
+        let functions = RadialFunctions::fit(&points, &values).unwrap();
+        for weights in &functions.weights {
+            let size: f64 = weights.iter().map(|b| b.abs()).sum();
+            let moment: Vector3<f64> = weights.iter().zip(&points).map(|(&b, p)| p * b).sum();
+            assert!(weights.iter().sum::<f64>().abs() < 1e-9 * size && moment.norm() < 1e-6 * size);
+        }
+    }
+
+    #[test]
+    fn many_points_are_placed_as_one_by_one() {
+        let points = random_points(30, SPREADS[0], 6);
+        let values: Vec<[f64; 2]> = points.iter().map(|p| [p.x, p.y.sin()]).collect();
+        let functions = RadialFunctions::fit(&points, &values).unwrap();
+        let others = random_points(3000, SPREADS[0], 7);
+        let together = functions.at_all(&others, &Control::default()).unwrap();
+        assert!(together.iter().zip(&others).all(|(&value, point)| value == functions.at(point)));
+    }
+
+    #[test]
+    fn coinciding_points_are_refused() {
+        let points = vec![Vector3::new(1.0, 2.0, 3.0); 5];
+        let values = vec![[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0], [4.0, 0.0]];
+        assert!(matches!(RadialFunctions::fit(&points, &values), Err(Error::RadialSingular { sources: 5 })));
+    }
 }
