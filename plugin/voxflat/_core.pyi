@@ -6,6 +6,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = ["VoxelSurface", "__version__", "chain_weights", "draw"]
+
 __version__: str
 
 _Progress = Callable[[str, int, int], bool | None]

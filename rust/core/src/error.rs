@@ -16,8 +16,8 @@ pub enum Error {
     #[error("no voxel of the volume (shape {shape:?}) is foreground: choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 
-    #[error("the affine is not finite: {matrix:?}; give a finite affine or spacing")]
-    AffineNotFinite { matrix: [[f64; 4]; 4] },
+    #[error("the affine is {value} at row {row}, column {column}: give a finite affine or spacing")]
+    AffineNotFinite { row: usize, column: usize, value: f64 },
 
     #[error("the last row of the affine is {row:?}, not [0, 0, 0, 1]: give an affine from voxel indices to mm")]
     AffineNotAffine { row: [f64; 4] },

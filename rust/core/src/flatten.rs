@@ -1,5 +1,7 @@
 //! Whole methods, composed from the stages.
 
+use nalgebra::Vector3;
+
 use crate::adjacency::Graph;
 use crate::control::Control;
 use crate::distortion::{Distortion, measure};
@@ -116,10 +118,7 @@ pub fn grossmann2002(
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
-    let centres = surface.points();
-    let known: Vec<_> = sources.iter().map(|&source| centres[source as usize]).collect();
-    let functions = RadialFunctions::fit(&known, &scaling.places)?;
-    let mut uv = functions.at_all(&centres, control)?;
+    let mut uv = place_rest(&surface.points(), &sources, &scaling.places, control)?;
     orient(&surface, &graph, &mut uv);
 
     let reference = sources::random(points, points.min(REFERENCE_SOURCES), seed.wrapping_add(1));
@@ -127,6 +126,23 @@ pub fn grossmann2002(
     let distortion = measure(&uv, &rows, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { surface, graph, uv, sources, eigenvalues, planarity, distortion, topology })
+}
+
+/// The places of all points: those of the sources as they are, the rest by radial functions.
+fn place_rest(
+    points: &[Vector3<f64>],
+    sources: &[u32],
+    places: &[[f64; 2]],
+    control: &Control,
+) -> Result<Vec<[f64; 2]>> {
+    let mut uv = if sources.len() < points.len() {
+        let known: Vec<_> = sources.iter().map(|&source| points[source as usize]).collect();
+        RadialFunctions::fit(&known, places)?.at_all(points, control)?
+    } else {
+        vec![[0.0; 2]; points.len()] // every point is a source
+    };
+    sources.iter().zip(places).for_each(|(&source, &place)| uv[source as usize] = place);
+    Ok(uv)
 }
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels

@@ -71,7 +71,7 @@ impl Raster {
         let (left, right) = (extreme(0, true), extreme(0, false));
         let (bottom, top) = (extreme(1, true), extreme(1, false));
         let (width, height) = (right - left + 1.0, top - bottom + 1.0);
-        if !(width * height <= MOST_PIXELS) {
+        if !(width * height).is_finite() || width * height > MOST_PIXELS {
             return Err(Error::RasterTooLarge { width, height, pixel_size });
         }
         let (width, height) = (width as usize, height as usize);

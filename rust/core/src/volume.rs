@@ -94,8 +94,9 @@ impl Affine {
     /// # Errors
     /// [`Error::AffineNotFinite`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`], [`Error::AffineSheared`].
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
-        if matrix.iter().flatten().any(|x| !x.is_finite()) {
-            return Err(Error::AffineNotFinite { matrix });
+        if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
+            let (row, column) = (n / 4, n % 4);
+            return Err(Error::AffineNotFinite { row, column, value: matrix[row][column] });
         }
         if matrix[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(Error::AffineNotAffine { row: matrix[3] });

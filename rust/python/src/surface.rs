@@ -20,6 +20,7 @@ use voxflat::volume::Affine;
 use crate::convert;
 use crate::work::{InputError, run, to_python};
 
+type Faces<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<bool>>);
 type Csr<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<f32>>);
 
 /// The surface voxels of a label volume with their 26-neighbour graph.
@@ -223,7 +224,7 @@ impl VoxelSurface {
         py: Python<'py>,
         uv: PyReadonlyArray2<'py, f64>,
         progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<bool>>)> {
+    ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
         if uv.len() != self.surface.len() {
             let message = format!("uv has {} rows; the surface has {} points", uv.len(), self.surface.len());

@@ -20,8 +20,8 @@
 //! ```
 //!
 //! There are seven kinds of links (three direct, three minor diagonal, one major diagonal). With n(u) their expected
-//! numbers, the weights ψ minimise E[(ψ·n(u) − 1)²] subject to E[ψ·n(u)] = 1, over u uniform on the sphere: with
-//! G = E[n nᵀ] and g = E[n], ψ = G⁻¹g / (gᵀG⁻¹g). On a cubic grid this gives the published constants (to 0.001), which
+//! numbers, the weights ψ minimise the mean of (ψ·n(u) − 1)² while that of ψ·n(u) is 1, over u uniform on the sphere: with
+//! G the mean of n nᵀ and g that of n, ψ = G⁻¹g / (gᵀG⁻¹g). On a cubic grid this gives the published constants (to 0.001), which
 //! are then used as published.
 
 use nalgebra::{SMatrix, SVector};

@@ -1,0 +1,61 @@
+# Two commands carry a fresh machine: `make demo` and `make test`. Both install what they need.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+# uv from the PATH, or in a virtual environment of its own
+UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
+RUN := $(UV) run --locked --all-extras
+TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
+
+.PHONY: help setup demo test lint test-rust test-python bench paper-grossmann pictures docs format clean
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
+
+setup: ## everything that the other targets need
+	@.ci/setup $(UV)
+	@$(UV) sync --locked --all-extras --quiet
+
+demo: setup ## flatten a patch of human cortex into demo/
+	@$(TIMED) $(RUN) voxflat demo -o demo
+
+test: setup ## all checks and tests
+	@$(TIMED) $(MAKE) --no-print-directory lint test-rust test-python
+
+lint: setup ## formats, lints, types, stubs, docs of the core
+	cargo fmt --all --check
+	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --quiet -p voxflat
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) mypy
+	$(RUN) python -m mypy.stubtest voxflat._core
+	$(RUN) npe2 validate plugin/voxflat/napari.yaml
+
+test-rust: setup ## tests of the core
+	cargo test --release --quiet -p voxflat
+
+test-python: setup ## tests of the Python package, napari's real window among them
+	$(RUN) pytest -q
+
+bench: setup ## distances against navis-fastcore and scipy, in one run
+	$(RUN) python docs/benchmarks/rows.py
+
+paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
+	$(RUN) python docs/paper/grossmann2002.py
+
+pictures: setup ## the pictures of the docs
+	$(RUN) python docs/gallery/napari_window.py
+	$(RUN) python docs/gallery/pyvista_picture.py
+
+docs: setup pictures paper-grossmann ## pictures, paper reproduction and the core's reference
+	cargo doc --no-deps -p voxflat
+
+format: setup ## format everything
+	cargo fmt --all
+	$(RUN) ruff format
+	$(RUN) ruff check --fix
+
+clean: ## remove what was built
+	rm -rf target .venv .tools demo plugin/voxflat/*.so
