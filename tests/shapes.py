@@ -87,3 +87,46 @@ def depth_surface(depth):
 def head_depth():
     """Return the depth image of a head, shape (279, 214): see data/README.md."""
     return np.asarray(Image.open(DATA / "demosthenes_depth.png"))
+
+
+def line_links(direction, rng, lines=400, links=50):
+    """Count the links of digitised lines in one direction at random places of the grid.
+
+    A line is cut by the planes of voxel centres across the axis along which it advances fastest; the other two
+    coordinates are rounded.
+
+    Returns
+    -------
+    counts : ndarray, shape (4,)
+        Mean numbers of links that step along 0 to 3 axes.
+    length : float
+        Length of the lines, voxels.
+    """
+    step = 1 / np.abs(direction).max()
+    start = rng.uniform(-0.5, 0.5, size=(lines, 1, 3))
+    voxels = np.round(start + np.arange(links + 1)[None, :, None] * step * np.asarray(direction)).astype(int)
+    return _link_counts(voxels) / lines, links * step
+
+
+def circle_links(radius, rng):
+    """Count the links of a digitised circle, randomly oriented and placed, cut as in `line_links` along its tangent."""
+    angle = np.linspace(0, 2 * np.pi, int(radius * 2000))
+    zero = np.zeros_like(angle)
+    rotation = Rotation.random(rng=rng)
+    points = rotation.apply(radius * np.stack([np.cos(angle), np.sin(angle), zero], axis=1)) + rng.random(3)
+    tangents = rotation.apply(np.stack([-np.sin(angle), np.cos(angle), zero], axis=1))
+    main = np.abs(tangents).argmax(axis=1)[:-1]
+    row = np.arange(len(main))
+    cut = np.floor(points[row, main]) != np.floor(points[row + 1, main])
+    voxels = np.round(points[:-1][cut]).astype(int)
+    chain = [voxels[0]]
+    for voxel in [*voxels[1:], voxels[0]]:
+        while np.abs(voxel - chain[-1]).max() > 1:  # where the main axis changes, two cuts can lie two voxels apart
+            chain.append(chain[-1] + np.sign(voxel - chain[-1]))
+        chain.append(voxel)
+    return _link_counts(np.array(chain)[None]), 2 * np.pi * radius
+
+
+def _link_counts(voxels):
+    axes = np.abs(np.diff(voxels, axis=1)).sum(axis=2)
+    return np.bincount(axes.ravel(), minlength=4).astype(float)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from voxflat import io
 from voxflat._errors import InputError, VoxflatError
 from voxflat.io import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume

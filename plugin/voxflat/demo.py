@@ -6,15 +6,20 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from voxflat._errors import InputError
-from voxflat.api import Progress, flatten
+from voxflat._prepare import Progress
+from voxflat.api import flatten
 from voxflat.flatmap import FlatMap
 from voxflat.io import Volume
 
-__all__ = ["RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "flatten_demo", "run"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "flatten_demo", "run"]
 
 THRESHOLD = 0.5
 """White matter is where its probability is greater."""
@@ -24,6 +29,9 @@ SEED_POINT = (136, 112, 127)
 
 RADIUS = 45.0
 """Radius of the patch, mm along the surface."""
+
+DEPTH = 2.0
+"""How far outside white matter T1 is sampled, mm: in grey matter."""
 
 
 def demo_cortex() -> tuple[Volume, Volume]:
@@ -107,12 +115,12 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     flat_map = flatten_demo(white_matter, progress)
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")
-    pictures = {
-        "flat_image.png": lambda path: figures.save(figures.flat_image(flat_map, t1, title="T1 at the surface"), path),
+    pictures: dict[str, Callable[[Path], None]] = {
+        "flat_image.png": lambda path: figures.save(_flat_image(flat_map, t1), path),
         "heat_map.png": lambda path: figures.save(figures.heat_map(flat_map), path),
         "scatter.png": lambda path: figures.save(figures.scatter(flat_map), path),
         "spectrum.png": lambda path: figures.save(figures.spectrum(flat_map), path),
-        "patch_3d.png": lambda path: figures.save_picture(figures.patch_3d(flat_map), path),
+        "patch_3d.png": lambda path: figures.save_picture(figures.patch_3d(flat_map, white_matter), path),
     }
     for name, write in pictures.items():
         write(output / name)
@@ -122,6 +130,13 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     tell(f"\nEverything lies in {output.resolve()}:")
     tell("  map.npz, summary.txt, " + ", ".join(pictures))
     return flat_map
+
+
+def _flat_image(flat_map: FlatMap, t1: Volume) -> Figure:
+    from voxflat import figures
+
+    # right at the border of white matter T1 is the same everywhere
+    return figures.flat_image(flat_map, t1, depth=DEPTH, title=f"T1, {DEPTH:g} mm outside white matter")
 
 
 def _summary(flat_map: FlatMap, seconds: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -114,6 +113,9 @@ class FlatMap:
         The points' places in the plane, mm. The surface is seen from outside, superior up.
     points : ndarray of float64, shape (N, 3)
         The points on the surface, RAS+ mm.
+    normals : ndarray of float64, shape (N, 3)
+        Unit vectors that point outside, to the background (RAS+); NaN where both sides are background alike, as all
+        over a sheet one voxel thick.
     ids : ndarray of int64, shape (N, 3)
         Their voxel indices (i, j, k).
     faces : ndarray of uint32, shape (F, 3)
@@ -134,6 +136,7 @@ class FlatMap:
 
     uv: NDArray[np.float64]
     points: NDArray[np.float64]
+    normals: NDArray[np.float64]
     ids: NDArray[np.int64]
     faces: NDArray[np.uint32]
     torn: NDArray[np.bool_]
@@ -211,6 +214,7 @@ class FlatMap:
         volume: object,
         pixel_size: float | None = None,
         *,
+        depth: float = 0.0,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatImage:
@@ -224,6 +228,8 @@ class FlatMap:
             that lies.
         pixel_size : float, optional
             Side of a pixel, mm; by default half the voxel size.
+        depth : float
+            How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
         interpolation : {"linear", "nearest"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours.
@@ -242,7 +248,7 @@ class FlatMap:
         """
         placed = self._placed(volume)
         raster = self.raster(pixel_size)
-        data = _flatimage.sample(placed, raster.interpolate(self.points), interpolation)
+        data = _flatimage.sample(placed, self._at_depth(raster, depth), interpolation)
         return FlatImage(
             data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
         )
@@ -305,6 +311,18 @@ class FlatMap:
         volume[tuple(self.ids.T)] = values
         return volume
 
+    def to_polydata(self) -> Any:
+        """Return the map as a mesh in the plane for PyVista; see `voxflat._pyvista.to_polydata`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            With point data ``distortion``, ``voxel_ids``, ``surface_points`` and texture coordinates.
+        """
+        from voxflat._pyvista import to_polydata  # brings in PyVista
+
+        return to_polydata(self)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save everything to an .npz file, all of it or nothing.
 
@@ -325,6 +343,7 @@ class FlatMap:
         arrays = {
             "uv": self.uv,
             "points": self.points,
+            "normals": self.normals,
             "ids": self.ids,
             "faces": self.faces,
             "torn": self.torn,
@@ -339,7 +358,21 @@ class FlatMap:
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
+    def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
+        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
+        points = raster.interpolate(self.points)
+        if depth == 0:
+            return points
+        if not np.isfinite(depth):
+            raise InputError(f"the depth is {depth}; give a finite number of mm")
+        if np.isnan(self.normals).all():
+            raise InputError(f"depth is {depth} mm, but this sheet has background on both sides and so no outside")
+        normals = raster.interpolate(self.normals)
+        return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+
     def _placed(self, volume: object) -> Volume:
+        if isinstance(volume, str | os.PathLike) and Path(volume).suffix.lower() == ".npy":  # holds no affine
+            volume = as_volume(volume).data
         if isinstance(volume, np.ndarray):
             if volume.shape[:3] != self.volume_shape:
                 raise InputError(
@@ -392,5 +425,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         raise
     except (FileNotFoundError, IsADirectoryError, PermissionError):
         raise
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
         raise InputError(f"{path} is not a flat map of voxflat or is damaged ({type(error).__name__})") from error

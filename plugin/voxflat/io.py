@@ -343,7 +343,8 @@ def _read_nifti(path: Path) -> _Read:
     needed = int(header["vox_offset"]) + int(np.prod(shape, dtype=np.int64)) * int(header["bitpix"]) // 8
     if size < needed:
         raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
-    return _nifti_voxels(path, header, shape), _nifti_affine(header, shape)
+    affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
+    return _nifti_voxels(path, header, shape), affine
 
 
 def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -352,6 +353,10 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
         # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
         if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
             raise InputError("its values are scaled, which ITK does in float32 only")
+        if path.suffix.lower() == ".gz" and path.with_suffix("").exists():
+            raise InputError(f"ITK would read {path.with_suffix('').name} in its place")
+        if not _all_finite(path, header, shape):
+            raise InputError("it holds NaN or infinity, which ITK turns into 0")
         voxels, _ = _from_itk(_load_itk(path))
         if voxels.shape[:3] != shape[:3]:
             raise InputError(f"ITK gives the shape {voxels.shape} instead of {shape}")
@@ -365,11 +370,28 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
     return _from_nibabel(nibabel.load(path, mmap=False))[0]
 
 
+def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
+    """Tell whether all values of a NIfTI-1 file are finite."""
+    form = {16: "f4", 64: "f8"}.get(int(header["datatype"]))
+    if form is None:
+        return True
+    dtype = np.dtype(form).newbyteorder(header["dim"].dtype.byteorder)
+    remaining = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    with _opened(path) as file:
+        file.read(int(header["vox_offset"]))
+        while remaining > 0 and (block := file.read(min(remaining, 1 << 24))):
+            remaining -= len(block)
+            if not np.isfinite(np.frombuffer(block, dtype)).all():
+                return False
+    return True
+
+
 # The fields of NIfTI-1 that place the voxels (nifti1.h). ITK's metadata has them, too, but as text with
 # six digits: an offset of -123.45678 mm would come back as -123.457.
 _NIFTI1_FIELDS = {
     "sizeof_hdr": ("i4", 0),
     "dim": ("8i2", 40),
+    "datatype": ("i2", 70),
     "bitpix": ("i2", 72),
     "pixdim": ("8f4", 76),
     "vox_offset": ("f4", 108),
@@ -485,13 +507,18 @@ def _check_unit(unit: str) -> None:
         raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
 
 
+def _opened(path: Path) -> Any:
+    """Open a file that may be gzipped, for reading bytes."""
+    opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
+    return opener(path, "rb")
+
+
 def _uncompressed(path: Path) -> tuple[bytes, int]:
     """Return the first 348 bytes and the full length of a file that may be gzipped.
 
     It is read to its end, so that the checksum is compared: nibabel stops before it.
     """
-    opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
-    with opener(path, "rb") as file:
+    with _opened(path) as file:
         head: bytes = file.read(_NIFTI1.itemsize)
         size = len(head)
         while block := file.read(1 << 20):

@@ -13,6 +13,12 @@ pub enum Error {
     #[error("the volume's shape {shape:?} is too large: an axis can have at most 2097152 voxels")]
     VolumeTooLarge { shape: [usize; 3] },
 
+    #[error(
+        "the voxels are {longest} mm long and {shortest} mm wide: above a ratio of {most} to 1 no link lengths measure a \
+         digital path; resample the volume to more even voxels"
+    )]
+    TooAnisotropic { longest: f64, shortest: f64, most: f64 },
+
     #[error("no voxel of the volume (shape {shape:?}) is foreground: choose another label or threshold")]
     EmptyForeground { shape: [usize; 3] },
 

@@ -8,7 +8,7 @@ use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
 use crate::error::{Error, Result};
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
-use crate::orient::orient;
+use crate::orient::{orient, outward_normals};
 use crate::patch::{self, Patch};
 use crate::place::radial::RadialFunctions;
 use crate::rows::DistanceRows;
@@ -28,6 +28,8 @@ pub struct FlatMap {
     pub graph: Graph,
     /// The place of each point in the plane, mm.
     pub uv: Vec<[f64; 2]>,
+    /// Unit normals (RAS+ mm) that point outside; NaN where there is no outside.
+    pub normals: Vec<Vector3<f64>>,
     /// The sources, as vertices of `surface`.
     pub sources: Vec<u32>,
     /// The eigenvalues of the scaling, mm², by falling magnitude.
@@ -43,9 +45,9 @@ pub struct FlatMap {
 /// The 26-neighbour graph of a surface.
 ///
 /// # Errors
-/// As [`Graph::of_voxels`].
+/// As [`ChainWeights::new`] and [`Graph::of_voxels`].
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<Graph> {
-    let weights = ChainWeights::new(surface.affine().spacing(), lengths);
+    let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     Graph::of_voxels(surface, weights.lengths(), control)
 }
 
@@ -125,7 +127,8 @@ pub fn grossmann2002(
     let rows = DistanceRows::compute(&graph, &reference, control)?;
     let distortion = measure(&uv, &rows, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { surface, graph, uv, sources, eigenvalues, planarity, distortion, topology })
+    let normals = outward_normals(&surface, &graph);
+    Ok(FlatMap { surface, graph, uv, normals, sources, eigenvalues, planarity, distortion, topology })
 }
 
 /// The places of all points: those of the sources as they are, the rest by radial functions.
@@ -150,7 +153,7 @@ fn place_rest(
 pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
     let [points, links, sources, threads] = [points, links, sources, threads].map(|n| n as u64);
     let graph = 4 * links + 4 * points;
-    let surface = (15 + 24 + 16) * points;
+    let surface = (15 + 24 + 16 + 48) * points;
     let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
     let workers = threads * (4 + 16) * points;
     let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);

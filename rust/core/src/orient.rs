@@ -1,12 +1,36 @@
-//! The map's up and its handedness: distances leave both open, so they are settled by the anatomy.
+//! Where outside is; the map's up and its handedness, which distances leave open and the anatomy settles.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use crate::adjacency::Graph;
+use crate::adjacency::{Arc, Graph};
 use crate::surface::VoxelSurface;
 
 /// The share of a direction's variance that the map must explain for the direction to become the map's up.
 const EXPLAINED: f64 = 0.05;
+
+/// How often normals are averaged with their neighbours': enough to even out the steps between voxels.
+const SMOOTHING: usize = 4;
+
+/// Shorter mean normals than this come from opposite sides and name no outside.
+const SHORTEST_NORMAL: f64 = 0.3;
+
+/// Unit normals (RAS+ mm) that point outside, to the background; NaN where both sides are background alike, as all over a
+/// sheet one voxel thick.
+pub fn outward_normals(surface: &VoxelSurface, graph: &Graph) -> Vec<Vector3<f64>> {
+    let points = 0..surface.len();
+    let unit = |v: usize| surface.outward(v).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+    let mut normals: Vec<_> = points.clone().map(unit).collect();
+    for _ in 0..SMOOTHING {
+        let mean = |v: usize| {
+            let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
+            let (sum, count): (Vector3<f64>, f64) = graph.arcs(v as u32).fold((normals[v], 1.0), add);
+            sum / count
+        };
+        normals = points.clone().map(mean).collect();
+    }
+    let undefined = Vector3::repeat(f64::NAN);
+    normals.into_iter().map(|normal| normal.try_normalize(SHORTEST_NORMAL).unwrap_or(undefined)).collect()
+}
 
 /// Turns a map about its mean, and mirrors it if need be, such that
 /// - the surface is seen from outside (from the background), not from within; a sheet that has background on both sides
@@ -95,6 +119,29 @@ mod tests {
         [[1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, -3.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
     const LAS: [[f64; 4]; 4] =
         [[-1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+    #[test]
+    fn normals_of_a_ball_point_away_from_its_centre() {
+        let control = Control::default();
+        let centre = Vector3::new(18.0, 9.0, 12.0);
+        let affine = Affine::from_spacing([1.5, 0.75, 1.0]).unwrap();
+        let inside = |v: [usize; 3]| (affine.to_mm(v.map(|x| x as f64)) - centre).norm() < 8.5;
+        let mask = Mask::from_fn([24, 24, 24], inside).unwrap();
+        let surface = VoxelSurface::from_mask(&mask, affine, &control).unwrap();
+        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        for (point, normal) in surface.points().iter().zip(outward_normals(&surface, &graph)) {
+            assert!((normal.norm() - 1.0).abs() < 1e-12 && (point - centre).normalize().dot(&normal) > 0.95);
+        }
+    }
+
+    #[test]
+    fn a_sheet_of_one_voxel_has_no_outside() {
+        let control = Control::default();
+        let mask = Mask::from_fn([9, 9, 5], |v| v[2] == 2).unwrap();
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        assert!(outward_normals(&surface, &graph).iter().all(|normal| normal.iter().all(|x| x.is_nan())));
+    }
 
     #[test]
     fn a_side_is_seen_from_outside_with_superior_up() {

@@ -35,7 +35,7 @@ pub struct VoxelSurface {
 #[pyfunction]
 pub fn chain_weights(spacing: [f64; 3], link_lengths: &str) -> PyResult<[f64; 8]> {
     let spacing = Affine::from_spacing(spacing).map_err(to_python)?.spacing();
-    Ok(ChainWeights::new(spacing, self::link_lengths(link_lengths)?).lengths())
+    Ok(ChainWeights::new(spacing, self::link_lengths(link_lengths)?).map_err(to_python)?.lengths())
 }
 
 #[pymethods]
@@ -280,6 +280,8 @@ fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
     distortion.set_item("scatter", convert::array(py, &map.distortion.scatter)?)?;
     let dict = PyDict::new(py);
     dict.set_item("uv", convert::array(py, &map.uv)?)?;
+    let normals: Vec<[f64; 3]> = map.normals.into_iter().map(Into::into).collect();
+    dict.set_item("normals", convert::array(py, &normals)?)?;
     dict.set_item("sources", map.sources.into_pyarray(py))?;
     dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
     dict.set_item("planarity", map.planarity)?;

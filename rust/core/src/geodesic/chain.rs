@@ -26,8 +26,14 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::error::{Error, Result};
+
 /// The weights of Kiryati and Kübler, in voxels: direct, minor diagonal, major diagonal link.
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
+
+/// The greatest ratio of spacings for which links are measured. Far above, most steps along the long axis hide behind
+/// those along the short ones, and weights that are right on average mean nothing for any single line.
+const MOST_ANISOTROPIC: f64 = 20.0;
 
 /// How the links of a digital path are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -46,8 +52,16 @@ pub struct ChainWeights([f64; 8]);
 
 impl ChainWeights {
     /// The weights for voxels of this spacing (mm).
-    pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Self {
-        match lengths {
+    ///
+    /// # Errors
+    /// [`Error::TooAnisotropic`].
+    pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Result<Self> {
+        let longest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
+        let shortest = spacing.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
+        if longest > MOST_ANISOTROPIC * shortest {
+            return Err(Error::TooAnisotropic { longest, shortest, most: MOST_ANISOTROPIC });
+        }
+        Ok(match lengths {
             LinkLengths::Euclidean => Self(std::array::from_fn(|kind| {
                 (0..3).filter(|axis| kind >> axis & 1 == 1).map(|axis| spacing[axis].powi(2)).sum::<f64>().sqrt()
             })),
@@ -59,7 +73,7 @@ impl ChainWeights {
                 }))
             }
             LinkLengths::ChainCode => unbiased(spacing),
-        }
+        })
     }
 
     /// The length in mm of each kind of link; that of kind 0, no step at all, is 0.
@@ -188,7 +202,7 @@ mod tests {
 
     #[test]
     fn random_lines_are_measured_as_published() {
-        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode);
+        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode).unwrap();
         let errors = line_errors([1.0; 3], &weights, 2000, 40);
         let (mean, rms) = mean_and_rms(&errors);
         assert!(mean.abs() < 0.002, "mean {mean}");
@@ -200,21 +214,34 @@ mod tests {
     #[test]
     fn weights_of_any_spacing_are_unbiased() {
         for spacing in [[2.0; 3], [1.0, 1.0, 1.2], [0.7, 0.7, 2.0], [1.0, 2.0, 5.0], [0.2, 1.0, 0.2]] {
-            let weights = ChainWeights::new(spacing, LinkLengths::ChainCode);
+            let weights = ChainWeights::new(spacing, LinkLengths::ChainCode).unwrap();
             let (mean, rms) = mean_and_rms(&line_errors(spacing, &weights, 5000, 4));
             assert!(mean.abs() < 0.002, "{spacing:?}: mean {mean}");
             let expected = expected_rms(spacing, &weights);
             assert!((rms - expected).abs() < 0.001, "{spacing:?}: RMS {rms}, expected {expected}");
-            let (euclidean, _) =
-                mean_and_rms(&line_errors(spacing, &ChainWeights::new(spacing, LinkLengths::Euclidean), 1000, 4));
+            let (euclidean, _) = mean_and_rms(&line_errors(
+                spacing,
+                &ChainWeights::new(spacing, LinkLengths::Euclidean).unwrap(),
+                1000,
+                4,
+            ));
             assert!(euclidean > 0.03, "{spacing:?}: Euclidean lengths overestimate, {euclidean}");
+        }
+    }
+
+    #[test]
+    fn extreme_voxels_are_refused() {
+        for lengths in [LinkLengths::ChainCode, LinkLengths::Euclidean] {
+            assert!(ChainWeights::new([1.0, 1.0, 20.0], lengths).is_ok());
+            let refused = ChainWeights::new([1.0, 1.0, 20.1], lengths);
+            assert_eq!(refused, Err(Error::TooAnisotropic { longest: 20.1, shortest: 1.0, most: 20.0 }));
         }
     }
 
     #[test]
     fn no_link_is_longer_than_a_detour() {
         for spacing in [[1.0; 3], [1.0, 1.0, 1.2], [0.7, 0.7, 2.0], [1.0, 2.0, 5.0], [0.2, 1.0, 0.2], [1.0, 1.0, 5.0]] {
-            let lengths = ChainWeights::new(spacing, LinkLengths::ChainCode).lengths();
+            let lengths = ChainWeights::new(spacing, LinkLengths::ChainCode).unwrap().lengths();
             assert!(lengths[1..].iter().all(|&length| length > 0.0), "{spacing:?}: {lengths:?}");
             for kind in 1..8 {
                 for part in (1..kind).filter(|part| part & kind == *part) {
@@ -263,7 +290,7 @@ mod tests {
 
     #[test]
     fn circles_are_measured_right_on_average_as_they_grow() {
-        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode);
+        let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut mean_error = |radius: f64| {
             let mut sum = 0.0;

@@ -94,7 +94,7 @@ impl VoxelSurface {
     }
 
     /// The direction from a voxel to the background around it, in mm, not normalised: the sum of the offsets to its
-    /// background 26-neighbours. Zero where both sides are background alike (a sheet one voxel thick).
+    /// background 26-neighbours. Zero where opposite sides are background alike (a sheet one voxel thick).
     pub fn outward(&self, vertex: usize) -> Vector3<f64> {
         let spacing = self.affine.spacing();
         let offset = Vector3::from_fn(|axis, _| f64::from(self.outward[vertex][axis]) / spacing[axis].powi(2));
@@ -132,7 +132,11 @@ fn plus(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
 }
 
 fn background_direction(mask: &Mask, voxel: [i64; 3]) -> [i8; 3] {
+    let open = DIRECT.map(|direction| !mask.is_inside(plus(voxel, direction)));
     let mut sum = [0i8; 3];
+    if (0..3).any(|axis| open[axis] && open[5 - axis]) {
+        return sum; // opposite sides
+    }
     for offset in neighbours().filter(|&offset| !mask.is_inside(plus(voxel, offset))) {
         for axis in 0..3 {
             sum[axis] += offset[axis] as i8;

@@ -1,0 +1,114 @@
+"""Time distance rows against navis-fastcore and scipy, on the same graph, in the same run.
+
+    make bench
+
+One row: CPU time of a whole call for one source. A further row: what each source beyond the first adds (what a peer
+spends on building its own graph is left out). All take turns, and medians are given: compare ratios, machines differ.
+"""
+
+import os
+import platform
+import time
+
+import navis_fastcore
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from tqdm import tqdm
+
+from voxflat import _core
+
+ROUNDS = 7
+FURTHER = 8
+
+
+def main():
+    """Measure and print."""
+    surface = bumpy_ball()
+    points = len(surface)
+    starts, neighbours, lengths = surface.csr
+    print(f"{points} surface voxels, {len(neighbours) / points:.1f} links a voxel")
+    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+
+    graph = csr_matrix(
+        (lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)), shape=(points,) * 2
+    )
+    ends = np.repeat(np.arange(points), np.diff(starts))
+    once = ends < neighbours
+    edges, weights = np.stack([ends[once], neighbours[once]], axis=1), lengths[once]
+
+    def ours(sources):
+        return surface.rows(sources, 1)
+
+    def navis(sources):
+        return navis_fastcore.geodesic_matrix_graph(edges, points, weights=weights, sources=sources, threads=1)
+
+    def scipy(sources):
+        return dijkstra(graph, indices=sources.astype(int))
+
+    solvers = {"voxflat": ours, "navis-fastcore": navis, "scipy": scipy}
+    sources = np.random.default_rng(0).choice(points, FURTHER + 1, replace=False).astype(np.uint32)
+    check_equal(solvers, sources[:2])
+
+    one = {name: [] for name in solvers}
+    many = {name: [] for name in solvers}
+    for _ in tqdm(range(ROUNDS), leave=False):
+        for name, solve in solvers.items():
+            one[name].append(cpu(solve, sources[:1]))
+            many[name].append(cpu(solve, sources))
+    print(f"{'CPU time':16}{'one row':>12}{'further row':>14}{'a vertex':>12}{'one':>9}{'further':>9}")
+    first = {name: np.median(times) for name, times in one.items()}
+    further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
+    for name in solvers:
+        print(
+            f"{name:16}{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
+            f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
+        )
+    print("(last columns: voxflat's time as a share of it)\n")
+    threads(surface)
+
+
+def bumpy_ball(radius=133):
+    """Return the surface of a ball with bumps, a little above 200,000 voxels."""
+    axis = np.arange(-radius - 12, radius + 13, dtype=np.float32)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
+    mask = np.sqrt(x**2 + y**2 + z**2) < radius + 8 * np.sin(x / 9) * np.sin(y / 9) * np.sin(z / 9)
+    return _core.VoxelSurface.from_mask(mask, np.eye(4).tolist(), "chain-code").cut_out()
+
+
+def check_equal(solvers, sources):
+    """Assert that all solvers give the same rows, to the rounding of their number types."""
+    expected = solvers["voxflat"](sources)
+    for name, solve in solvers.items():
+        rows = np.asarray(solve(sources))
+        np.testing.assert_allclose(rows, expected, rtol=1e-5, err_msg=name)
+        print(f"{name}: largest difference {np.abs(rows - expected).max():.1e} mm")
+    print()
+
+
+def cpu(solve, sources):
+    """CPU seconds of a call, all threads together."""
+    start = time.process_time()
+    solve(sources)
+    return time.process_time() - start
+
+
+def threads(surface):
+    """Print how much faster two threads are than one."""
+    sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
+    ratios = []
+    for _ in range(ROUNDS):
+        walls = []
+        for count in (1, 2):
+            start = time.perf_counter()
+            surface.rows(sources, count)
+            walls.append(time.perf_counter() - start)
+        ratios.append(walls[0] / walls[1])
+    print(
+        f"two threads, wall time of {len(sources)} rows: {np.median(ratios):.2f} times as fast as one "
+        f"({min(ratios):.2f} to {max(ratios):.2f})"
+    )
+
+
+if __name__ == "__main__":
+    main()

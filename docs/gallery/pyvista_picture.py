@@ -1,0 +1,80 @@
+"""Flatten a patch of cortex within PyVista: writes ``docs/pictures/pyvista.png``.
+
+Needs ``pip install 'voxflat[demo]'``. The white matter of the MNI152 template comes with nilearn; nothing is
+downloaded.
+"""
+
+import colorsys
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from nilearn import datasets
+
+PICTURE = Path(__file__).parents[1] / "pictures" / "pyvista.png"
+CENTRAL_CORTEX = (38, -22, 55)  # mm, right hemisphere
+
+
+def white_matter() -> pv.ImageData:
+    """Load the probability of white matter; its affine has neither rotation nor reflection."""
+    template = datasets.load_mni152_wm_template(resolution=1)
+    image = pv.ImageData(dimensions=template.shape, spacing=np.diag(template.affine)[:3], origin=template.affine[:3, 3])
+    image["white matter"] = np.asarray(template.dataobj, dtype=np.float32).ravel(order="F")
+    return image
+
+
+def colour_wheel(size: int = 1024, rings: int = 5, spokes: int = 12) -> pv.Texture:
+    """Draw a picture that shows where each part comes to lie: hue is its direction, chequers are its distance."""
+    x, y = np.meshgrid(np.linspace(-1, 1, size), np.linspace(1, -1, size))
+    turn = (np.arctan2(y, x) / (2 * np.pi)) % 1
+    dark = (np.floor(rings * np.hypot(x, y)) + np.floor(spokes * turn)) % 2
+    hues = np.array([colorsys.hsv_to_rgb(h, 0.7, 1.0) for h in np.linspace(0, 1, 256)])
+    colours = hues[(255 * turn).astype(int)] * (1 - 0.3 * dark[..., None])
+    return pv.Texture(np.round(255 * colours).astype(np.uint8))
+
+
+def main() -> None:
+    """Flatten, and draw the patch on the brain, its map, and the map's distortion."""
+    image = white_matter()
+    seed_point = image.voxflat.voxel_at(CENTRAL_CORTEX)
+    flat_map = image.voxflat.flatten(threshold=0.5, seed_point=seed_point, radius=45.0)
+    flat = image.voxflat.to_polydata(flat_map)
+    patch = image.voxflat.to_surface_polydata(flat_map).smooth_taubin(n_iter=20, pass_band=0.1)
+    patch.points += 1.4 * patch.point_normals  # mm, above the skin of the voxels, which reaches beyond their centres
+    title = "mean relative error of distances (%)\n"
+    flat[title] = 100 * flat["distortion"]
+
+    picture = colour_wheel()
+    light = {"smooth_shading": True, "ambient": 0.3, "diffuse": 0.8, "specular": 0.0}
+    bar = {
+        "position_x": 0.2,
+        "position_y": 0.01,
+        "width": 0.6,
+        "n_labels": 3,
+        "fmt": "%.0f",
+        "title_font_size": 22,
+        "label_font_size": 22,
+        "height": 0.08,
+    }
+    plotter = pv.Plotter(shape=(1, 3), off_screen=True, window_size=[2100, 800], border=False)
+    plotter.set_background("white")
+    plotter.add_mesh(image.contour([0.5]).smooth_taubin(n_iter=20, pass_band=0.1), color="#d8d8d4", **light)
+    plotter.add_mesh(patch, texture=picture, **light)
+    plotter.camera_position = [(260, -40, 160), patch.center, (0, 0, 1)]
+    plotter.camera.zoom(1.55)
+
+    plotter.subplot(0, 1)
+    plotter.add_mesh(flat, texture=picture, lighting=False)
+    plotter.camera.tight(padding=0.15, adjust_render_window=False)
+
+    plotter.subplot(0, 2)
+    plotter.add_mesh(flat, scalars=title, cmap="inferno", clim=(0, 10), lighting=False, scalar_bar_args=bar)
+    plotter.camera.tight(padding=0.15, adjust_render_window=False)
+
+    plotter.enable_anti_aliasing("ssaa", all_renderers=True)
+    PICTURE.parent.mkdir(exist_ok=True)
+    plotter.screenshot(PICTURE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""What came out: the flat map's figures, the way back to the volume, and saving."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from napari.utils.notifications import show_error, show_info
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from voxflat._errors import VoxflatError
+from voxflat._napari.map_view import MapView
+from voxflat._napari.results import FlatLayers, figures, remarks
+from voxflat.flatmap import FlatMap
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+
+class MapPanel(QWidget):
+    """Shows the latest flat map in the viewer, and its figures.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self.view = MapView(viewer)
+        self.flat_map: FlatMap | None = None
+        self._figures = QGridLayout()
+        self._figures.setColumnStretch(0, 1)
+        self._figures.setVerticalSpacing(2)
+        self._remarks = QLabel()
+        self._remarks.setWordWrap(True)
+        self.toggle = QPushButton()
+        self.toggle.clicked.connect(self._on_toggle)
+        self.save = QPushButton("Save map…")
+        self.save.setToolTip("Everything, for voxflat.load() and to be opened in napari")
+        self.save.clicked.connect(self._on_save)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.toggle)
+        buttons.addWidget(self.save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addLayout(self._figures)
+        layout.addWidget(self._remarks)
+        layout.addLayout(buttons)
+        self.hide()
+        viewer.layers.events.removed.connect(self._on_removed)
+
+    def show_result(self, result: FlatLayers) -> None:
+        """Add a flat map's layers, and show them.
+
+        Parameters
+        ----------
+        result : FlatLayers
+            The map.
+        """
+        self.flat_map = result.flat_map
+        self._show_figures(result.flat_map)
+        self.view.add(result.layers)
+        self._name_toggle()
+        self.show()
+
+    def show_volume(self) -> None:
+        """Show what was shown before the map, if the map is shown."""
+        if self.view.shows_map:
+            self._on_toggle()
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        self._viewer.layers.events.removed.disconnect(self._on_removed)
+
+    def _show_figures(self, flat_map: FlatMap) -> None:
+        while item := self._figures.takeAt(0):
+            if widget := item.widget():
+                widget.deleteLater()
+        for row, (name, value) in enumerate(figures(flat_map)):
+            number = QLabel(value)
+            number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            self._figures.addWidget(QLabel(name), row, 0)
+            self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
+        self._remarks.setText(remarks(flat_map))
+        self.setToolTip(f"<pre>{flat_map.distortion.table()}</pre>")
+
+    def _on_toggle(self) -> None:
+        (self.view.show_volume if self.view.shows_map else self.view.show_map)()
+        self._name_toggle()
+
+    def _name_toggle(self) -> None:
+        self.toggle.setText("Show volume" if self.view.shows_map else "Show map")
+        self.toggle.setEnabled(self.view.shows_map or bool(self.view.layers))
+
+    def _on_removed(self) -> None:
+        if not self.view.layers:
+            self.show_volume()
+            self._name_toggle()
+
+    def _on_save(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, "Save the flat map", "map.npz", "Flat maps (*.npz)")
+        if path and self.flat_map is not None:
+            try:
+                self.flat_map.save(path if path.endswith(".npz") else f"{path}.npz")
+                show_info(f"saved {path}")
+            except VoxflatError as error:
+                show_error(str(error))

@@ -1,0 +1,288 @@
+"""PyVista: ``image.voxflat(...)`` on every ``pyvista.ImageData``, and flat maps as ``pyvista.PolyData``.
+
+PyVista (0.48 and later) loads this module on the first use of ``.voxflat``; before, ``import voxflat._pyvista`` does.
+
+PyVista's coordinates are taken as RAS+ mm: x grows to the right, y to the front, z upwards. An image from a reader that
+keeps LPS coordinates, as ITK's do, has to be turned first (origin and the first two rows of its direction matrix times
+−1), or left and right, front and back are exchanged in what the map calls "superior up, seen from outside".
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat._errors import InputError
+from voxflat.api import flatten
+from voxflat.flatmap import FlatMap
+from voxflat.io import Volume
+
+__all__ = ["VoxflatAccessor", "to_polydata", "to_surface_polydata"]
+
+
+def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
+    """Return a flat map as a mesh in the plane z = 0, in mm.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    picture_shape : tuple of ints
+        Height and width (its ``shape``) of the picture that the texture coordinates are for; by default a square one.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Point data ``distortion`` (mean relative error of the distances from each point, a fraction; active),
+        ``voxel_ids`` (i, j, k), ``surface_points`` (RAS+ mm) and texture coordinates, by which a picture lies as in
+        `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``: metadata and
+        distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
+    """
+    return _mesh(flat_map, np.column_stack([flat_map.uv, np.zeros(len(flat_map))]), picture_shape)
+
+
+def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
+    """Return the surface patch of a flat map as a mesh in space, RAS+ mm.
+
+    Parameters
+    ----------
+    flat_map, picture_shape
+        As in `to_polydata`.
+
+    Returns
+    -------
+    pyvista.PolyData
+        The same faces and data as in `to_polydata`. Faces that are torn reach across gaps in space.
+    """
+    return _mesh(flat_map, flat_map.points, picture_shape)
+
+
+class VoxflatAccessor:
+    """Flatten a surface of an image: ``image.voxflat(...)``.
+
+    Parameters
+    ----------
+    mesh : pyvista.DataSet
+        An ``ImageData`` with a label volume or intensities, as point data or as cell data, in RAS+ mm. Other datasets
+        are refused when it is called.
+
+    Examples
+    --------
+    >>> import pyvista as pv
+    >>> image = pv.ImageData(dimensions=(30, 40, 3))
+    >>> image["labels"] = (image.points[:, 2] == 1).astype("uint8")
+    >>> flat = image.voxflat()  # a flat map as PolyData, in mm
+    >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
+    >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
+    """
+
+    to_polydata = staticmethod(to_polydata)
+    to_surface_polydata = staticmethod(to_surface_polydata)
+
+    def __init__(self, mesh: pv.DataSet) -> None:
+        self._mesh = mesh
+
+    def __call__(self, scalars: str | None = None, **options: Any) -> pv.PolyData:
+        """Flatten a surface of the image into the plane z = 0.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Name of the array; by default the active one, or the only one.
+        **options
+            ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in `flatten`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            As from `to_polydata`.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`.
+        """
+        return to_polydata(self.flatten(scalars, **options))
+
+    def flatten(self, scalars: str | None = None, *, keep: object | None = None, **options: Any) -> FlatMap:
+        """Flatten a surface of the image.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Name of the array; by default the active one, or the only one.
+        keep : str, pyvista.ImageData, ndarray, path, image object or Volume, optional
+            A mask of what to flatten: the name of another array of this image, another image, or what
+            `voxflat.flatten` takes.
+        **options
+            ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)`` and ``radius=45.0`` (mm)
+            cut out a patch. These and all others are the keyword arguments of `voxflat.flatten`. Voxel indices count
+            from 0 at the image's first point or cell; `voxel_at` finds them from coordinates.
+
+        Returns
+        -------
+        FlatMap
+
+        Raises
+        ------
+        InputError
+            If the dataset is no ``ImageData``, the array is missing or has several components, or `voxflat.flatten`
+            refuses it; the message says what to do.
+        Cancelled
+            As in `voxflat.flatten`.
+        """
+        if isinstance(keep, pv.DataSet):
+            keep = VoxflatAccessor(keep).volume()
+        elif isinstance(keep, str) and keep in self._mesh.array_names:
+            keep = self.volume(keep)
+        return flatten(self.volume(scalars), keep=keep, **options)
+
+    def volume(self, scalars: str | None = None) -> Volume:
+        """Return an array of the image as a volume with its affine, without a copy.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Name of the array; by default the active one, or the only one.
+
+        Returns
+        -------
+        Volume
+            For the functions of voxflat: ``voxflat.check(image.voxflat.volume())``,
+            ``flat_map.image(image.voxflat.volume("T1"))``. Colours, uint8 with 3 or 4 components, are a volume, too.
+
+        Raises
+        ------
+        InputError
+            If the dataset is no ``ImageData``, or the array is missing or has several components.
+        """
+        image = _image(self._mesh)
+        values, in_cells = _array(image, scalars)
+        shape, affine = _grid(image, in_cells)
+        colours = values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8
+        if values.ndim > 1 and not colours:
+            raise InputError(
+                f"array {scalars or image.active_scalars_name!r} has {values.shape[1]} components; "
+                "give an array with one value a voxel"
+            )
+        return Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine)
+
+    def voxel_at(self, point: ArrayLike, scalars: str | None = None) -> tuple[int, int, int]:
+        """Find the voxel at a point, for use as a seed point.
+
+        Parameters
+        ----------
+        point : array_like, shape (3,)
+            RAS+ mm, as ``image.points`` are.
+        scalars : str, optional
+            Name of the array, which may be of points or of cells; by default the active one, or the only one.
+
+        Returns
+        -------
+        tuple of 3 ints
+            Indices of the voxel with the nearest centre.
+
+        Raises
+        ------
+        InputError
+            If the point lies outside the image.
+        """
+        volume = self.volume(scalars)
+        place = np.linalg.solve(volume.affine, [*np.asarray(point, dtype=np.float64), 1.0])[:3]
+        i, j, k = np.rint(place).astype(int).tolist()
+        if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
+            raise InputError(
+                f"the point {np.asarray(point).tolist()} mm lies outside the image, {tuple(self._mesh.bounds)}"
+            )
+        return i, j, k
+
+
+# ------------------------------------------------------------------------------------- meshes out
+
+
+def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[int, ...]) -> pv.PolyData:
+    faces: Any = flat_map.faces.astype(np.int64)
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces)
+    mesh.cell_data["torn"] = flat_map.torn
+    mesh.point_data["voxel_ids"] = flat_map.ids
+    mesh.point_data["surface_points"] = flat_map.points
+    mesh.point_data["distortion"] = flat_map.distortion.per_point
+    mesh.active_texture_coordinates = _texture_coordinates(flat_map.uv, picture_shape)
+    mesh.field_data["voxflat"] = [_description(flat_map)]
+    mesh.set_active_scalars("distortion", preference="point")
+    return mesh
+
+
+def _texture_coordinates(uv: NDArray[np.float64], picture_shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Lay a picture over the map: centred, in its proportions, just covering the map's bounding box."""
+    size = np.array([picture_shape[1], picture_shape[0]], dtype=np.float64)
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    pixel = float(np.max((high - low) / size)) or 1.0
+    return np.asarray(0.5 + (uv - (low + high) / 2) / (pixel * size))
+
+
+def _description(flat_map: FlatMap) -> str:
+    distortion = flat_map.distortion
+    figures = {
+        "raw": asdict(distortion.raw),
+        "best_scale": asdict(distortion.best_scale),
+        "pearson_r": distortion.pearson_r,
+        "mean_geodesic": distortion.mean_geodesic,
+        "pairs": distortion.pairs,
+    }
+    return json.dumps({**flat_map.metadata, "distortion": figures})
+
+
+# -------------------------------------------------------------------------------------- images in
+
+
+def _image(mesh: pv.DataSet) -> pv.ImageData:
+    if isinstance(mesh, pv.ImageData):
+        return mesh
+    if isinstance(mesh, pv.PolyData):
+        raise InputError(
+            "PolyData: triangle meshes are not supported yet; give a label volume, an ImageData, "
+            "such as a closed mesh's mesh.voxelize_binary_mask()"
+        )
+    raise InputError(
+        f"{type(mesh).__name__}: give an ImageData, whose spacing is even; "
+        "resample onto one by pyvista.ImageData(...).sample(mesh)"
+    )
+
+
+def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:
+    """Return an array of an image, and whether its values belong to cells instead of points."""
+    points, cells = image.point_data, image.cell_data
+    names = [*points.keys(), *cells.keys()]
+    if name is None:
+        name = image.active_scalars_name or (names[0] if len(names) == 1 else None)
+    if name is None or name not in names:
+        there = f"the image has the arrays {', '.join(names)}" if names else "the image has no array"
+        raise InputError(f"{'scalars are not given' if name is None else f'there is no array {name!r}'}; {there}")
+    if names.count(name) > 1:
+        raise InputError(f"points and cells both have an array {name!r}; rename or remove one of them")
+    return np.asarray((points if name in points else cells)[name]), name not in points
+
+
+def _grid(image: pv.ImageData, in_cells: bool) -> tuple[tuple[int, ...], NDArray[np.float64]]:
+    """Return the number of voxels along each axis, and the affine from voxel indices to the image's coordinates."""
+    size = np.asarray(image.dimensions)
+    first = np.asarray(image.extent[::2], dtype=np.float64)  # VTK's own indices may start elsewhere than at 0
+    if in_cells:
+        first += np.where(size > 1, 0.5, 0.0)  # a cell's centre lies half a cell inside
+        size = np.maximum(size - 1, 1)
+    affine = np.array(image.index_to_physical_matrix, dtype=np.float64)
+    affine[:3, 3] += affine[:3, :3] @ first
+    return tuple(size.tolist()), affine
+
+
+if hasattr(pv, "register_dataset_accessor"):  # PyVista 0.48
+    pv.register_dataset_accessor("voxflat", pv.DataSet)(VoxflatAccessor)
+else:
+    dataset: Any = pv.DataSet
+    dataset.voxflat = property(VoxflatAccessor)

@@ -1,0 +1,458 @@
+"""The command line: `voxflat flatten`, `check`, `image` and `demo`.
+
+Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+import voxflat
+from voxflat._check import advise
+from voxflat._errors import Cancelled, InputError
+from voxflat._prepare import Progress
+from voxflat.flatmap import FlatMap
+
+__all__ = ["main"]
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_DEBUG = "voxflat.debug"
+_MAP_ENDINGS = (".npz",)
+_TORN_WARNING = 0.05  # share of torn faces above which the map is not to be trusted as a whole
+
+
+# ------------------------------------------------------------------------------------ errors, exit status
+
+
+class _Failure(click.ClickException):
+    """Ends the program with one line on stderr and exit status 1."""
+
+    def show(self, file: Any = None) -> None:
+        click.echo(f"voxflat: {self.message}", file=file, err=True)
+
+
+class _Program(click.Group):
+    """A group of commands that turns whatever goes wrong into a `_Failure`."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+            raise  # click deals with these
+        except (KeyboardInterrupt, Cancelled):
+            raise _Failure("cancelled") from None
+        except Exception as error:
+            if ctx.meta.get(_DEBUG):
+                traceback.print_exc()
+            raise _Failure(f"error: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, voxflat.VoxflatError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = "memory ran out; take a smaller patch or fewer sources"
+    elif isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    else:
+        text = f"{type(error).__name__}: {error} (not foreseen: please report it with the output of --debug)"
+    return " ".join(text.split())
+
+
+# ---------------------------------------------------------------------------------------------- options
+
+
+def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
+    """Return a callback that takes an option's text as three numbers between commas."""
+
+    def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+        try:
+            numbers = None if value is None else tuple(kind(part) for part in value.split(","))
+        except ValueError:
+            numbers = ()
+        if numbers is not None and len(numbers) != 3:
+            raise click.BadParameter(f"{value!r} must be three numbers between commas, like {example}.")
+        return numbers
+
+    return convert
+
+
+def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Take an option's text as an amount of memory."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
+    if match is None:
+        raise click.BadParameter(
+            f"{value!r} is no amount of memory; give bytes, or a number with K, M, G or T, like 4G."
+        )
+    return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+
+
+def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    ctx.meta[_DEBUG] = value
+
+
+_FILE = click.Path(path_type=Path)
+
+_input = click.argument("input_", metavar="INPUT", type=_FILE)
+_debug = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_set_debug, help="Show where in the program an error arose."
+)
+_as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
+
+
+def _selection(command: _Command) -> _Command:
+    """Add the options that say what is flattened."""
+    options = [
+        click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
+        click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
+        click.option("--keep", type=_FILE, metavar="MASK", help="Flatten only where this volume is not 0."),
+        click.option(
+            "--seed-point",
+            metavar="I,J,K",
+            callback=_three(int, "136,112,127"),
+            help="Flatten a disk around the surface voxel nearest to this one (voxel indices, counted from 0).",
+        ),
+        click.option("--radius", type=float, metavar="MM", help="Radius of that disk, mm along the surface."),
+        click.option(
+            "--spacing",
+            metavar="X,Y,Z",
+            callback=_three(float, "0.5,0.5,0.5"),
+            help="Voxel size in mm, for files that hold none (.npy).  [default: 1,1,1]",
+        ),
+        click.option(
+            "--memory-limit",
+            metavar="SIZE",
+            callback=_bytes,
+            help="Refuse to start what may need more memory, in bytes or like 4G.  [default: what is free]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+# ------------------------------------------------------------------------------------------ the commands
+
+
+@click.group(
+    cls=_Program,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+    epilog="A first try: voxflat demo.  Help on a command: voxflat flatten --help.",
+)
+@click.version_option(voxflat.__version__, message="voxflat %(version)s")
+def main() -> None:
+    """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat flatten labels.nii.gz --label 3 -o map.npz
+  voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
+  voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
+"""
+)
+@_input
+@click.option("-o", "--output", type=_FILE, required=True, metavar="OUT", help="The map's file, which ends in .npz.")
+@_selection
+@click.option(
+    "--sources",
+    type=int,
+    metavar="N",
+    help="How many voxels distances are measured from.  [default: 1000, or all if there are fewer]",
+)
+@click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "random"]),
+    default="farthest",
+    help="How sources are chosen: evenly, each farthest from the others, or at random.",
+)
+@click.option(
+    "--link-lengths",
+    type=click.Choice(["chain-code", "euclidean"]),
+    default="chain-code",
+    help="Lengths of the links between voxels: the unbiased estimator, or 1, √2, √3 voxels for comparison.",
+)
+@click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same map.")
+@click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+@click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
+@_as_json
+@click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+@_debug
+def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Flatten the surface in a volume.
+
+    INPUT is a label or intensity volume, which ends in .nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .npy or
+    .npz. Without --label and --threshold it must have a single label. Without a patch (--keep, or --seed-point and
+    --radius) the largest component is flattened.
+    """
+    _check_output(output, _MAP_ENDINGS, (input_, options["keep"]))
+    with _bars(quiet) as bars:
+        flat_map = voxflat.flatten(input_, progress=bars.progress, **options)
+    flat_map.save(output)
+    warnings = _warnings(flat_map)
+    if as_json:
+        _print_json(_figures(flat_map, output, warnings))
+    elif not quiet:
+        click.echo(_summary(flat_map, output))
+        for warning in warnings:
+            click.echo(f"voxflat: warning: {warning}", err=True)
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat check labels.nii.gz
+  voxflat check wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45
+"""
+)
+@_input
+@_selection
+@_as_json
+@_debug
+def check(input_: Path, as_json: bool, **options: Any) -> None:
+    """Say whether a volume can be flattened.
+
+    It lists what INPUT, a label or intensity volume, holds, and gives advice. The exit status is 0 if its surface can
+    be flattened, and 1 if not.
+    """
+    with _bars() as bars:
+        findings = voxflat.check(input_, progress=bars.progress, **options)
+    if as_json:
+        _print_json(asdict(findings))
+    else:
+        click.echo(findings.table())
+    if not findings.can_flatten:
+        raise click.exceptions.Exit(1)
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat image map.npz --volume t1.nii.gz --interpolation linear -o t1.png
+  voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
+  voxflat image map.npz --heat-map -o distortion.png
+"""
+)
+@click.argument("map_", metavar="MAP", type=_FILE)
+@click.option("--volume", type=_FILE, metavar="V", help="The volume to show; its affine says where it lies.")
+@click.option("--heat-map", is_flag=True, help="Show instead how much distances are distorted, point by point.")
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="OUT",
+    help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
+)
+@click.option("--pixel-size", type=float, metavar="MM", help="Side of a pixel, mm.  [default: half the voxel size]")
+@click.option(
+    "--interpolation",
+    type=click.Choice(["linear", "nearest"]),
+    help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
+)
+@_debug
+def image(
+    map_: Path, volume: Path | None, heat_map: bool, output: Path, pixel_size: float | None, interpolation: str | None
+) -> None:
+    """Show a volume, or the distortion, on a map.
+
+    MAP is a file that voxflat flatten made. A PNG shows scalars in grey (1st to 99th percentile), labels in a colour
+    each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a figure with a colour
+    bar. The other formats hold the values, NaN outside the map.
+    """
+    from voxflat import _picture  # brings in Pillow
+
+    if heat_map == (volume is not None):
+        raise click.UsageError("Give either --volume or --heat-map.")
+    if heat_map and interpolation:
+        raise click.UsageError("--interpolation is for --volume.")
+    _check_output(output, _picture.ENDINGS, (map_, volume))
+    flat_map = voxflat.load(map_)
+    if volume is None:
+        picture = flat_map.heat_map(pixel_size)
+    else:
+        picture = flat_map.image(volume, pixel_size, interpolation=interpolation)
+        _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
+    if heat_map and output.suffix.lower() == ".png":
+        from voxflat import figures  # brings in matplotlib
+
+        figures.save(figures.heat_map(flat_map, pixel_size), output)
+    else:
+        _picture.write_image(picture, output)
+    height, width = picture.data.shape[:2]
+    click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+
+
+@main.command()
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    default=Path("voxflat-demo"),
+    metavar="DIR",
+    help="A directory for the results; made if it is missing.",
+)
+@_debug
+def demo(output: Path) -> None:
+    """Flatten a patch of human cortex.
+
+    The cortex is the MNI152 template, which comes with nilearn: nothing is downloaded. The map, its figures and the
+    pictures of it are written to a directory.
+    """
+    try:
+        from voxflat.demo import run
+
+        with _bars() as bars:
+            run(output, progress=bars.progress, tell=bars.tell)
+    except ImportError as error:
+        if error.name and error.name.startswith("voxflat"):
+            raise
+        raise InputError(f"the demo needs {error.name}: pip install 'voxflat[demo]'") from error
+
+
+# ------------------------------------------------------------------------- what is said before and meanwhile
+
+
+def _check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | None]) -> None:
+    """Find out before the long work whether its result can be written."""
+    if not path.name.lower().endswith(tuple(endings)):
+        raise InputError(f"cannot write {path}: its name must end in {' or '.join(endings)}")
+    for other in inputs:
+        if other is not None and path.exists() and other.exists() and path.samefile(other):
+            raise InputError(f"cannot write {path}: it is an input; choose another name")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a directory")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
+
+
+class _Bars:
+    """Progress on stderr, one bar a stage; it disappears when its stage is over."""
+
+    def __init__(self, hidden: bool) -> None:
+        # one object from the start, so that there is always one to close, wherever Ctrl-C strikes
+        self._bar = tqdm(
+            desc="reading",
+            total=1,
+            bar_format="{l_bar}{bar}| {elapsed}<{remaining}",
+            leave=False,
+            dynamic_ncols=True,
+            file=sys.stderr,
+            disable=hidden,
+        )
+        self._stage = ""
+        self.progress: Progress | None = None if hidden else self._show
+        self.close = self._bar.close
+
+    def _show(self, stage: str, done: int, total: int) -> None:
+        if stage != self._stage:
+            self._stage = stage
+            self._bar.set_description(stage, refresh=False)
+            self._bar.reset(total)
+        self._bar.update(done - self._bar.n)
+
+    def tell(self, text: str) -> None:
+        """Print a line where no bar is."""
+        self._bar.clear()
+        click.echo(text)
+
+
+@contextmanager
+def _bars(quiet: bool = False) -> Iterator[_Bars]:
+    bars = _Bars(hidden=quiet or not sys.stderr.isatty())
+    try:
+        yield bars
+    finally:
+        bars.close()
+
+
+# ------------------------------------------------------------------------------------ what is said afterwards
+
+
+def _summary(flat_map: FlatMap, output: Path) -> str:
+    metadata = flat_map.metadata
+    width, height = np.ptp(flat_map.uv, axis=0)
+    return "\n".join(
+        [
+            f"{'flattened':22}{len(flat_map)} of {metadata['surface_voxels']} surface voxels, {_part(metadata)}",
+            f"{'sources':22}{metadata['sources']}",
+            f"{'map':22}{width:.1f} x {height:.1f} mm, {100 * metadata['torn_faces']:.1f} % of it torn",
+            f"{'memory, at most':22}{metadata['memory_need_bytes'] / 2**20:.0f} MiB",
+            "",
+            flat_map.distortion.table(),
+            "",
+            f"saved as {output}",
+        ]
+    )
+
+
+def _part(metadata: dict[str, Any]) -> str:
+    """Say which part of the surface was flattened."""
+    disk = f"within {metadata['radius']} mm of voxel {metadata['seed_point']}"
+    if metadata["keep"]:
+        return "those of the mask" + (f" {disk}" if metadata["seed_point"] else "")
+    if metadata["seed_point"]:
+        return disk
+    if metadata["components"] == 1:
+        return "the only component"
+    return f"the largest of {metadata['components']} components (the next has {metadata['largest_components'][1]})"
+
+
+def _warnings(flat_map: FlatMap) -> list[str]:
+    metadata = flat_map.metadata
+    warnings = advise((), metadata["topology"], len(flat_map), True)
+    if metadata["torn_faces"] > _TORN_WARNING:
+        warnings.append(
+            f"{100 * metadata['torn_faces']:.1f} % of the map is torn: its neighbours there are none on the surface; "
+            "see where it is distorted with voxflat image --heat-map, and take a smaller patch"
+        )
+    return warnings
+
+
+def _figures(flat_map: FlatMap, output: Path, warnings: list[str]) -> dict[str, Any]:
+    distortion = asdict(flat_map.distortion)
+    del distortion["per_point"], distortion["scatter"]
+    return {"output": str(output), **flat_map.metadata, "distortion": distortion, "warnings": warnings}
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    click.echo(json.dumps(_without_nan(content), allow_nan=False))
+
+
+def _without_nan(value: Any) -> Any:
+    """Return the same with None for the numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _check_overlap(covered: Any, volume: Path) -> None:
+    if not covered.any():
+        raise InputError(f"{volume} shows nothing on the map: it lies elsewhere; compare the affines by voxflat check")
+
+
+if __name__ == "__main__":
+    main(prog_name="voxflat")

@@ -1,0 +1,504 @@
+"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written."""
+
+import os
+import pickle
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.io import write_volume
+
+nib = pytest.importorskip("nibabel")
+
+
+def sheet(*, cut=None):
+    volume = np.zeros((40, 40, 5), np.uint8)
+    volume[:, :, 2] = 1
+    if cut is not None:
+        volume[cut] = 0
+    return volume
+
+
+def few(*voxels):
+    volume = np.zeros((8, 8, 8), np.uint8)
+    for voxel in voxels:
+        volume[voxel] = 1
+    return volume
+
+
+def ball():
+    return (((np.indices((20, 20, 20)) - 9.5) ** 2).sum(axis=0) < 64).astype(np.uint8)
+
+
+def with_value(value):
+    volume = sheet().astype(np.float32)
+    volume[3, 4, 0] = value
+    return volume
+
+
+def kept(*slices):
+    mask = np.zeros((40, 40, 5), np.uint8)
+    for part in slices:
+        mask[part] = 1
+    return mask
+
+
+def affine(**cells):
+    matrix = np.eye(4)
+    for cell, value in cells.items():
+        matrix[int(cell[1]), int(cell[2])] = value
+    return matrix
+
+
+NAN, INF = float("nan"), float("inf")
+LINE = few(*[(i, 2, 2) for i in range(8)])
+DIAGONAL = few(*[(i, i, i) for i in range(8)])
+
+# name: volume, options, what the message must match
+API = {
+    "2D": (np.ones((5, 5)), {}, r"shape \(5, 5\) is no volume: pick one of shape \(I, J, K\)"),
+    "4D": (np.ones((5, 5, 5, 2)), {}, r"shape \(5, 5, 5, 2\) is no volume: pick"),
+    "no voxels": (np.ones((0, 5, 5)), {}, r"shape \(0, 5, 5\) is no volume"),
+    "colours": (np.ones((5, 5, 5, 3), np.uint8), {}, r"\(5, 5, 5, 3\).*give one value a voxel"),
+    "complex": (sheet() * 1j, {}, r"complex128.*convert"),
+    "text": (np.array([[["a"]]]), {}, r"<U1.*convert"),
+    "nothing": (None, {}, r"NoneType"),
+    "empty": (np.zeros((5, 5, 5), np.uint8), {}, r"empty: every voxel is 0"),
+    "label absent": (sheet() * 3, {"label": 7}, r"no voxel has label 7; the volume has labels 3$"),
+    "label ambiguous": (sheet() + sheet(cut=3), {}, r"give a label or a threshold; the volume has labels 1, 2$"),
+    "label and threshold": (sheet(), {"label": 1, "threshold": 0.5}, r"label=1 and threshold=0.5 .* give one"),
+    "intensities": (sheet() * 0.3, {}, r"intensities \(float64, 0 to 0.3\); give a threshold"),
+    "threshold too high": (sheet(), {"threshold": 5}, r"above the threshold 5(\.0)?; the largest value is 1"),
+    "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan; give a finite"),
+    "threshold text": (sheet(), {"threshold": "high"}, r"threshold is 'high'; give a number"),
+    "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxels are NaN or infinite; replace"),
+    "inf in the data": (with_value(INF), {"label": 1}, r"1 voxels are NaN or infinite; replace"),
+    "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing \[nan, 1.0, 1.0\] must be 3 positive, finite"),
+    "spacing inf": (sheet(), {"spacing": (1, INF, 1)}, r"spacing \[1.0, inf, 1.0\] must be 3 positive"),
+    "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing \[0.0, 1.0, 1.0\] must be 3 positive"),
+    "spacing negative": (sheet(), {"spacing": (1, -2, 1)}, r"spacing \[1.0, -2.0, 1.0\] must be 3 positive"),
+    "spacing of two": (sheet(), {"spacing": (1, 1)}, r"spacing \[1.0, 1.0\] must be 3"),
+    "affine NaN": (sheet(), {"affine": affine(a03=NAN)}, r"nan.*is not finite: repair"),
+    "affine zero": (sheet(), {"affine": affine(a00=0)}, r"voxel size is \[0.0, 1.0, 1.0\] mm"),
+    "affine sheared": (sheet(), {"affine": affine(a01=0.5)}, r"sheared: the cosine .* is 0.447.*resample"),
+    "affine of shape (3, 3)": (sheet(), {"affine": np.eye(3)}, r"shape \(3, 3\): give a \(4, 4\)"),
+    "affine and spacing": (sheet(), {"affine": np.eye(4), "spacing": (1, 1, 1)}, r"both .* give one"),
+    "one voxel": (few((2, 2, 2)), {}, r"only 1 points; at least 3 .* take a larger patch or label"),
+    "two voxels": (few((2, 2, 2), (2, 2, 3)), {}, r"only 2 points; at least 3"),
+    "a line": (LINE, {}, r"only 1 eigenvalue\(s\).*a line or a point, take a wider one"),
+    "a diagonal": (DIAGONAL, {}, r"only 1 eigenvalue\(s\).*a line or a point, take a wider one"),
+    "two sources": (sheet(), {"sources": 2}, r"2 sources are too few; give at least 3"),
+    "no source": (sheet(), {"sources": 0}, r"0 sources are too few; give at least 3"),
+    "two given sources": (sheet(), {"sources": [[0, 0, 2], [9, 9, 2]]}, r"2 sources are too few"),
+    "too many sources": (sheet(), {"sources": 1601}, r"1601 sources are more than the 1600 voxels.* at most that many"),
+    "sources off the surface": (
+        sheet(),
+        {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
+        r"voxel \[5, 9, 0\] is not on the surface; the nearest surface voxel is \[5, 9, 2\]",
+    ),
+    "sources outside the volume": (
+        sheet(),
+        {"sources": [[0, 0, 2], [-1, 9, 2], [9, 9, 2]]},
+        r"\[-1, 9, 2\].*\[0, 9, 2\]",
+    ),
+    "sources elsewhere": (
+        sheet(cut=10),
+        {"sources": [[20, 0, 2], [30, 9, 2], [3, 7, 2]]},
+        r"source \[3, 7, 2\] .* outside the patch or component that is used \(1160 of 1560 .*; choose",
+    ),
+    "duplicate sources": (
+        sheet(),
+        {"sources": [[9, 9, 2], [0, 0, 2], [9, 9, 2]]},
+        r"source \[9, 9, 2\] is given 2 times",
+    ),
+    "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
+    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be whole voxel indices"),
+    "disconnected patch": (
+        sheet(),
+        {"keep": kept(np.s_[:5], np.s_[30:])},
+        r"2 pieces that do not touch \(of 400, 200 voxels\): keep one piece",
+    ),
+    "mask of wrong shape": (sheet(), {"keep": np.ones((3, 4, 5))}, r"shape \(3, 4, 5\), the volume \(40, 40, 5\)"),
+    "mask empty": (sheet(), {"keep": kept()}, r"mask to keep is empty: every voxel is 0"),
+    "mask beside": (sheet(), {"keep": kept(np.s_[:, :, 0])}, r"keeps no voxel of the surface \(1600 .*check that it"),
+    "mask of NaN": (sheet(), {"keep": kept() + np.float32(NAN)}, r"mask to keep has NaN; write 0"),
+    "seed point alone": (sheet(), {"seed_point": (1, 1, 2)}, r"seed point is given without a radius in mm; give both"),
+    "radius alone": (sheet(), {"radius": 5.0}, r"radius is given without a seed point; give both"),
+    "radius zero": (sheet(), {"seed_point": (1, 1, 2), "radius": 0}, r"radius is 0 mm: give a positive"),
+    "radius negative": (sheet(), {"seed_point": (1, 1, 2), "radius": -3.5}, r"radius is -3.5 mm: give a positive"),
+    "radius NaN": (sheet(), {"seed_point": (1, 1, 2), "radius": NAN}, r"radius is NaN mm: give a positive"),
+    "radius infinite": (
+        sheet(),
+        {"seed_point": (1, 1, 2), "radius": INF},
+        r"radius is inf mm: give a positive, finite",
+    ),
+    "radius text": (sheet(), {"seed_point": (1, 1, 2), "radius": "5 mm"}, r"radius is '5 mm'; give a number"),
+    "radius below a voxel": (sheet(), {"seed_point": (1, 1, 2), "radius": 0.5}, r"only 1 points.*take a larger"),
+    "seed point far off": (
+        sheet(),
+        {"seed_point": (1, 1, 90), "radius": 5},
+        r"\[1, 1, 90\] is 88.0 mm away .* voxel \[1, 1, 2\]\), farther than the patch radius 5 mm: choose",
+    ),
+    "seed point beyond all": (
+        sheet(),
+        {"seed_point": (2**63 - 1, -(2**63), 0), "radius": 5},
+        r"choose a seed point on",
+    ),
+    "seed point of two": (sheet(), {"seed_point": (1, 1), "radius": 5}, r"seed point must be .*\(1, 2\)"),
+    "seed point fractional": (sheet(), {"seed_point": (1.5, 1, 2), "radius": 5}, r"seed point must be whole"),
+    "closed": (
+        ball(),
+        {},
+        r"closed, like a sphere's.*Cut out a patch: give a seed point and a radius in mm, or a mask",
+    ),
+    "memory": (
+        sheet(),
+        {"memory_limit": 10**6},
+        r"MiB of memory are needed, 976.6 KiB is the limit; take a smaller patch",
+    ),
+    "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
+    "method": (sheet(), {"method": "tsne"}, r"method is 'tsne'; give 'grossmann2002'"),
+    "sampling": (sheet(), {"sampling": "best"}, r"sampling is \"best\"; give 'farthest' or 'random'"),
+    "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is \"city-block\"; give"),
+    "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),
+    "seed too large": (sheet(), {"seed": 2**64}, r"seed is 18446744073709551616; give"),
+    "seed fractional": (sheet(), {"seed": 1.5}, r"seed is 1.5; give a whole number"),
+    "no seed": (sheet(), {"seed": None}, r"seed is None; give a whole number"),
+    "no thread": (sheet(), {"threads": 0}, r"threads is 0; give at least 1"),
+    "threads fractional": (sheet(), {"threads": 1.5}, r"threads is 1.5; give at least 1"),
+    "threads beyond all": (sheet(), {"threads": 100_000}, r"threads is 100000; give .* at most \d+"),
+}
+OPTIONS = {  # options of the API that the command line has, too
+    "label": str,
+    "threshold": str,
+    "spacing": lambda value: ",".join(map(str, value)),
+    "seed_point": lambda value: ",".join(map(str, value)),
+    "radius": str,
+    "sources": str,
+    "memory_limit": str,
+    "seed": str,
+    "threads": str,
+}
+WRONG_USAGE = {"spacing of two", "seed point of two", "seed point fractional", "threshold text", "radius text"}
+WRONG_USAGE |= {"seed fractional", "no seed", "threads fractional", "sampling", "link lengths"}
+
+
+def on_the_command_line(name):
+    """Whether a case can be given to the command line, where some are usage errors."""
+    volume, options, _ = API[name]
+    if not isinstance(volume, np.ndarray) or volume.dtype.kind not in "biuf" or name in WRONG_USAGE:
+        return False
+    return all(
+        key == "keep" or (key in OPTIONS and not (key == "sources" and isinstance(value, list)))
+        for key, value in options.items()
+    )
+
+
+def fails(folder, *arguments):
+    """Run the program, which must say one line and write nothing; return the line."""
+    before = snapshot(folder)
+    result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+    assert result.exit_code == 1, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("voxflat: error: ")
+    assert result.stderr.endswith("\n")
+    assert result.stderr.count("\n") == 1
+    assert snapshot(folder) == before
+    return result.stderr.rstrip("\n")
+
+
+def snapshot(folder):
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("name", API)
+def test_python(name):
+    volume, options, message = API[name]
+    with pytest.raises(voxflat.InputError, match=message):
+        voxflat.flatten(volume, **options)
+
+
+@pytest.mark.parametrize("name", filter(on_the_command_line, API))
+def test_command_line(name, tmp_path):
+    volume, options, message = API[name]
+    np.save(tmp_path / "in.npy", volume)
+    arguments = []
+    for key, value in options.items():
+        if key == "keep":
+            np.save(tmp_path / "keep.npy", value)
+        text = tmp_path / "keep.npy" if key == "keep" else OPTIONS[key](value)
+        arguments += ["--" + key.replace("_", "-"), text]
+    line = fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", tmp_path / "map.npz", *arguments)
+    with pytest.raises(voxflat.InputError, match=message):
+        raise voxflat.InputError(line)
+
+
+@pytest.mark.parametrize("name", sorted(WRONG_USAGE))
+def test_wrong_usage(name, tmp_path):
+    _, options, _ = API[name]
+    np.save(tmp_path / "in.npy", sheet())
+    arguments = ["flatten", tmp_path / "in.npy", "-o", tmp_path / "map.npz"]
+    for key, value in options.items():
+        arguments += ["--" + key.replace("_", "-"), OPTIONS.get(key, str)(value)]
+    result = CliRunner().invoke(cli.main, list(map(str, arguments)), prog_name="voxflat")
+    assert result.exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["in.npy"]
+
+
+def test_memory_is_checked_before_the_start():
+    stages = []
+    with pytest.raises(voxflat.InputError, match="of memory are needed"):
+        voxflat.flatten(sheet(), memory_limit=10**6, progress=lambda stage, done, total: stages.append(stage))
+    assert "measuring distances" not in stages
+    assert "scaling" not in stages
+
+
+def test_closed_surface_can_be_flattened_in_part():
+    assert len(voxflat.flatten(ball(), seed_point=(9, 9, 1), radius=6)) > 20
+
+
+# ---------------------------------------------------------------------------------------------- files
+
+
+def nifti(path, volume=None, place=None):
+    write_volume(path, sheet() if volume is None else volume, np.eye(4) if place is None else place)
+    return path
+
+
+def cut_short(path):
+    nifti(path)
+    path.write_bytes(path.read_bytes()[:-20])
+
+
+def raw_header(path, **fields):
+    nifti(path)
+    raw = bytearray(path.read_bytes())
+    for offset, value in fields.values():
+        raw[offset : offset + 4] = np.float32(value).tobytes()
+    path.write_bytes(raw)
+
+
+BAD_FILES = {
+    "truncated.nii.gz": (cut_short, r"truncated\.nii\.gz: .*(ended|end|complete)"),
+    "text.nii": (lambda path: path.write_text("no image\n" * 100), r"text\.nii: "),
+    "empty.nii": (lambda path: path.write_bytes(b""), r"empty\.nii: "),
+    "directory.nii": (lambda path: path.mkdir(), r"directory\.nii: is a directory: name a volume file"),
+    "missing.nii": (lambda path: None, r"missing\.nii.*: No such file|No such file.*missing\.nii"),
+    "unknown.xyz": (lambda path: path.write_bytes(b"?"), r"ending '\.xyz' is unknown; \.nii,.* can be read"),
+    "series.nii": (
+        lambda path: nib.save(nib.Nifti1Image(np.ones((3, 3, 3, 2), np.uint8), np.eye(4)), path),
+        r"pick one",
+    ),
+    "sheared.nii": (
+        lambda path: nib.save(nib.Nifti1Image(sheet(), affine(a01=0.5)), path),
+        r"sheared\.nii: .*sheared: the cosine .* resample",
+    ),
+    "nan_affine.nii": (lambda path: raw_header(path, srow=(280, NAN), qoffset=(268, NAN)), r"is not finite: repair"),
+    "pickle.npy": (lambda path: path.write_bytes(pickle.dumps(sheet())), r"pickle\.npy: "),
+    "objects.npy": (lambda path: np.save(path, np.array([{}]), allow_pickle=True), r"objects\.npy: .*"),
+    "truncated.npy": (lambda path: (np.save(path, sheet()), cut_file(path)), r"truncated\.npy: "),
+    "truncated.npz": (lambda path: (np.savez(path, sheet()), cut_file(path)), r"truncated\.npz: .*write it again"),
+}
+
+
+def cut_file(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+@pytest.mark.parametrize("command", ["flatten", "check"])
+def test_bad_files(name, command, tmp_path):
+    make, message = BAD_FILES[name]
+    make(tmp_path / name)
+    expected = FileNotFoundError if name.startswith("missing") else voxflat.InputError
+    with pytest.raises(expected, match=message):
+        getattr(voxflat, command)(tmp_path / name)
+    output = ["-o", tmp_path / "map.npz"] if command == "flatten" else []
+    with pytest.raises(voxflat.InputError, match=message):
+        raise voxflat.InputError(fails(tmp_path, command, tmp_path / name, *output))
+
+
+@pytest.mark.parametrize("value", [NAN, INF])
+def test_nan_in_a_nifti_file(value, tmp_path):
+    path = tmp_path / "nan.nii"
+    nib.save(nib.Nifti1Image(with_value(value), np.eye(4)), path)
+    with pytest.raises(voxflat.InputError, match="1 voxels are NaN or infinite"):
+        voxflat.flatten(path, threshold=0.5)
+
+
+def test_compressed_and_plain_file_of_one_name(tmp_path):
+    nifti(tmp_path / "in.nii", sheet())
+    nifti(tmp_path / "in.nii.gz", 2 * sheet())
+    assert voxflat.check(tmp_path / "in.nii.gz").labels == {2: 1600}
+
+
+def test_a_damaged_affine_is_one_line(tmp_path, capfd):
+    raw_header(tmp_path / "in.nii", srow=(280, NAN), qoffset=(268, NAN))
+    with pytest.raises(voxflat.InputError, match="is not finite"):
+        voxflat.check(tmp_path / "in.nii")
+    assert capfd.readouterr().err == ""
+
+
+def test_a_mask_that_lies_elsewhere(tmp_path):
+    surface = nifti(tmp_path / "in.nii.gz")
+    keep = nifti(tmp_path / "keep.nii.gz", kept(np.s_[:20]), affine(a03=2.0))
+    message = r"mask to keep lies elsewhere than the volume \(their affines differ\); resample it first"
+    with pytest.raises(voxflat.InputError, match=message):
+        voxflat.flatten(surface, keep=keep)
+    line = fails(tmp_path, "flatten", surface, "--keep", keep, "-o", tmp_path / "map.npz")
+    assert "lies elsewhere" in line
+
+
+def test_a_spacing_for_a_file_that_has_one(tmp_path):
+    surface = nifti(tmp_path / "in.nii.gz")
+    line = fails(tmp_path, "flatten", surface, "--spacing", "2,2,2", "-o", tmp_path / "map.npz")
+    assert "has its own affine: leave out" in line
+
+
+# --------------------------------------------------------------------------------------------- outputs
+
+
+def locked(folder):
+    folder.mkdir()
+    folder.chmod(0o555)
+    return folder / "map.npz"
+
+
+def file_as_parent(path):
+    path.write_text("a file")
+    return path / "map.npz"
+
+
+def directory(path):
+    path.mkdir()
+    return path
+
+
+BAD_OUTPUTS = {
+    "parent missing": (lambda folder: folder / "missing" / "map.npz", r"missing.map\.npz: No such .*; choose another"),
+    "parent is a file": (lambda folder: file_as_parent(folder / "file"), r"map\.npz: Not a directory; choose another"),
+    "a directory": (lambda folder: directory(folder / "map.npz"), r"map\.npz: it is a directory; choose another"),
+    "no permission": (lambda folder: locked(folder / "locked"), r"map\.npz: Permission denied; choose another"),
+    "wrong ending": (lambda folder: folder / "map.gii", r"map\.gii.*(must end|ends) in \.npz"),
+    "no ending": (lambda folder: folder / "map", r"map.*(must end|ends) in \.npz"),
+}
+
+
+@pytest.fixture(scope="module")
+def flat_map():
+    return voxflat.flatten(sheet(), sources=20)
+
+
+@pytest.mark.parametrize("name", BAD_OUTPUTS)
+def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
+    if name == "no permission" and (os.name == "nt" or os.geteuid() == 0):
+        pytest.skip("this user may write everywhere")
+    make, message = BAD_OUTPUTS[name]
+    np.save(tmp_path / "in.npy", sheet())
+    out = make(tmp_path)
+    with pytest.raises(voxflat.InputError, match=message):
+        flat_map.save(out)
+    # the command line must find out before the long work
+    monkeypatch.setattr(voxflat, "flatten", lambda *_, **__: pytest.fail("flattened first"))
+    with pytest.raises(voxflat.InputError, match=message):
+        raise voxflat.InputError(fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", out))
+
+
+# ------------------------------------------------------------------------------------------ interruption
+
+
+@pytest.mark.parametrize("stage", ["finding the surface", "choosing sources", "measuring distortion"])
+def test_progress_that_says_no_cancels(stage):
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.flatten(sheet(), sources=20, progress=lambda now, done, total: now != stage)
+
+
+def test_an_error_in_progress_comes_through():
+    class MyError(Exception):
+        pass
+
+    def progress(stage, done, total):
+        raise MyError(stage)
+
+    with pytest.raises(MyError, match="finding the surface"):
+        voxflat.flatten(sheet(), progress=progress)
+
+
+# ------------------------------------------------------------------------------------------ damaged maps
+
+
+def other_byte(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+
+
+def without(path, name):
+    with np.load(path) as file:
+        arrays = {key: file[key] for key in file.files if key != name}
+    np.savez(path, **arrays)
+
+
+BAD_MAPS = {
+    "truncated": cut_file,
+    "empty": lambda path: path.write_bytes(b""),
+    "other byte": other_byte,
+    "other npz": lambda path: np.savez(path, data=sheet()),
+    "array without archive": lambda path: (
+        np.save(path.with_suffix(".npy"), sheet()),
+        path.with_suffix(".npy").replace(path),
+    ),
+    "without uv": lambda path: without(path, "uv"),
+    "without metadata": lambda path: without(path, "metadata"),
+    "pickle": lambda path: path.write_bytes(pickle.dumps({"uv": 1})),
+    "pickled objects": lambda path: np.savez(path, metadata=np.array([{}], dtype=object)),
+    "metadata of another kind": lambda path: np.savez(path, metadata=np.array("[1, 2]")),
+    "a number as metadata": lambda path: np.savez(path, metadata=np.array("7")),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MAPS)
+def test_damaged_maps(name, flat_map, tmp_path):
+    path = tmp_path / "map.npz"
+    flat_map.save(path)
+    BAD_MAPS[name](path)
+    with pytest.raises(voxflat.InputError, match=r"map\.npz is not a flat map of voxflat or is damaged"):
+        voxflat.load(path)
+    line = fails(tmp_path, "image", path, "--heat-map", "-o", tmp_path / "heat.png")
+    assert "is not a flat map of voxflat or is damaged" in line
+
+
+def test_a_map_that_is_missing(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        voxflat.load(tmp_path / "map.npz")
+    assert "map.npz: No such file" in fails(
+        tmp_path, "image", tmp_path / "map.npz", "--heat-map", "-o", tmp_path / "a.png"
+    )
+
+
+BAD_IMAGES = {
+    "ending": (["--heat-map", "-o", "a.jpg"], r"a\.jpg: its name must end in \.png or \.tif"),
+    "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory; choose another place"),
+    "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
+    "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*give an array of that"),
+    "pixel size zero": (["--heat-map", "--pixel-size", "0", "-o", "a.png"], r"pixel size is 0 mm: give a positive"),
+    "pixel size negative": (["--heat-map", "--pixel-size", "-1", "-o", "a.png"], r"pixel size is -1 mm: give a pos"),
+    "pixel size NaN": (["--heat-map", "--pixel-size", "nan", "-o", "a.png"], r"pixel size is NaN mm: give a positive"),
+    "pixel size tiny": (
+        ["--heat-map", "--pixel-size", "1e-9", "-o", "a.png"],
+        r"pixels; give a pixel size above 0\.000000001 mm",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_IMAGES)
+def test_bad_images(name, flat_map, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments, message = BAD_IMAGES[name]
+    flat_map.save("map.npz")
+    np.save("small.npy", LINE)
+    with pytest.raises(voxflat.InputError, match=message):
+        raise voxflat.InputError(fails(tmp_path, "image", "map.npz", *arguments))

@@ -1,0 +1,544 @@
+"""The napari plugin in a real window: what it offers, what it computes, and that the window stays alive."""
+
+import time
+
+import numpy as np
+import pytest
+from npe2 import PluginManifest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import voxflat
+from voxflat._napari.results import flat_map_reader
+from voxflat._napari.seed import first_voxel, seed_voxel, voxel_at
+from voxflat._napari.volumes import WORLDS, LayerVolume
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Points  # noqa: E402
+from napari.utils.notifications import notification_manager  # noqa: E402
+from qtpy.QtCore import QPoint, Qt, QThreadPool, QTimer  # noqa: E402
+
+AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
+FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
+
+
+def cap(size=24):
+    """A curved sheet, one voxel thick: an open surface."""
+    labels = np.zeros((size, size, size), dtype=np.uint8)
+    i, j = np.mgrid[2 : size - 2, 2 : size - 2]
+    height = size - 4 - ((i - size / 2) ** 2 + 0.5 * (j - size / 3) ** 2) / size
+    labels[i, j, np.round(height).astype(int)] = 3
+    return labels
+
+
+@pytest.fixture(scope="module")
+def large():
+    """A thick shell: some seconds of work from 6000 sources."""
+    x = np.indices((150, 150, 150)) - 75
+    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 65) < 1.5).astype(np.uint8)
+
+
+@pytest.fixture
+def open_widget(make_napari_viewer):
+    def opened(*layers, show=False):
+        viewer = make_napari_viewer(show=show)
+        for layer in layers:
+            viewer.add_layer(layer)
+        _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+        return viewer, widget
+
+    return opened
+
+
+@pytest.fixture
+def messages():
+    """What napari notified of."""
+    notification_manager.records.clear()
+    return notification_manager.records
+
+
+def choose_whole(widget):
+    widget.patch.setCurrentIndex(widget.patch.findData(False))
+
+
+def run(widget, qtbot, timeout=20_000):
+    widget.start.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
+
+
+def start_large(widget, qtbot, large, sources=6000):
+    """Start what takes seconds, and wait until the core is amid it."""
+    widget.seed.set_voxel(tuple(int(n) for n in np.argwhere(large)[0]))
+    widget.radius.setValue(110)
+    widget.sources.setValue(sources)
+    widget.start.click()
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=20_000)
+
+
+# --------------------------------------------------------------------------------------- what is offered
+
+
+def test_manifest_is_valid_and_its_commands_resolve():
+    manifest = PluginManifest.from_distribution("voxflat")
+    manifest.validate_imports()
+    assert [widget.display_name for widget in manifest.contributions.widgets] == ["Flatten surface"]
+
+
+def test_menus_of_a_real_viewer(make_napari_viewer):
+    viewer = make_napari_viewer()
+
+    def texts(menu, *path):
+        for title in path:
+            menu = next(action.menu() for action in menu.actions() if action.text().replace("&", "") == title)
+            menu.aboutToShow.emit()
+        return [action.text() for action in menu.actions()]
+
+    assert "Flatten surface (voxflat)" in texts(viewer.window.layers_menu, "Transform")
+    assert "Flatten surface (voxflat)" in texts(viewer.window.plugins_menu)
+    assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
+
+
+def test_importing_voxflat_imports_no_napari():
+    import subprocess
+    import sys
+
+    code = "import sys, voxflat; sys.exit(any(m.split('.')[0] in ('napari', 'qtpy') for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_demo_cortex_is_a_sample(make_napari_viewer):
+    pytest.importorskip("nilearn")
+    from voxflat.demo import SEED_POINT, THRESHOLD, demo_cortex
+
+    viewer = make_napari_viewer()
+    viewer.open_sample("voxflat", "demo_cortex")
+    t1, labels, seed = viewer.layers
+    white_matter, _ = demo_cortex()
+    assert isinstance(t1, Image)
+    assert labels.data.dtype == np.uint8
+    assert_array_equal(labels.data, white_matter.data > THRESHOLD)
+    assert_allclose(LayerVolume.of(t1).affine, white_matter.affine)
+    assert_allclose(LayerVolume.of(labels).affine, white_matter.affine)
+    assert seed_voxel(seed, labels) == SEED_POINT
+
+
+# -------------------------------------------------------------------------------------- layers to volumes
+
+TRANSFORMS = [
+    {},
+    {"scale": (2, 0.5, 1), "translate": (5, -3, 8)},
+    {"scale": (-1, 2, 1), "rotate": (20, 30, 40), "translate": (1, 2, 3)},
+    {"affine": AFFINE},
+    {"affine": AFFINE, "scale": (2, 2, 2), "translate": (1, 0, -4)},
+]
+
+
+@pytest.mark.parametrize("transform", TRANSFORMS)
+@pytest.mark.parametrize("kind", [Image, Labels])
+def test_affine_agrees_with_the_layer(kind, transform):
+    layer = kind(np.ones((5, 6, 7), dtype=np.uint8), **transform)
+    affine = LayerVolume.of(layer).affine
+    for voxel in np.random.default_rng(0).uniform(-5, 9, (10, 3)):
+        assert_allclose(affine[:3, :3] @ voxel + affine[:3, 3], layer.data_to_world(voxel), atol=1e-9)
+
+
+def test_multiscale_takes_its_finest_level():
+    fine = np.random.default_rng(0).random((8, 8, 8))
+    layer = Image([fine, fine[::2, ::2, ::2]], multiscale=True, scale=(2, 2, 2))
+    volume = LayerVolume.of(layer).read()
+    assert_array_equal(volume.data, fine)
+    assert_allclose(volume.affine, np.diag([2, 2, 2, 1]))
+
+
+def test_units_become_millimetres():
+    data = np.ones((4, 4, 4))
+    microns = LayerVolume.of(Image(data, scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
+    assert_allclose(microns.affine, [[0.25, 0, 0, 1], [0, 0.25, 0, 0], [0, 0, 0.5, 0], [0, 0, 0, 1]])
+    assert microns.origin["unit"] == "micrometer"
+    pixels = LayerVolume.of(Image(data))
+    assert_allclose(pixels.affine, np.eye(4))
+    assert "taken as mm" in pixels.origin["unit"]
+    with pytest.raises(voxflat.InputError, match="second"):
+        LayerVolume.of(Image(data, units=("second", "mm", "mm")))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_world_axes_agree_with_nibabel(world):
+    orientations = pytest.importorskip("nibabel.orientations")
+    layer = Image(np.ones((4, 4, 4)), scale=(1, 2, 3), translate=(5, 6, 7))
+    affine = LayerVolume.of(layer, world).affine
+    assert orientations.aff2axcodes(affine) == tuple(world)
+    assert_allclose(np.linalg.norm(affine[:3, 3]), np.linalg.norm((5, 6, 7)))
+
+
+def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
+    labels = cap()
+    as_nibabel = LayerVolume.of(Labels(labels, affine=AFFINE)).read()
+    lps = np.diag([-1.0, -1, 1, 1]) @ AFFINE  # as ITK readers give it: axes k, j, i, world z, y, x of LPS
+    reverse = [2, 1, 0]
+    itk_affine = np.eye(4)
+    itk_affine[:3, :3] = lps[:3, :3][np.ix_(reverse, reverse)]
+    itk_affine[:3, 3] = lps[reverse, 3]
+    itk_layer = Labels(labels.T, affine=itk_affine)
+
+    def handedness(volume, transposed):
+        flat = voxflat.flatten(volume, sources=300)
+        ids = flat.ids[:, ::-1] if transposed else flat.ids
+        uv = flat.uv[np.lexsort(ids.T)]
+        return uv - uv.mean(axis=0)
+
+    expected = handedness(as_nibabel, False)
+    right = handedness(LayerVolume.of(itk_layer, "SPL").read(), True)
+    wrong = handedness(LayerVolume.of(itk_layer, "RAS").read(), True)
+    assert np.linalg.det(expected.T @ right) > 0
+    assert np.linalg.det(expected.T @ wrong) < 0
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (2, 8, 8, 8)])
+def test_other_dimensions_are_refused(shape):
+    with pytest.raises(voxflat.InputError, match=f"{len(shape)} dimensions"):
+        LayerVolume.of(Image(np.ones(shape)))
+
+
+@pytest.mark.parametrize(
+    ("colours", "expected"),
+    [(np.full((4, 4, 4, 3), 0.5, np.float32), 128), (np.full((4, 4, 4, 4), 51, np.uint8), 51)],
+)
+def test_colours_become_bytes(colours, expected):
+    data = LayerVolume.of(Image(colours, rgb=True)).read().data
+    assert data.dtype == np.uint8
+    assert (data == expected).all()
+
+
+# ------------------------------------------------------------------------------------------ seed points
+
+
+def test_seed_is_the_selected_point_or_the_last():
+    layer = Labels(cap(), affine=AFFINE, units="mm")
+    voxels = np.array([[3, 4, 5], [6, 7, 8]])
+    world = voxels @ AFFINE[:3, :3].T + AFFINE[:3, 3]
+    points = Points(world, units="mm")
+    points.selected_data = set()
+    assert seed_voxel(points, layer) == (6, 7, 8)
+    points.selected_data = {0}
+    assert seed_voxel(points, layer) == (3, 4, 5)
+    assert seed_voxel(Points(world * 1000, units="micrometer"), layer) == (6, 7, 8)
+    assert seed_voxel(Points(ndim=3), layer) is None
+
+
+def test_voxel_outside_the_layer_is_none():
+    layer = Labels(cap(24))
+    assert voxel_at(layer, (23.4, 0, 0)) == (23, 0, 0)
+    assert voxel_at(layer, (23.6, 0, 0)) is None
+
+
+def test_ray_meets_the_first_voxel_of_the_foreground():
+    data = np.zeros((9, 9, 9), dtype=np.uint8)
+    data[4, 4, 3:6] = 2
+    start, end = np.array([4.0, 4, -0.5]), np.array([4.0, 4, 8.5])
+    assert first_voxel(Labels(data), start, end, lambda values: values == 2) == (4, 4, 3)
+    assert first_voxel(Labels(data), end, start, lambda values: values == 2) == (4, 4, 5)
+    assert first_voxel(Labels(data), start, end, lambda values: values == 1) is None
+
+
+@pytest.mark.parametrize("ndisplay", [2, 3])
+def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
+    labels = np.zeros((20, 20, 20), dtype=np.uint8)
+    labels[5:15] = 1
+    viewer, widget = open_widget(Labels(labels, scale=(1, 2, 2)), show=True)
+    layer = viewer.layers[0]
+    viewer.dims.ndisplay = ndisplay
+    viewer.dims.set_point(0, 7)
+    viewer.reset_view()
+    layer.mode = "paint"
+    painted = labels.copy()
+    qtbot.wait(100)
+    widget.seed.pick.click()
+    canvas = viewer.window._qt_viewer.canvas.native
+    centre = QPoint(canvas.width() // 2, canvas.height() // 2)
+    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    i, j, k = widget.seed.voxel
+    assert i in ((7,) if ndisplay == 2 else (5, 14))  # in 3D the surface
+    assert abs(j - 9.5) <= 1
+    assert abs(k - 9.5) <= 1
+    assert not widget.seed.pick.isChecked()
+    assert_array_equal(layer.data, painted)
+    assert viewer.layers["seed point"].data.tolist() == [[i, j, k]]
+
+
+def test_seed_follows_the_point(open_widget):
+    viewer, widget = open_widget(Labels(cap(), affine=FLIP))
+    assert widget.seed.voxel is None
+    widget.seed.set_voxel((4, 5, 6))
+    assert widget.seed.voxel == (4, 5, 6)
+    viewer.layers["seed point"].data = [(7, 8, 9)]
+    assert widget.seed.voxel == (7, 8, 9)
+    viewer.layers.remove("seed point")
+    assert widget.seed.voxel is None
+
+
+# ---------------------------------------------------------------------------------------------- choices
+
+
+def test_layers_and_labels_are_listed(open_widget, qtbot):
+    labels = cap()
+    labels[0, 0, 0] = 7
+    viewer, widget = open_widget(Image(np.ones((4, 4)), name="flat picture"), Labels(labels, name="parts"))
+    assert widget.surface.layer is viewer.layers["parts"]
+    qtbot.waitUntil(lambda: widget.label.count() == 2)
+    assert [widget.label.itemData(n) for n in range(2)] == [3, 7]
+    viewer.layers["parts"].selected_label = 7
+    assert widget.label.label == 7
+    viewer.layers["parts"].selected_label = 5  # is not there
+    assert widget.label.label == 7
+    viewer.layers["parts"].name = "regions"
+    assert widget.surface.currentText() == "regions"
+    viewer.layers["regions"].data_setitem((np.array([0]),) * 3, 9)
+    qtbot.waitUntil(lambda: widget.label.findData(9) >= 0)
+    viewer.layers.remove("regions")
+    assert widget.surface.layer is None
+    assert not widget.label.count()
+
+
+def test_threshold_starts_amid_the_contrast_limits(open_widget):
+    _, widget = open_widget(Image(np.linspace(0, 10, 1000).reshape(10, 10, 10)))
+    assert widget.threshold.value() == pytest.approx(5)
+    assert widget.threshold.isVisibleTo(widget)
+    assert not widget.label.isVisibleTo(widget)
+
+
+# --------------------------------------------------------------------------------------------- flattening
+
+
+def test_result_is_that_of_the_library(open_widget, qtbot):
+    labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
+    viewer, widget = open_widget(
+        Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
+    )
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    choose_whole(widget)
+    widget.sources.setValue(200)
+    widget.pixel_size.setValue(1.25)
+    run(widget, qtbot)
+    expected = voxflat.flatten(labels, affine=FLIP, label=3, sources=200)
+    picture = expected.image(t1, 1.25)
+    flattened, distortion = viewer.layers["T1 flattened"], viewer.layers["sheet distortion"]
+    assert_array_equal(flattened.data, picture.data)
+    assert_array_equal(distortion.data, expected.heat_map(1.25).data)
+    for layer in (flattened, distortion):
+        assert_allclose(layer.scale, 1.25)
+        assert_allclose(layer.translate, (-picture.origin[1], picture.origin[0]))
+        assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
+        assert np.isfinite(layer.contrast_limits).all()
+        flat_map = layer.metadata["voxflat"]
+        assert_array_equal(flat_map.uv, expected.uv)
+        assert layer.metadata["parameters"]["napari"] == {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
+        assert {**expected.metadata, "napari": flat_map.metadata["napari"]} == layer.metadata["parameters"]
+        assert layer.metadata["distortion"]["raw"]["stress_1"] == expected.distortion.raw.stress_1
+    assert "fraction" in distortion.metadata["colours"]
+    assert distortion.colorbar.visible
+    assert f"{100 * expected.distortion.raw.relative_error:.1f} %" in widget.status.text()
+
+
+def test_only_the_map_is_shown_then_the_volume_again(open_widget, qtbot):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    choose_whole(widget)
+    viewer.dims.ndisplay = 3
+    viewer.dims.order = (2, 0, 1)
+    viewer.dims.point = (5, 6, 7)
+    viewer.layers["T1"].visible = False
+    viewer.reset_view()
+    camera = getattr(viewer, "scene", viewer).camera  # before napari 0.9 the viewer's own
+    before = (camera.center, camera.zoom, viewer.dims.order, viewer.dims.point)
+    run(widget, qtbot)
+    assert {layer.name for layer in viewer.layers if layer.visible} == {"T1 flattened", "sheet distortion"}
+    assert viewer.dims.ndisplay == 2
+    assert viewer.dims.order == (0, 1, 2)
+    extent = viewer.layers["sheet distortion"].extent.world
+    assert_allclose(camera.center[-2:], extent.mean(axis=0), atol=1e-6)
+    if hasattr(viewer, "canvas"):
+        assert viewer.canvas.grid.enabled
+        shown = np.array(viewer.canvas.viewbox_size(viewer.layers)) / camera.zoom
+        assert 0.85 < np.max((extent[1] - extent[0]) / shown) < 1
+    widget.results.toggle.click()
+    assert {layer.name for layer in viewer.layers if layer.visible} == {"sheet"}
+    assert viewer.dims.ndisplay == 3
+    assert_allclose(camera.center, before[0])
+    assert (camera.zoom, viewer.dims.order, viewer.dims.point) == before[1:]
+    assert not hasattr(viewer, "canvas") or not viewer.canvas.grid.enabled
+    widget.results.toggle.click()
+    viewer.layers.remove("T1 flattened")
+    viewer.layers.remove("sheet distortion")
+    assert viewer.layers["sheet"].visible
+    assert not widget.results.toggle.isEnabled()
+
+
+def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
+    atlas = np.zeros((24, 24, 24), dtype=np.int32)
+    atlas[12:], atlas[:12] = 1001, 2035
+    viewer, widget = open_widget(Labels(atlas, name="atlas"), Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    choose_whole(widget)
+    widget.sampled.choose(viewer.layers["atlas"])
+    run(widget, qtbot)
+    layer = viewer.layers["atlas flattened"]
+    assert isinstance(layer, Labels)
+    assert set(np.unique(layer.data)) == {0, 1001, 2035}
+
+
+def test_colours_on_the_map(open_widget, qtbot):
+    colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
+    viewer, widget = open_widget(Image(colours, rgb=True, name="stain"), Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert viewer.layers["stain flattened"].rgb
+
+
+def test_dask_above_a_threshold(open_widget, qtbot):
+    dask = pytest.importorskip("dask.array")
+    volume = cap() / 3.0
+    viewer, widget = open_widget(Image(dask.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
+    choose_whole(widget)
+    run(widget, qtbot)
+    flat_map = viewer.layers["probability distortion"].metadata["voxflat"]
+    assert_array_equal(flat_map.uv, voxflat.flatten(volume, threshold=0.5).uv)
+
+
+def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    path = str(tmp_path / "map.npz")
+    monkeypatch.setattr("voxflat._napari.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
+    widget.results.save.click()
+    (opened,) = viewer.open(path, plugin="voxflat")
+    assert opened.name == "map distortion"
+    assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
+    np.savez(tmp_path / "other.npz", data=np.ones(3))
+    assert flat_map_reader(str(tmp_path / "other.npz")) is None
+
+
+# ------------------------------------------------------------------------------------------------ trouble
+
+
+def nan_image():
+    volume = cap().astype(float)
+    volume[0, 0, 0] = np.nan
+    return Image(volume, contrast_limits=(0, 3))
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
+        (lambda: Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)), "closed"),
+        (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
+        (lambda: Labels(np.ones((2, 9, 9, 9), dtype=np.uint8)), "4 dimensions"),
+        (nan_image, "NaN"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages, layer, message):
+    viewer, widget = open_widget(layer())
+    widget.surface.choose(viewer.layers[0])
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert len(messages) == 1
+    assert str(messages[0].severity) == "error"
+    assert message in messages[0].message
+    assert "\n" not in messages[0].message
+    assert not hasattr(messages[0], "exception")  # no traceback
+    assert message in widget.status.text()
+    assert len(viewer.layers) == 1
+    assert widget.start.isEnabled()
+    viewer.add_labels(cap(), name="good")  # and it goes on
+    widget.surface.choose(viewer.layers["good"])
+    qtbot.waitUntil(lambda: widget.label.label == 3)
+    run(widget, qtbot)
+    assert "good distortion" in viewer.layers
+
+
+def test_missing_choices_are_named(open_widget, messages):
+    viewer, widget = open_widget()
+    widget.start.click()
+    assert "nothing to flatten" in messages[-1].message
+    viewer.add_labels(cap())
+    widget.start.click()
+    assert "no seed point" in messages[-1].message
+    choose_whole(widget)
+    viewer.add_image(np.ones((24, 24, 24)), units="mm")
+    widget.start.click()
+    assert "units" in messages[-1].message
+
+
+def test_a_bug_comes_with_its_traceback(open_widget, qtbot, messages, monkeypatch):
+    def broken(*args):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("voxflat._napari.job.Job.run", broken)
+    viewer, widget = open_widget(Labels(cap()))
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert isinstance(messages[0].exception, ZeroDivisionError)
+    assert len(viewer.layers) == 1
+
+
+def test_cancel_is_prompt(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large, name="shell"))
+    start_large(widget, qtbot, large)
+    before = time.perf_counter()
+    widget.stop.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
+    seconds = time.perf_counter() - before
+    print(f"cancelled in {seconds:.3f} s")
+    assert seconds < 0.3
+    assert widget.status.text() == "cancelled"
+    assert [layer.name for layer in viewer.layers] == ["shell", "seed point"]
+    widget.radius.setValue(15)
+    widget.sources.setValue(50)
+    run(widget, qtbot)
+    assert "shell distortion" in viewer.layers
+
+
+def test_window_stays_alive(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large), Image(large.astype(np.float32)), show=True)
+    ticks = []
+    timer = QTimer()
+    timer.setInterval(5)
+    timer.timeout.connect(lambda: ticks.append((time.perf_counter(), len(viewer.layers))))
+    qtbot.wait(500)
+    start_large(widget, qtbot, large, sources=2000)
+    timer.start()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=30_000)
+    timer.stop()
+    times, layers = np.transpose(ticks)
+    gap = np.diff(times[layers == layers[0]]).max()
+    print(f"longest gap {gap:.3f} s while computing, {np.diff(times).max():.3f} s when napari adds the map's layers")
+    assert gap < 0.2
+
+
+def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large, name="shell"))
+    start_large(widget, qtbot, large, sources=2000)
+    viewer.layers.clear()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=30_000)
+    assert "shell distortion" in viewer.layers
+
+
+@pytest.mark.parametrize("close", ["window", "dock"])
+def test_closing_meanwhile_is_safe(open_widget, qtbot, large, close):
+    viewer, widget = open_widget(Labels(large))
+    start_large(widget, qtbot, large)
+    before = time.perf_counter()
+    if close == "window":
+        viewer.close()
+    else:
+        viewer.window.remove_dock_widget(widget)
+    qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=3_000)
+    print(f"{close} closed in {time.perf_counter() - before:.2f} s")
+    qtbot.wait(100)
+    if close == "dock":
+        assert not any("distortion" in layer.name for layer in viewer.layers)
+        viewer.add_labels(cap())  # nothing listens any more
