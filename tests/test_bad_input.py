@@ -74,8 +74,8 @@ API = {
     "threshold too high": (sheet(), {"threshold": 5}, r"above the threshold 5(\.0)?; the largest value is 1"),
     "threshold NaN": (sheet(), {"threshold": NAN}, r"threshold is nan; give a finite"),
     "threshold text": (sheet(), {"threshold": "high"}, r"threshold is 'high'; give a number"),
-    "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxels are NaN or infinite; replace"),
-    "inf in the data": (with_value(INF), {"label": 1}, r"1 voxels are NaN or infinite; replace"),
+    "NaN in the data": (with_value(NAN), {"threshold": 0.5}, r"1 voxel is NaN or infinite; replace"),
+    "inf in the data": (with_value(INF), {"label": 1}, r"1 voxel is NaN or infinite; replace"),
     "spacing NaN": (sheet(), {"spacing": (NAN, 1, 1)}, r"spacing \[nan, 1.0, 1.0\] must be 3 positive, finite"),
     "spacing inf": (sheet(), {"spacing": (1, INF, 1)}, r"spacing \[1.0, inf, 1.0\] must be 3 positive"),
     "spacing zero": (sheet(), {"spacing": (0, 1, 1)}, r"spacing \[0.0, 1.0, 1.0\] must be 3 positive"),
@@ -325,7 +325,7 @@ def test_bad_files(name, command, tmp_path):
 def test_nan_in_a_nifti_file(value, tmp_path):
     path = tmp_path / "nan.nii"
     nib.save(nib.Nifti1Image(with_value(value), np.eye(4)), path)
-    with pytest.raises(voxflat.InputError, match="1 voxels are NaN or infinite"):
+    with pytest.raises(voxflat.InputError, match="1 voxel is NaN or infinite"):
         voxflat.flatten(path, threshold=0.5)
 
 

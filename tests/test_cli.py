@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapes
 from click.testing import CliRunner
 from PIL import Image
 
@@ -93,7 +94,7 @@ def test_flatten_says_which_part(shared, tmp_path):
     surface[0, 0, :3] = 1
     np.save(tmp_path / "two.npy", surface)
     arguments = ["flatten", tmp_path / "two.npy", "-o", tmp_path / "map.npz"]
-    assert "the largest component (the next has 3)" in run(*arguments).stdout
+    assert "the largest of 2 components (the next has 3)" in run(*arguments).stdout
     disk = run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
     assert "within 6.0 mm of voxel [10, 9, 12]" in disk
     np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
@@ -107,7 +108,9 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     np.save(tmp_path / "ring.npy", surface)
     result = run("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
     assert result.exit_code == 0
-    assert result.stderr.startswith("voxflat: warning: Euler characteristic 0")
+    memory, warning = result.stderr.splitlines()
+    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
+    assert warning.startswith("voxflat: warning: Euler characteristic 0")
     assert "warning" not in result.stdout
 
 
@@ -169,7 +172,7 @@ def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = program("flatten", shared / "surface.nii.gz", "-o", out, "--sources", "60", "--json")
     assert result.returncode == 0
-    assert result.stderr == ""
+    assert "of memory are needed" in result.stderr
     content = json.loads(result.stdout)
     saved = voxflat.load(out)
     assert content["output"] == str(out)
@@ -453,7 +456,7 @@ def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
 
     monkeypatch.setattr(np, "savez_compressed", savez)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20)
-    assert (result.exit_code, result.stderr) == (1, "voxflat: cancelled\n")
+    assert (result.exit_code, result.stderr.splitlines()[-1]) == (1, "voxflat: cancelled")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -527,3 +530,16 @@ def test_starting_needs_no_plotting_and_no_gui():
     code = "import sys, voxflat.cli; print([m for m in ('matplotlib', 'napari', 'pyvista', 'itk') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert result.stdout == "[]\n"
+
+
+def test_image_at_a_depth(tmp_path):
+    ball = shapes.ball(12)
+    np.save(tmp_path / "ball.npy", ball)
+    patch = ["--seed-point", "24,14,14", "--radius", "12", "--sources", "60"]
+    assert run("flatten", tmp_path / "ball.npy", *patch, "-o", tmp_path / "map.npz").exit_code == 0
+    np.save(tmp_path / "i.npy", np.indices(ball.shape)[0].astype(np.float32))
+    for depth in (0, 2):
+        arguments = ["--volume", tmp_path / "i.npy", "--depth", depth, "-o", tmp_path / f"{depth}.npy"]
+        assert run("image", tmp_path / "map.npz", *arguments).exit_code == 0
+    outward = np.load(tmp_path / "2.npy") - np.load(tmp_path / "0.npy")
+    assert 1 < np.nanmean(outward) < 2  # the patch faces along i

@@ -240,9 +240,9 @@ class TestLongWork:
 
             return progress
 
-        for stage in ("choosing sources", "measuring distances", "placing the rest"):
+        for stage in ("choosing sources", "measuring distances", "scaling"):
             with pytest.raises(voxflat.Cancelled):
-                voxflat.flatten(volume, sources=2000, progress=cancel_when(stage))
+                voxflat.flatten(volume, sources=3000, progress=cancel_when(stage))
             assert time.perf_counter() - cancelled[stage] < 0.1, stage
 
     def test_an_exception_of_progress_comes_through(self, bent):

@@ -171,24 +171,22 @@ def test_world_axes_agree_with_nibabel(world):
 
 
 def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
-    labels = cap()
-    as_nibabel = LayerVolume.of(Labels(labels, affine=AFFINE)).read()
-    lps = np.diag([-1.0, -1, 1, 1]) @ AFFINE  # as ITK readers give it: axes k, j, i, world z, y, x of LPS
+    labels = np.maximum.accumulate(cap()[:, :, ::-1], axis=2)[:, :, ::-1]  # a hill, which unlike a sheet has an outside
+    top = np.array([12, 8, np.flatnonzero(labels[12, 8])[-1]])
     reverse = [2, 1, 0]
-    itk_affine = np.eye(4)
-    itk_affine[:3, :3] = lps[:3, :3][np.ix_(reverse, reverse)]
-    itk_affine[:3, 3] = lps[reverse, 3]
-    itk_layer = Labels(labels.T, affine=itk_affine)
+    lps = np.diag([-1.0, -1, 1, 1]) @ AFFINE
+    itk = np.eye(4)  # as ITK's readers give it: axes k, j, i in the world z, y, x of LPS
+    itk[:3, :3], itk[:3, 3] = lps[:3, :3][np.ix_(reverse, reverse)], lps[reverse, 3]
 
-    def handedness(volume, transposed):
-        flat = voxflat.flatten(volume, sources=300)
-        ids = flat.ids[:, ::-1] if transposed else flat.ids
-        uv = flat.uv[np.lexsort(ids.T)]
-        return uv - uv.mean(axis=0)
+    def map_of(layer, world, order):
+        flat = voxflat.flatten(
+            LayerVolume.of(layer, world).read(), seed_point=top[order].tolist(), radius=20, sources=300
+        )
+        return flat.uv[np.lexsort(flat.ids[:, order].T)] - flat.uv.mean(axis=0)
 
-    expected = handedness(as_nibabel, False)
-    right = handedness(LayerVolume.of(itk_layer, "SPL").read(), True)
-    wrong = handedness(LayerVolume.of(itk_layer, "RAS").read(), True)
+    expected = map_of(Labels(labels, affine=AFFINE), "RAS", [0, 1, 2])
+    right = map_of(Labels(labels.T, affine=itk), "SPL", reverse)
+    wrong = map_of(Labels(labels.T, affine=itk), "RAS", reverse)
     assert np.linalg.det(expected.T @ right) > 0
     assert np.linalg.det(expected.T @ wrong) < 0
 

@@ -60,10 +60,9 @@ def main():
     first = {name: np.median(times) for name, times in one.items()}
     further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
     for name in solvers:
-        print(
-            f"{name:16}{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
-            f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
-        )
+        cells = f"{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
+        shares = f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
+        print(f"{name:16}{cells}{shares}")
     print("(last columns: voxflat's time as a share of it)\n")
     threads(surface)
 

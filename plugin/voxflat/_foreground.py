@@ -42,7 +42,8 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
         raise InputError(f"both label={label} and threshold={threshold} are given; give one of them")
     if data.dtype.kind == "f" and not np.isfinite(data).all():
         count = int(np.size(data) - np.isfinite(data).sum())
-        raise InputError(f"{count} voxels are NaN or infinite; replace them, for example with numpy.nan_to_num")
+        voxels = "1 voxel is" if count == 1 else f"{count} voxels are"
+        raise InputError(f"{voxels} NaN or infinite; replace them, for example with numpy.nan_to_num")
     if threshold is not None:
         return _above(data, threshold)
     return _labelled(data, _only_label(data) if label is None else label)

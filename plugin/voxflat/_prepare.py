@@ -160,12 +160,16 @@ def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Say what memory is needed, and refuse to start where there is not enough."""
-    _log.info("memory needed: %s", _amount(need))
+    """Refuse to start where there is not enough memory."""
     allowed = psutil.virtual_memory().available if limit is None else limit
     if need > allowed:
         kind = "are free" if limit is None else "is the limit"
         raise InputError(f"{_amount(need)} of memory are needed, {_amount(allowed)} {kind}; {remedy}")
+
+
+def log_memory(need: int) -> None:
+    """Say what memory is needed, before the start."""
+    _log.info("up to %s of memory are needed", _amount(need))
 
 
 def _amount(size: float) -> str:

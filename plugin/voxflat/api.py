@@ -19,6 +19,7 @@ from voxflat._prepare import (
     checked_seed,
     checked_threads,
     choose_sources,
+    log_memory,
     prepare,
     voxel_indices,
 )
@@ -125,6 +126,7 @@ def flatten(
     rows_need = 4 * len(chosen) * len(part) if keep_rows else 0
     need = part.memory_need(len(chosen), threads or os.cpu_count() or 1) + rows_need
     check_memory(need, memory_limit, "take a smaller patch or fewer sources")
+    log_memory(need)
     result = part.grossmann2002(chosen, seed, threads, progress)
     faces, torn = part.map_faces(result["uv"], progress)
     figures = result["distortion"]

@@ -6,6 +6,7 @@ Exit status: 0 success; 1 the input cannot be used, the work failed or was cance
 from __future__ import annotations
 
 import json
+import logging
 import math
 import re
 import sys
@@ -246,7 +247,7 @@ def check(input_: Path, as_json: bool, **options: Any) -> None:
 @main.command(
     epilog="""\b
 Examples:
-  voxflat image map.npz --volume t1.nii.gz --interpolation linear -o t1.png
+  voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
   voxflat image map.npz --heat-map -o distortion.png
 """
@@ -264,13 +265,25 @@ Examples:
 )
 @click.option("--pixel-size", type=float, metavar="MM", help="Side of a pixel, mm.  [default: half the voxel size]")
 @click.option(
+    "--depth",
+    type=float,
+    metavar="MM",
+    help="How far outside the surface to sample, mm; negative is inside.  [default: 0]",
+)
+@click.option(
     "--interpolation",
     type=click.Choice(["linear", "nearest"]),
     help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
 )
 @_debug
 def image(
-    map_: Path, volume: Path | None, heat_map: bool, output: Path, pixel_size: float | None, interpolation: str | None
+    map_: Path,
+    volume: Path | None,
+    heat_map: bool,
+    output: Path,
+    pixel_size: float | None,
+    depth: float | None,
+    interpolation: str | None,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
@@ -282,14 +295,14 @@ def image(
 
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    if heat_map and interpolation:
-        raise click.UsageError("--interpolation is for --volume.")
+    if heat_map and (interpolation or depth is not None):
+        raise click.UsageError("--interpolation and --depth are for --volume.")
     _check_output(output, _picture.ENDINGS, (map_, volume))
     flat_map = voxflat.load(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
     else:
-        picture = flat_map.image(volume, pixel_size, interpolation=interpolation)
+        picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
     if heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
@@ -378,12 +391,24 @@ class _Bars:
         click.echo(text)
 
 
+class _Notes(logging.Handler):
+    """Print what the package logs, such as the memory that it needs, on stderr above the bars."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        tqdm.write(f"voxflat: {record.getMessage()}", file=sys.stderr)
+
+
 @contextmanager
 def _bars(quiet: bool = False) -> Iterator[_Bars]:
     bars = _Bars(hidden=quiet or not sys.stderr.isatty())
+    log, notes = logging.getLogger("voxflat"), _Notes()
+    if not quiet:
+        log.addHandler(notes)
+        log.setLevel(logging.INFO)
     try:
         yield bars
     finally:
+        log.removeHandler(notes)
         bars.close()
 
 

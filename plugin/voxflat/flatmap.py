@@ -114,8 +114,7 @@ class FlatMap:
     points : ndarray of float64, shape (N, 3)
         The points on the surface, RAS+ mm.
     normals : ndarray of float64, shape (N, 3)
-        Unit vectors that point outside, to the background (RAS+); NaN where both sides are background alike, as all
-        over a sheet one voxel thick.
+        Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
     ids : ndarray of int64, shape (N, 3)
         Their voxel indices (i, j, k).
     faces : ndarray of uint32, shape (F, 3)
@@ -170,7 +169,7 @@ class FlatMap:
     @property
     def spacing(self) -> float:
         """Voxel size of the flattened volume, mm: the geometric mean of its three spacings."""
-        return float(abs(np.linalg.det(self.affine[:3, :3])) ** (1 / 3))
+        return float(np.cbrt(np.prod(np.linalg.norm(self.affine[:3, :3], axis=0))))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the map's pixels, with the inverse look-up to the surface.

@@ -28,7 +28,7 @@ pub struct FlatMap {
     pub graph: Graph,
     /// The place of each point in the plane, mm.
     pub uv: Vec<[f64; 2]>,
-    /// Unit normals (RAS+ mm) that point outside; NaN where there is no outside.
+    /// Unit normals (RAS+ mm) that point outside; NaN for a sheet, which has no outside.
     pub normals: Vec<Vector3<f64>>,
     /// The sources, as vertices of `surface`.
     pub sources: Vec<u32>,

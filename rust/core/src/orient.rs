@@ -14,22 +14,44 @@ const SMOOTHING: usize = 4;
 /// Shorter mean normals than this come from opposite sides and name no outside.
 const SHORTEST_NORMAL: f64 = 0.3;
 
-/// Unit normals (RAS+ mm) that point outside, to the background; NaN where both sides are background alike, as all over a
-/// sheet one voxel thick.
+/// Unit normals (RAS+ mm) that point outside, to the background. NaN throughout for a sheet, most of which has background
+/// on both sides alike; elsewhere thin places take over the normals around them.
 pub fn outward_normals(surface: &VoxelSurface, graph: &Graph) -> Vec<Vector3<f64>> {
     let points = 0..surface.len();
-    let unit = |v: usize| surface.outward(v).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-    let mut normals: Vec<_> = points.clone().map(unit).collect();
+    let mut normals: Vec<_> =
+        points.clone().map(|v| surface.outward(v).try_normalize(0.0).unwrap_or_else(Vector3::zeros)).collect();
     for _ in 0..SMOOTHING {
-        let mean = |v: usize| {
-            let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
-            let (sum, count): (Vector3<f64>, f64) = graph.arcs(v as u32).fold((normals[v], 1.0), add);
-            sum / count
+        normals = points.clone().map(|v| mean_around(graph, &normals, v)).collect();
+    }
+    let clear = |normal: &Vector3<f64>| normal.try_normalize(SHORTEST_NORMAL).unwrap_or_else(Vector3::zeros);
+    normals = normals.iter().map(clear).collect();
+    let unknown = |normals: &[Vector3<f64>]| normals.iter().filter(|normal| **normal == Vector3::zeros()).count();
+    let mut missing = unknown(&normals);
+    if 2 * missing > surface.len() {
+        return vec![Vector3::repeat(f64::NAN); surface.len()];
+    }
+    while missing > 0 {
+        let filled = |v: usize| {
+            let known = normals[v] != Vector3::zeros();
+            let normal = if known { normals[v] } else { mean_around(graph, &normals, v) };
+            normal.try_normalize(0.0).unwrap_or_else(Vector3::zeros)
         };
-        normals = points.clone().map(mean).collect();
+        normals = points.clone().map(filled).collect();
+        let left = unknown(&normals);
+        if left == missing {
+            break; // exact opposites: they stay unknown
+        }
+        missing = left;
     }
     let undefined = Vector3::repeat(f64::NAN);
-    normals.into_iter().map(|normal| normal.try_normalize(SHORTEST_NORMAL).unwrap_or(undefined)).collect()
+    normals.into_iter().map(|normal| if normal == Vector3::zeros() { undefined } else { normal }).collect()
+}
+
+/// The mean over a point and its neighbours.
+fn mean_around(graph: &Graph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
+    let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
+    let (sum, count): (Vector3<f64>, f64) = graph.arcs(vertex as u32).fold((normals[vertex], 1.0), add);
+    sum / count
 }
 
 /// Turns a map about its mean, and mirrors it if need be, such that

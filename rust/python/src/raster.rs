@@ -31,7 +31,7 @@ pub fn draw<'py>(
         return Err(InputError::new_err(format!("torn has {} values; there are {} faces", torn.len(), corners.len())));
     }
     let faces = Faces { corners, torn };
-    let raster = run(py, Some(1), progress.as_ref(), |control| Raster::draw(&uv, &faces, pixel_size, control))?;
+    let raster = run(py, Some(1), progress.as_ref(), move |control| Raster::draw(&uv, &faces, pixel_size, control))?;
     let corners = convert::image(convert::array(py, &raster.corners)?, raster.height, raster.width)?;
     let weights = convert::image(convert::array(py, &raster.weights)?, raster.height, raster.width)?;
     Ok((corners, weights, raster.origin))

@@ -1,5 +1,7 @@
 //! Voxel surfaces and what is done with them.
 
+use std::sync::Arc;
+
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -25,7 +27,9 @@ type Csr<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py
 
 /// The surface voxels of a label volume with their 26-neighbour graph.
 #[pyclass(frozen, module = "voxflat._core")]
-pub struct VoxelSurface {
+pub struct VoxelSurface(Arc<Inner>);
+
+struct Inner {
     surface: CoreSurface,
     graph: Graph,
     lengths: LinkLengths,
@@ -53,11 +57,11 @@ impl VoxelSurface {
         let lengths = self::link_lengths(link_lengths)?;
         let affine = Affine::new(affine).map_err(to_python)?;
         let mask = convert::mask(&mask)?;
-        run(py, Some(1), progress.as_ref(), |control| {
+        run(py, Some(1), progress.as_ref(), move |control| {
             control.begin("finding the surface", 1);
             let surface = CoreSurface::from_mask(&mask, affine, control)?;
             let graph = chain_graph(&surface, lengths, control)?;
-            Ok(Self { surface, graph, lengths })
+            Ok(Self(Arc::new(Inner { surface, graph, lengths })))
         })
     }
 
@@ -73,48 +77,49 @@ impl VoxelSurface {
     ) -> PyResult<Self> {
         let keep = keep.as_ref().map(convert::mask).transpose()?;
         let disk = seed_point.zip(radius).map(|(seed_point, radius)| Disk { seed_point, radius });
-        let (surface, lengths) = (&self.surface, self.lengths);
-        let patch = Patch { keep: keep.as_ref(), disk };
-        let (surface, graph) =
-            run(py, Some(1), progress.as_ref(), |control| cut_out(surface, &patch, lengths, control))?;
-        Ok(Self { surface, graph, lengths })
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), progress.as_ref(), move |control| {
+            let patch = Patch { keep: keep.as_ref(), disk };
+            let (surface, graph) = cut_out(&inner.surface, &patch, inner.lengths, control)?;
+            Ok(Self(Arc::new(Inner { surface, graph, lengths: inner.lengths })))
+        })
     }
 
     fn __len__(&self) -> usize {
-        self.surface.len()
+        self.0.surface.len()
     }
 
     /// Number of links of the graph, each counted from both ends.
     #[getter]
     fn links(&self) -> usize {
-        self.graph.links()
+        self.0.graph.links()
     }
 
     /// Voxel indices (N, 3).
     #[getter]
     fn voxels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
-        convert::array(py, self.surface.voxels())
+        convert::array(py, self.0.surface.voxels())
     }
 
     /// RAS+ mm (N, 3).
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points: Vec<[f64; 3]> = self.surface.points().into_iter().map(Into::into).collect();
+        let points: Vec<[f64; 3]> = self.0.surface.points().into_iter().map(Into::into).collect();
         convert::array(py, &points)
     }
 
     /// The graph in compressed rows: starts (N + 1), neighbours, lengths in mm.
     #[getter]
     fn csr<'py>(&self, py: Python<'py>) -> Csr<'py> {
-        let arcs = || (0..self.graph.len() as u32).flat_map(|vertex| self.graph.arcs(vertex));
+        let arcs = || (0..self.0.graph.len() as u32).flat_map(|vertex| self.0.graph.arcs(vertex));
         let neighbours: Vec<u32> = arcs().map(|arc| arc.to).collect();
         let lengths: Vec<f32> = arcs().map(|arc| arc.length).collect();
-        (self.graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
+        (self.0.graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }
 
     /// Numbers of voxels of the connected components, largest first.
     fn component_sizes(&self) -> Vec<usize> {
-        let mut sizes = self.graph.components().sizes;
+        let mut sizes = self.0.graph.components().sizes;
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         sizes
     }
@@ -122,28 +127,30 @@ impl VoxelSurface {
     /// Euler characteristic, cavities, and whether the surface is closed.
     #[pyo3(signature = (progress=None))]
     fn topology<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyDict>> {
-        let topology = run(py, Some(1), progress.as_ref(), |control| Topology::of(&self.surface, control))?;
+        let inner = Arc::clone(&self.0);
+        let topology = run(py, Some(1), progress.as_ref(), move |control| Topology::of(&inner.surface, control))?;
         topology_dict(py, &topology)
     }
 
     /// Raises InputError if the surface is closed or has too few points.
     #[pyo3(signature = (progress=None))]
     fn check_flattenable(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<()> {
-        run(py, Some(1), progress.as_ref(), |control| check_flattenable(&self.surface, control)).map(|_| ())
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), progress.as_ref(), move |control| check_flattenable(&inner.surface, control)).map(|_| ())
     }
 
     /// The vertices at voxels (m, 3).
     fn find<'py>(&self, py: Python<'py>, voxels: PyReadonlyArray2<'py, i64>) -> PyResult<Bound<'py, PyArray1<u32>>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
-        let found = voxels.into_iter().map(|voxel| self.surface.find(voxel).map(|vertex| vertex as u32));
+        let found = voxels.into_iter().map(|voxel| self.0.surface.find(voxel).map(|vertex| vertex as u32));
         Ok(found.collect::<voxflat::Result<Vec<u32>>>().map_err(to_python)?.into_pyarray(py))
     }
 
     /// The surface voxel nearest to a voxel, as a vertex, and its distance in mm.
     fn nearest(&self, voxel: [i64; 3]) -> PyResult<(usize, f64)> {
         self.check_not_empty()?;
-        Ok(self.surface.nearest(voxel))
+        Ok(self.0.surface.nearest(voxel))
     }
 
     /// Chooses sources: "farthest" or "random".
@@ -163,7 +170,8 @@ impl VoxelSurface {
                 return Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest' or 'random'")));
             }
         };
-        let chosen = run(py, Some(1), progress.as_ref(), |control| sources.choose(&self.graph, control))?;
+        let inner = Arc::clone(&self.0);
+        let chosen = run(py, Some(1), progress.as_ref(), move |control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))
     }
 
@@ -177,17 +185,19 @@ impl VoxelSurface {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.surface.len())?;
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
         let rows =
-            run(py, threads, progress.as_ref(), |control| DistanceRows::compute(&self.graph, &sources, control))?;
-        convert::table(py, rows.into_data(), self.surface.len())
+            run(py, threads, progress.as_ref(), move |control| DistanceRows::compute(&inner.graph, &sources, control))?;
+        convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.
     fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
-        convert::check_vertices([source, target], self.surface.len())?;
-        let graph = &self.graph;
-        let (path, length) = run(py, Some(1), None, |control| {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let (path, length) = run(py, Some(1), None, move |control| {
+            let graph = &inner.graph;
             let mut row = vec![0.0; graph.len()];
             graph.row(source, &mut row, &mut graph.scratch(), control)?;
             Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
@@ -197,7 +207,7 @@ impl VoxelSurface {
 
     /// The memory in bytes that flattening needs at most.
     fn memory_need(&self, sources: usize, threads: usize) -> u64 {
-        memory_need(self.surface.len(), self.graph.links(), sources, threads)
+        memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
     }
 
     /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
@@ -211,8 +221,9 @@ impl VoxelSurface {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
-        let map = run(py, threads, progress.as_ref(), |control| {
-            grossmann2002(self.surface.clone(), self.graph.clone(), &given, seed, control)
+        let inner = Arc::clone(&self.0);
+        let map = run(py, threads, progress.as_ref(), move |control| {
+            grossmann2002(inner.surface.clone(), inner.graph.clone(), &given, seed, control)
         })?;
         map_dict(py, map)
     }
@@ -226,18 +237,19 @@ impl VoxelSurface {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        if uv.len() != self.surface.len() {
-            let message = format!("uv has {} rows; the surface has {} points", uv.len(), self.surface.len());
+        if uv.len() != self.0.surface.len() {
+            let message = format!("uv has {} rows; the surface has {} points", uv.len(), self.0.surface.len());
             return Err(InputError::new_err(message));
         }
-        let faces = run(py, Some(1), progress.as_ref(), |control| map_faces(&uv, &self.graph, control))?;
+        let inner = Arc::clone(&self.0);
+        let faces = run(py, Some(1), progress.as_ref(), move |control| map_faces(&uv, &inner.graph, control))?;
         Ok((convert::array(py, &faces.corners)?, faces.torn.into_pyarray(py)))
     }
 }
 
 impl VoxelSurface {
     fn check_not_empty(&self) -> PyResult<()> {
-        if self.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
+        if self.0.surface.is_empty() { Err(InputError::new_err("the surface has no points")) } else { Ok(()) }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Long work beside a Python that stays alive: signals, progress, cancelling, errors.
 
+use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -15,49 +16,51 @@ pyo3::import_exception!(voxflat._errors, Cancelled);
 /// How often the waiting thread looks for signals and reports progress.
 const POLL: Duration = Duration::from_millis(20);
 
+/// How long cancelled work is waited for. A factorisation of a large matrix cannot be interrupted: it is left to end on
+/// its own, its result dropped, so that the user has control at once.
+const PATIENCE: Duration = Duration::from_millis(60);
+
 /// Runs `work` on threads of its own (`threads` of them, or one a core) without the GIL. The calling thread passes the
 /// progress to `progress(stage, done, total)`; if that returns False or raises, or Ctrl-C is pressed, the work is cancelled.
-pub fn run<T: Send>(
+pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&Control) -> Result<T> + Send,
+    work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("no threads can be started: {error}")))?;
     let progress = progress.map(|callback| callback.clone().unbind());
-    let control = Control::default();
-    py.detach(|| {
-        std::thread::scope(|scope| {
-            let (sender, receiver) = channel();
-            scope.spawn(|| {
-                let sender = sender; // dropped at the end even of a panic, which ends the waiting
-                let _ = sender.send(pool.install(|| work(&control)));
-            });
-            let mut reported = None;
-            let mut failed = None;
-            loop {
-                let ended = match receiver.recv_timeout(POLL) {
-                    Ok(result) => Some(result.map_err(to_python)),
-                    Err(RecvTimeoutError::Disconnected) => Some(Err(PyRuntimeError::new_err(
-                        "an internal error stopped the computation; please report it with the input that caused it",
-                    ))),
-                    Err(RecvTimeoutError::Timeout) => None,
-                };
-                if failed.is_none() {
-                    let now = control.progress();
-                    let report = progress.as_ref().filter(|_| reported != Some(now));
-                    reported = Some(now);
-                    failed = Python::attach(|py| watch(py, report, now)).err();
-                    if failed.is_some() {
-                        control.cancel();
-                    }
+    let control = Arc::new(Control::default());
+    let (sender, receiver) = channel();
+    let controlled = Arc::clone(&control);
+    // the sender is dropped at the end even of a panic, which ends the waiting
+    let start = std::thread::Builder::new().spawn(move || sender.send(pool.install(|| work(&controlled))));
+    start.map_err(|error| PyRuntimeError::new_err(format!("no thread can be started: {error}")))?;
+    py.detach(move || {
+        let mut reported = None;
+        loop {
+            let ended = receiver.recv_timeout(POLL);
+            let now = control.progress();
+            let report = progress.as_ref().filter(|_| reported != Some(now));
+            reported = Some(now);
+            if let Err(reason) = Python::attach(|py| watch(py, report, now)) {
+                control.cancel();
+                if ended.is_err() {
+                    let _ = receiver.recv_timeout(PATIENCE);
                 }
-                if let Some(result) = ended {
-                    return failed.map_or(result, Err);
+                return Err(reason);
+            }
+            match ended {
+                Ok(result) => return result.map_err(to_python),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(PyRuntimeError::new_err(
+                        "an internal error stopped the computation; please report it with the input that caused it",
+                    ));
                 }
             }
-        })
+        }
     })
 }
 

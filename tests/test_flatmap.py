@@ -1,0 +1,224 @@
+import numpy as np
+import pytest
+import shapes
+from scipy.spatial.transform import Rotation
+
+import voxflat
+from voxflat.io import Volume
+
+AFFINE = np.array([[0, -0.5, 0, 12], [0.5, 0, 0, -7], [0, 0, 0.5, 1], [0, 0, 0, 1]], dtype=float)
+
+
+@pytest.fixture(scope="module")
+def sheet_map():
+    return voxflat.flatten(shapes.sheet((40, 30)), affine=AFFINE, sources=300)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return shapes.ball(14)
+
+
+@pytest.fixture(scope="module")
+def ball_map(ball):
+    return voxflat.flatten(ball, seed_point=(28, 16, 16), radius=15.0, sources=200, keep_rows=True)
+
+
+def linear(points):
+    return points @ [1.0, -2.0, 3.0] + 4
+
+
+def linear_volume(shape, affine):
+    ijk = np.moveaxis(np.indices(shape), 0, -1)
+    return linear(ijk @ affine[:3, :3].T + affine[:3, 3])
+
+
+class TestRaster:
+    def test_pixels_lie_on_the_surface(self, sheet_map):
+        ids, points = sheet_map.locate(0.25)
+        inside = sheet_map.raster(0.25).inside
+        np.testing.assert_array_equal(inside, ids[..., 0] >= 0)
+        np.testing.assert_array_equal(inside, ~np.isnan(points).any(axis=-1))
+        assert (shapes.sheet((40, 30))[tuple(ids[inside].T)] == 1).all()
+        np.testing.assert_allclose(points[inside][:, 2], 1.5)  # the sheet is at k = 1
+        # a place between voxels is about half a diagonal from the nearest
+        nearest = ids[inside] @ AFFINE[:3, :3].T + AFFINE[:3, 3]
+        assert np.linalg.norm(points[inside] - nearest, axis=1).max() < 0.6 * np.sqrt(0.5)
+
+    def test_every_point_has_a_pixel_where_it_lies(self, sheet_map):
+        raster = sheet_map.raster(0.1)
+        left, top = raster.origin
+        at = np.round((sheet_map.uv - [left, top]) / [0.1, -0.1]).astype(int)
+        found = raster.nearest[at[:, 1], at[:, 0]]
+        hit = found == np.arange(len(sheet_map))
+        rim = found < 0  # the pixel's centre lies just outside
+        assert (hit | rim).all()
+        assert rim.mean() < 0.1
+
+    def test_the_map_covers_its_area(self, sheet_map):
+        area = sheet_map.raster(0.1).inside.sum() * 0.1**2
+        assert area == pytest.approx(39 * 29 * 0.25, rel=0.12)  # the estimator shrinks along the axes
+
+    def test_a_raster_is_drawn_once_a_size(self, sheet_map):
+        assert sheet_map.raster(0.3) is sheet_map.raster(0.3)
+        assert sheet_map.raster().pixel_size == 0.25  # half a voxel
+
+    @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf, 1e-9])
+    def test_bad_pixel_sizes(self, sheet_map, size):
+        with pytest.raises(voxflat.InputError, match=r"pixel size|pixels"):
+            sheet_map.raster(size)
+
+
+class TestImage:
+    def test_a_linear_volume_is_sampled_exactly(self, sheet_map):
+        volume = Volume(linear_volume((42, 32, 3), AFFINE), AFFINE)
+        image = sheet_map.image(volume, 0.2)
+        _, points = sheet_map.locate(0.2)
+        inside = sheet_map.raster(0.2).inside
+        np.testing.assert_allclose(image.data[inside], linear(points[inside]), atol=1e-5)
+        assert np.isnan(image.data[~inside]).all()
+        assert image.data.shape == inside.shape
+        bare = sheet_map.image(volume.data, 0.2)  # an array lies where the flattened volume lies
+        np.testing.assert_array_equal(bare.data, image.data)
+
+    def test_a_volume_on_another_grid(self, sheet_map):
+        affine = np.array([[0.8, 0, 0, -10], [0, 0, 0.7, -10], [0, -0.9, 0, 8], [0, 0, 0, 1]])
+        volume = Volume(linear_volume((60, 20, 60), affine), affine)
+        image = sheet_map.image(volume, 0.2)
+        _, points = sheet_map.locate(0.2)
+        inside = sheet_map.raster(0.2).inside
+        np.testing.assert_allclose(image.data[inside], linear(points[inside]), atol=1e-5)
+
+    def test_labels_are_never_mixed(self, sheet_map):
+        labels = np.zeros((42, 32, 3), dtype=np.int16)
+        labels[:20], labels[20:] = 10, 500
+        image = sheet_map.image(labels)
+        assert set(np.unique(image.data[~np.isnan(image.data)])) == {10, 500}
+        mixed = sheet_map.image(labels, interpolation="linear")
+        values = mixed.data[~np.isnan(mixed.data)]
+        assert ((values > 10) & (values < 500)).any()
+
+    def test_colours(self, sheet_map):
+        colours = np.zeros((42, 32, 3, 3), dtype=np.uint8)
+        colours[..., 0] = 200
+        colours[..., 1] = np.arange(42)[:, None, None]
+        image = sheet_map.image(colours)
+        inside = sheet_map.raster().inside
+        assert image.is_colour
+        assert image.data.dtype == np.uint8
+        np.testing.assert_array_equal(image.data[..., 3], np.where(inside, 255, 0))
+        assert (image.data[inside][:, 0] == 200).all()
+        ids, _ = sheet_map.locate()
+        assert np.abs(image.data[inside][:, 1].astype(int) - ids[inside][:, 0]).max() <= 1
+
+    def test_outside_the_volume_is_nan(self, sheet_map):
+        affine = AFFINE.copy()
+        affine[1, 3] += 10  # half of the sheet is not in it
+        image = sheet_map.image(Volume(np.ones((42, 32, 3)), affine))
+        inside = sheet_map.raster().inside
+        missing = np.isnan(image.data[inside]).mean()
+        assert 0.3 < missing < 0.7
+
+    def test_depth_goes_outward(self, ball, ball_map):
+        centre = (np.array(ball.shape) - 1) / 2
+        ijk = np.moveaxis(np.indices(ball.shape), 0, -1)
+        radius = np.linalg.norm(ijk - centre, axis=-1)
+        means = [np.nanmean(ball_map.image(radius, depth=depth).data) for depth in (-3, 0, 2)]
+        np.testing.assert_allclose(np.diff(means), [3, 2], atol=0.1)
+
+    def test_a_sheet_has_no_depth(self, sheet_map):
+        with pytest.raises(voxflat.InputError, match=r"depth is 1 mm, but this sheet has background on both sides"):
+            sheet_map.image(np.ones((42, 32, 3)), depth=1)
+
+    def test_unfit_volumes(self, sheet_map):
+        with pytest.raises(voxflat.InputError, match=r"shape \(5, 5, 5\), the flattened volume \(42, 32, 3\)"):
+            sheet_map.image(np.ones((5, 5, 5)))
+        with pytest.raises(voxflat.InputError, match="interpolation is 'cubic'"):
+            sheet_map.image(np.ones((42, 32, 3)), interpolation="cubic")
+
+    def test_heat_map(self, ball_map):
+        image = ball_map.heat_map(0.3)
+        raster = ball_map.raster(0.3)
+        inside = raster.inside
+        corners = ball_map.distortion.per_point[raster.corners[inside]]
+        assert (image.data[inside] >= corners.min(axis=1) - 1e-6).all()
+        assert (image.data[inside] <= corners.max(axis=1) + 1e-6).all()
+        assert np.isnan(image.data[~inside]).all()
+        assert image.data.shape == ball_map.image(np.ones(ball_map.volume_shape), 0.3).data.shape
+
+    def test_the_affine_places_pixels_in_the_plane(self, ball_map):
+        image = ball_map.heat_map(0.5)
+        row, column = 3, 7
+        place = image.affine @ [row, column, 0, 1]
+        np.testing.assert_allclose(place[:2], [image.origin[0] + 3.5, image.origin[1] - 1.5])
+        left, right, bottom, top = image.extent
+        np.testing.assert_allclose([right - left, top - bottom], np.array(image.data.shape)[::-1] * 0.5)
+
+
+class TestTexture:
+    def test_a_picture_is_laid_over_the_map(self, sheet_map):
+        low, high = sheet_map.uv.min(axis=0), sheet_map.uv.max(axis=0)
+        side = (high - low).max()
+        y, x = np.mgrid[:400, :400]
+        picture = np.stack([x, y], axis=-1).astype(float)
+        found = sheet_map.texture(picture)
+        centre = (low + high) / 2
+        expected = (sheet_map.uv - centre) * [1, -1] * 400 / side + 199.5
+        np.testing.assert_allclose(found, np.clip(expected, 0, 399), atol=1e-6)
+
+    def test_types_are_kept(self, sheet_map):
+        picture = np.full((20, 30, 3), 77, dtype=np.uint8)
+        found = sheet_map.texture(picture)
+        assert found.dtype == np.uint8
+        assert found.shape == (len(sheet_map), 3)
+        assert (found == 77).all()
+        assert sheet_map.texture(np.ones((4, 4), dtype=np.float32)).shape == (len(sheet_map),)
+
+    @pytest.mark.parametrize("picture", [np.zeros(5), np.zeros((0, 4)), np.zeros((2, 2, 2, 2)), np.array([["a"]])])
+    def test_what_is_no_picture(self, sheet_map, picture):
+        with pytest.raises(voxflat.InputError, match="the picture has shape"):
+            sheet_map.texture(picture)
+
+    def test_painting_puts_values_at_their_voxels(self, ball_map):
+        painted = ball_map.paint(np.arange(1, len(ball_map) + 1), background=-1)
+        assert painted.shape == ball_map.volume_shape
+        np.testing.assert_array_equal(painted[tuple(ball_map.ids.T)], np.arange(1, len(ball_map) + 1))
+        assert (painted == -1).sum() == painted.size - len(ball_map)
+        with pytest.raises(voxflat.InputError, match="values have shape"):
+            ball_map.paint([1, 2, 3])
+
+
+class TestFile:
+    def test_a_saved_map_comes_back(self, ball_map, tmp_path):
+        ball_map.save(tmp_path / "map.npz")
+        loaded = voxflat.load(tmp_path / "map.npz")
+        for name in ("uv", "points", "normals", "ids", "faces", "torn", "sources", "eigenvalues", "rows"):
+            before, after = getattr(ball_map, name), getattr(loaded, name)
+            np.testing.assert_array_equal(after, before)
+            assert after.dtype == before.dtype, name
+        np.testing.assert_array_equal(loaded.distortion.per_point, ball_map.distortion.per_point)
+        assert loaded.distortion.raw == ball_map.distortion.raw
+        assert loaded.metadata == ball_map.metadata
+        np.testing.assert_array_equal(loaded.heat_map().data, ball_map.heat_map().data)
+        assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+
+    def test_metadata_says_how_the_map_came_about(self, ball_map):
+        metadata = ball_map.metadata
+        assert metadata["method"] == "grossmann2002"
+        assert (metadata["seed_point"], metadata["radius"], metadata["sources"]) == ([28, 16, 16], 15.0, 200)
+        assert metadata["shape"] == list(ball_map.volume_shape)
+        assert metadata["versions"]["voxflat"] == voxflat.__version__
+        assert len(metadata["input_sha256"]) == 64
+        assert metadata["memory_need_bytes"] > 8 * 200**2
+
+    def test_another_ending_is_refused(self, ball_map, tmp_path):
+        with pytest.raises(voxflat.InputError, match=r"ends in \.npz"):
+            ball_map.save(tmp_path / "map.txt")
+
+
+def test_torn_faces_are_those_that_the_surface_does_not_have():
+    # two parallel sheets, joined at one end: folded flat upon each other they would tear everywhere
+    flat = voxflat.flatten(shapes.curled_sheet(60, 30, 1.4, Rotation.random(rng=1)), sources=100)
+    links = np.abs(flat.ids[flat.faces][:, [0, 1, 2]] - flat.ids[flat.faces][:, [1, 2, 0]]).max(axis=2).max(axis=1)
+    assert (flat.torn >= (links > 2)).all()  # two links reach two voxels at most
+    assert not flat.torn[links <= 1].any()

@@ -1,0 +1,52 @@
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_importing_voxflat_brings_in_no_front_end():
+    heavy = ("napari", "pyvista", "vtk", "vtkmodules", "itk", "nibabel", "matplotlib", "nilearn", "qtpy")
+    code = f"import sys, voxflat; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    out = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "maturin", "build", "--release", "--quiet", "--out", out]
+    subprocess.run(command, cwd=ROOT, check=True)
+    (path,) = out.glob("*.whl")
+    return path
+
+
+def test_the_wheel_holds_what_users_need(wheel):
+    assert "abi3" in wheel.name
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for name in ("napari.yaml", "py.typed", "_core.pyi", "_napari/__init__.py", "cli.py"):
+        assert f"voxflat/{name}" in names
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+    points = next(name for name in names if name.endswith("entry_points.txt"))
+    text = zipfile.ZipFile(wheel).read(points).decode()
+    for entry in ("voxflat=voxflat.cli:main", "voxflat=voxflat:napari.yaml", "voxflat=voxflat._pyvista"):
+        assert entry in text.replace(" ", "")
+
+
+def test_the_wheel_installs_and_flattens_with_its_base_packages_alone(wheel, tmp_path):
+    # the library directory of this environment stands for an index: only the wheel itself is new
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    code = "import numpy, voxflat; print(voxflat.__file__, voxflat.flatten(numpy.ones((9, 9, 1), int), sources=20))"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); {code}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert str(tmp_path) in done.stdout
+    assert "81 points" in done.stdout
