@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+import shapes
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -540,3 +541,23 @@ def test_closing_meanwhile_is_safe(open_widget, qtbot, large, close):
     if close == "dock":
         assert not any("distortion" in layer.name for layer in viewer.layers)
         viewer.add_labels(cap())  # nothing listens any more
+
+
+def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
+    ball = shapes.ball(12).astype(np.uint8)
+    along = np.indices(ball.shape)[0].astype(np.float32)
+    viewer = make_napari_viewer()
+    viewer.add_image(along, name="i")
+    viewer.add_labels(ball, name="ball")
+    viewer.add_points([[24, 14, 14]], name="seed")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: widget.seed.voxel is not None)
+    widget.radius.setValue(12)
+    means = []
+    for depth in (0, 2):
+        widget.sample_depth.setValue(depth)
+        widget.flatten()
+        qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=20_000)
+        newest = [layer for layer in viewer.layers if layer.name.startswith("i flattened")][-1]
+        means.append(np.nanmean(newest.data))
+    assert 1 < means[1] - means[0] < 2  # the patch faces along i

@@ -64,6 +64,7 @@ class FlattenSurface(QWidget):
         self._lay_out()
         self._on_surface()
         self._on_patch()
+        self._on_sampled()
         self._set_running(False)
 
     # ------------------------------------------------------------------------------------------ making
@@ -90,12 +91,17 @@ class FlattenSurface(QWidget):
         self.radius.setValue(_RADIUS)
         self.sampled = LayerChoice(self._viewer, _sampled_rank, none="nothing")
         self.sampled.setToolTip("A layer whose values at the surface the map shows, such as T1 or an atlas")
+        self.sample_depth = _spin(
+            QDoubleSpinBox(), -100, 100, "How far outside the surface to look; negative is inside", " mm"
+        )
+        self.sample_depth.setSingleStep(0.5)
         self.sources = _spin(QSpinBox(), 0, 100_000, "How many points distances are measured from")
         self.sources.setSpecialValueText("automatic (up to 1000)")
         self.pixel_size = _spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels", " mm")
         self.pixel_size.setSingleStep(0.1)
         self.pixel_size.setSpecialValueText("automatic (half a voxel)")
         self.surface.chosen.connect(self._on_surface)
+        self.sampled.chosen.connect(self._on_sampled)
         self.patch.currentIndexChanged.connect(self._on_patch)
 
     def _make_actions(self) -> None:
@@ -121,6 +127,7 @@ class FlattenSurface(QWidget):
             ("Seed point", self.seed),
             ("Radius", self.radius),
             ("Show on map", self.sampled),
+            ("at depth", self.sample_depth),
             ("Sources", self.sources),
             ("Pixel size", self.pixel_size),
         ):
@@ -157,6 +164,9 @@ class FlattenSurface(QWidget):
     def _on_patch(self) -> None:
         self._show_row(self.seed, self.patch.currentData())
         self._show_row(self.radius, self.patch.currentData())
+
+    def _on_sampled(self) -> None:
+        self._show_row(self.sample_depth, self.sampled.layer is not None)
 
     def _show_row(self, field: QWidget, visible: bool) -> None:
         field.setVisible(visible)
@@ -201,7 +211,7 @@ class FlattenSurface(QWidget):
             radius=self.radius.value() if on_disk else None,
             sources=self.sources.value() or None,
             pixel_size=self.pixel_size.value() or None,
-            sampled=None if sampled is None else _sampled(sampled, self.world.currentData()),
+            sampled=None if sampled is None else _sampled(sampled, self.world.currentData(), self.sample_depth.value()),
         )
 
     # --------------------------------------------------------------------------------------- flattening
@@ -315,14 +325,14 @@ def _sampled_rank(layer: Layer) -> int | None:
     return int(isinstance(layer, Image) and layer.ndim == 3)
 
 
-def _sampled(layer: Layer, world: str) -> Sampled:
+def _sampled(layer: Layer, world: str, depth: float) -> Sampled:
     """Return a layer's values, and how to show them."""
     volume = LayerVolume.of(layer, world)
     if isinstance(layer, Labels):
-        return Sampled(volume, "labels", {"colormap": layer.colormap})
+        return Sampled(volume, depth, "labels", {"colormap": layer.colormap})
     if layer.rgb:
-        return Sampled(volume)
+        return Sampled(volume, depth)
     display = {"colormap": layer.colormap, "gamma": layer.gamma}
     if layer.contrast_limits != layer.contrast_limits_range:  # someone chose them
         display["contrast_limits"] = layer.contrast_limits
-    return Sampled(volume, "image", display)
+    return Sampled(volume, depth, "image", display)

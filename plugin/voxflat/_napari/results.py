@@ -31,6 +31,8 @@ class Sampled:
     ----------
     volume : LayerVolume
         The values, and where they lie.
+    depth : float
+        How far outside the surface to sample, mm.
     kind : {"image", "labels"}
         The layer's type.
     display : mapping
@@ -38,6 +40,7 @@ class Sampled:
     """
 
     volume: LayerVolume
+    depth: float = 0.0
     kind: str = "image"
     display: Mapping[str, Any] = field(default_factory=dict)
 
@@ -172,12 +175,15 @@ def _distortion_layer(flat_map: FlatMap, name: str, pixel_size: float | None) ->
 
 def _sampled_layer(flat_map: FlatMap, sampled: Sampled, pixel_size: float | None) -> LayerData:
     name = sampled.volume.origin["layer"]
-    image = flat_map.image(sampled.volume.read(), pixel_size)
+    interpolation = "nearest" if sampled.kind == "labels" else "linear"
+    volume = sampled.volume.read()
+    image = flat_map.image(volume, pixel_size, depth=sampled.depth, interpolation=interpolation)
+    place = f"{sampled.depth:g} mm outside the surface" if sampled.depth else "at the surface"
     data: NDArray[Any] = image.data
     keywords = {
         "name": f"{name} flattened",
         **sampled.display,
-        **_placement(flat_map, image, f"'{name}', as sampled at the surface"),
+        **_placement(flat_map, image, f"'{name}', as sampled {place}"),
     }
     if sampled.kind == "labels":
         data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
