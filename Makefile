@@ -45,8 +45,9 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py
 
-pictures: setup ## the pictures of the docs
-	$(RUN) python docs/gallery/napari_window.py
+pictures: demo ## the pictures of the docs
+	cp demo/flat_image.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 
 docs: setup pictures paper-grossmann ## pictures, paper reproduction and the core's reference

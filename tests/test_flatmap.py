@@ -89,6 +89,21 @@ class TestImage:
         inside = sheet_map.raster(0.2).inside
         np.testing.assert_allclose(image.data[inside], linear(points[inside]), atol=1e-5)
 
+    def test_a_file_without_a_place_lies_where_the_flattened_volume_lies(self, sheet_map, tmp_path):
+        values = linear_volume((42, 32, 3), AFFINE)
+        expected = sheet_map.image(values, 0.2).data
+        np.save(tmp_path / "a.npy", values)
+        np.savez(tmp_path / "a.npz", values)
+        for name in ("a.npy", "a.npz"):
+            np.testing.assert_array_equal(sheet_map.image(tmp_path / name, 0.2).data, expected)
+        np.savez(tmp_path / "b.npz", data=values, affine=np.eye(4))  # says that it lies elsewhere
+        assert not np.array_equal(sheet_map.image(tmp_path / "b.npz", 0.2).data, expected, equal_nan=True)
+
+    def test_an_image_is_saved(self, sheet_map, tmp_path):
+        image = sheet_map.heat_map()
+        image.save(tmp_path / "heat.npy")
+        np.testing.assert_array_equal(np.load(tmp_path / "heat.npy"), image.data)
+
     def test_labels_are_never_mixed(self, sheet_map):
         labels = np.zeros((42, 32, 3), dtype=np.int16)
         labels[:20], labels[20:] = 10, 500
@@ -131,7 +146,9 @@ class TestImage:
             sheet_map.image(np.ones((42, 32, 3)), depth=1)
 
     def test_unfit_volumes(self, sheet_map):
-        with pytest.raises(voxflat.InputError, match=r"shape \(5, 5, 5\), the flattened volume \(42, 32, 3\)"):
+        with pytest.raises(
+            voxflat.InputError, match=r"shape \(5, 5, 5\) and no affine, the flattened volume \(42, 32, 3\)"
+        ):
             sheet_map.image(np.ones((5, 5, 5)))
         with pytest.raises(voxflat.InputError, match="interpolation is 'cubic'"):
             sheet_map.image(np.ones((42, 32, 3)), interpolation="cubic")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,6 +116,24 @@ class FlatImage:
         height, width = self.data.shape[:2]
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the image, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            ``.png`` to look at; ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` (float32, NaN outside the map) or ``.npy``
+            to measure.
+
+        Raises
+        ------
+        InputError
+            If the ending is another, the values do not fit, or the file cannot be written.
+        """
+        from voxflat._picture import write_image  # brings in Pillow
+
+        write_image(self, path)
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:

@@ -102,8 +102,7 @@ def _keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
         raise InputError(
             f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}; they must agree"
         )
-    bare = isinstance(keep, np.ndarray) or (mask.path is not None and mask.path.suffix.lower() == ".npy")
-    if not bare and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
+    if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
         raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
     if np.isnan(mask.data).any():
         raise InputError("the mask to keep has NaN; write 0 where nothing is kept and 1 elsewhere")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -370,16 +370,16 @@ class FlatMap:
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
     def _placed(self, volume: object) -> Volume:
-        if isinstance(volume, str | os.PathLike) and Path(volume).suffix.lower() == ".npy":  # holds no affine
-            volume = as_volume(volume).data
-        if isinstance(volume, np.ndarray):
-            if volume.shape[:3] != self.volume_shape:
-                raise InputError(
-                    f"the array has shape {volume.shape}, the flattened volume {self.volume_shape}; "
-                    "give an array of that shape, or a volume with its affine"
-                )
-            return as_volume(volume, affine=self.affine)
-        return as_volume(volume)
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
+        given = as_volume(volume)
+        if given.is_placed:
+            return given
+        if given.data.shape[:3] != self.volume_shape:
+            raise InputError(
+                f"the volume has shape {given.data.shape} and no affine, the flattened volume {self.volume_shape}; "
+                "give a volume of that shape, or one with its affine"
+            )
+        return replace(given, affine=self.affine)
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:

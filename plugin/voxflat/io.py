@@ -50,11 +50,14 @@ class Volume:
         Takes the voxel index (i, j, k, 1) to RAS+ mm; a voxel's centre has integer indices.
     path : Path or None
         The file it came from.
+    is_placed : bool
+        Whether its place was given; otherwise the affine is the identity for want of a better one.
     """
 
     data: NDArray[Any]
     affine: _Affine
     path: Path | None = None
+    is_placed: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", _check_data(self.data))
@@ -134,7 +137,7 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         if given is not None and own is not None:
             raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
         placed = own if given is None else given
-        return Volume(data, np.eye(4) if placed is None else placed, path)
+        return Volume(data, np.eye(4) if placed is None else placed, path, is_placed=placed is not None)
 
 
 def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLike) -> None:
