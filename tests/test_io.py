@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from voxflat import io
+from voxflat import _readers, io
 from voxflat._errors import InputError, VoxflatError
 from voxflat.io import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume
 
@@ -416,7 +416,7 @@ def test_a_place_is_given_once(tmp_path):
     with pytest.raises(InputError, match="both spacing= and affine="):
         as_volume(values(), spacing=(1, 1, 1), affine=np.eye(4))
     path = save(tmp_path / "v.nii", values())
-    for obj in (path, str(path), nib.load(path), itk_image(values()), as_volume(values())):
+    for obj in (path, str(path), nib.load(path), itk_image(values()), Volume(values(), oblique())):
         for extra in ({"spacing": (1, 1, 1)}, {"affine": np.eye(4)}):
             with pytest.raises(InputError, match="has its own affine"):
                 as_volume(obj, **extra)
@@ -560,7 +560,7 @@ def test_a_flipped_bit_is_noticed(tmp_path, ending):
         read_volume(path)
 
 
-@pytest.mark.parametrize("ending", sorted(io._READERS))
+@pytest.mark.parametrize("ending", sorted(_readers.READERS))
 def test_files_of_another_format(tmp_path, ending):
     path = tmp_path / f"v{ending}"
     path.write_text("this is a text file\n" * 50)
@@ -723,3 +723,12 @@ def test_importing_io_imports_neither_package():
     code = "import sys, voxflat.io; assert not {'itk', 'nibabel'} & set(sys.modules), 'imported'"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_a_volume_knows_whether_its_place_was_given():
+    voxels = values()
+    assert not as_volume(voxels).is_placed
+    assert not as_volume(as_volume(voxels)).is_placed
+    assert as_volume(as_volume(voxels), spacing=(1, 2, 3)).is_placed
+    assert as_volume(voxels, affine=oblique()).is_placed
+    assert as_volume(Volume(voxels, oblique())).is_placed

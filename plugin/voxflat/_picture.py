@@ -6,15 +6,17 @@ import colorsys
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin, TiffImagePlugin
 
 from voxflat._errors import InputError
-from voxflat._flatimage import FlatImage
 from voxflat.io import atomic_path, write_volume
+
+if TYPE_CHECKING:
+    from voxflat._flatimage import FlatImage
 
 __all__ = ["ENDINGS", "are_labels", "write_image"]
 

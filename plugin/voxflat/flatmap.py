@@ -310,18 +310,6 @@ class FlatMap:
         volume[tuple(self.ids.T)] = values
         return volume
 
-    def to_polydata(self) -> Any:
-        """Return the map as a mesh in the plane for PyVista; see `voxflat._pyvista.to_polydata`.
-
-        Returns
-        -------
-        pyvista.PolyData
-            With point data ``distortion``, ``voxel_ids``, ``surface_points`` and texture coordinates.
-        """
-        from voxflat._pyvista import to_polydata  # brings in PyVista
-
-        return to_polydata(self)
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save everything to an .npz file, all of it or nothing.
 
