@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from voxflat import _readers, io
+from voxflat import _readers
 from voxflat._errors import InputError, VoxflatError
 from voxflat.io import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume
 

@@ -1,0 +1,48 @@
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from voxflat import cli, demo
+from voxflat.io import write_volume
+
+README = (Path(__file__).parents[1] / "README.md").read_text()
+
+
+@pytest.fixture
+def lab(tmp_path, monkeypatch):
+    """The directory of a user who has the files that README speaks of."""
+    for name, volume in zip(("wm.nii.gz", "t1.nii.gz"), demo.demo_cortex(), strict=True):
+        write_volume(tmp_path / name, volume.data, volume.affine)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_python_example_runs(lab):
+    code = re.search(r"```python\n(import voxflat\n.*?)```", README, re.DOTALL)[1]
+    names = {"picture": np.zeros((20, 30, 3), np.uint8)}
+    exec(code, names)
+    assert len(names["m"]) == len(names["colours"]) == 6160
+    assert (lab / "t1_flat.tif").stat().st_size > 10_000
+    assert names["rows"].shape[0] == 100
+    assert names["path"].length > 10
+
+
+def test_the_commands_run(lab):
+    commands = re.findall(r"^ {4}voxflat (.*)$", README, re.MULTILINE)
+    assert len(commands) == 4
+    for command in commands:
+        result = CliRunner().invoke(cli.main, shlex.split(command), prog_name="voxflat")
+        closed = command.startswith("check")  # the whole surface is closed, and check says so
+        assert result.exit_code == (1 if closed else 0), result.output
+    assert {path.name for path in lab.iterdir()} >= {"map.npz", "t1_flat.png", "distortion.png"}
+
+
+def test_links_lead_somewhere():
+    root = Path(__file__).parents[1]
+    for page in [root / "README.md", *root.glob("docs/**/*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
