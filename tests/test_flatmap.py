@@ -239,3 +239,29 @@ def test_torn_faces_are_those_that_the_surface_does_not_have():
     links = np.abs(flat.ids[flat.faces][:, [0, 1, 2]] - flat.ids[flat.faces][:, [1, 2, 0]]).max(axis=2).max(axis=1)
     assert (flat.torn >= (links > 2)).all()  # two links reach two voxels at most
     assert not flat.torn[links <= 1].any()
+
+
+class TestWarnings:
+    def test_a_good_map_has_none(self, ball_map):
+        assert ball_map.metadata["warnings"] == []
+
+    def test_what_the_user_should_know_is_logged_and_kept(self, caplog):
+        sheet = shapes.sheet((30, 30))
+        sheet[10:14, 10:14] = 0  # a hole
+        lonely = np.zeros((40, *sheet.shape[1:]), dtype=np.uint8)
+        lonely[:32] = sheet
+        lonely[35:38, 5:9, 1] = 1  # and a second component
+        flat = voxflat.flatten(lonely, sources=50)
+        components, holes = flat.metadata["warnings"]
+        assert components == "2 components: the largest, 884 of 896 surface voxels, is used"
+        assert holes.startswith("Euler characteristic 0 instead of a disk's 1")
+        logged = [record.getMessage() for record in caplog.records if record.name == "voxflat"]
+        assert logged == [components, holes]
+
+    def test_a_torn_map_says_so(self):
+        # an open cylinder cannot lie in the plane: its two halves come to lie upon each other
+        i, j = np.mgrid[:24, :24]
+        ring = np.abs(np.hypot(i - 11.5, j - 11.5) - 9) < 0.75
+        flat = voxflat.flatten(np.repeat(ring[..., None], 30, axis=2), sources=200)
+        assert flat.metadata["torn_faces"] > 0.3
+        assert any("of the map is torn" in warning for warning in flat.metadata["warnings"])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from voxflat._errors import InputError
 
 _SHOWN = 20  # labels named in a message
+_WIDEST = 2**16  # range of integers that are counted one by one
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
@@ -65,12 +66,29 @@ def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
         sample = data.ravel()[:: max(1, data.size // 10_000)]
         if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):
             return None
-    values, counts = np.unique(data, return_counts=True)
+    values, counts = _counted(data)
     if data.dtype.kind == "f" and not (np.isfinite(values).all() and (values == np.round(values)).all()):
         return None
     if len(values) > 3000:
         return None  # intensities stored as integers
     return {int(value): int(count) for value, count in zip(values, counts, strict=True) if value != 0}
+
+
+def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the different values and how often each occurs; much faster than numpy.unique for few integers."""
+    if data.dtype.kind == "b":
+        data = data.view(np.uint8)
+    low, high = data.min(), data.max()
+    if data.dtype.kind not in "iu" or int(high) - int(low) > _WIDEST:
+        values, counts = np.unique(data, return_counts=True)
+        return values, counts.astype(np.int64)
+    counts = np.zeros(int(high) - int(low) + 1, dtype=np.int64)
+    wide = np.int64 if data.dtype.kind == "i" else data.dtype  # differences of int8 do not fit into int8
+    for layer in data:  # one at a time, to keep the copies small
+        above = layer.ravel().astype(wide, copy=False) - low.astype(wide)
+        counts += np.bincount(above.astype(np.int64), minlength=len(counts))
+    found = np.flatnonzero(counts)
+    return np.array([int(low) + int(value) for value in found], dtype=object), counts[found]
 
 
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:

@@ -26,7 +26,8 @@ _DEFAULT_SOURCES = 1000  # "say 1,000", Grossmann et al. 2002, section 4
 _BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
 _MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
 
-_log = logging.getLogger("voxflat")
+log = logging.getLogger("voxflat")
+"""Says what memory is needed, and warns of what the user should know of a map."""
 
 
 @dataclass(frozen=True)
@@ -163,15 +164,11 @@ def check_memory(need: int, limit: int | None, remedy: str) -> None:
     allowed = psutil.virtual_memory().available if limit is None else limit
     if need > allowed:
         kind = "are free" if limit is None else "is the limit"
-        raise InputError(f"{_amount(need)} of memory are needed, {_amount(allowed)} {kind}; {remedy}")
+        raise InputError(f"{amount(need)} of memory are needed, {amount(allowed)} {kind}; {remedy}")
 
 
-def log_memory(need: int) -> None:
-    """Say what memory is needed, before the start."""
-    _log.info("up to %s of memory are needed", _amount(need))
-
-
-def _amount(size: float) -> str:
+def amount(size: float) -> str:
+    """Return an amount of memory as text."""
     for unit in ("bytes", "KiB", "MiB"):
         if size < 1024:
             return f"{size:.4g} {unit}"

@@ -12,18 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat._check import advise
 from voxflat._errors import InputError
 from voxflat._prepare import (
+    Prepared,
     Progress,
+    amount,
     check_memory,
     checked_seed,
     checked_threads,
     choose_sources,
-    log_memory,
+    log,
     prepare,
     voxel_indices,
 )
 from voxflat.flatmap import Distortion, Figures, FlatMap
+
+_TORN_WARNING = 0.05  # share of a map
 
 __all__ = ["DistanceRows", "Path", "flatten", "geodesic", "path"]
 
@@ -95,6 +100,7 @@ def flatten(
     Returns
     -------
     FlatMap
+        What the user should know of it is logged (logger ``voxflat``) and stands in ``metadata["warnings"]``.
 
     Raises
     ------
@@ -126,9 +132,10 @@ def flatten(
     rows_need = 4 * len(chosen) * len(part) if keep_rows else 0
     need = part.memory_need(len(chosen), threads or os.cpu_count() or 1) + rows_need
     check_memory(need, memory_limit, "take a smaller patch or fewer sources")
-    log_memory(need)
+    log.info("up to %s of memory are needed", amount(need))
     result = part.grossmann2002(chosen, seed, threads, progress)
     faces, torn = part.map_faces(result["uv"], progress)
+    warnings = _warn(prepared, result["topology"], float(torn.mean()))
     figures = result["distortion"]
     distortion = Distortion(
         raw=Figures(**figures.pop("raw")), best_scale=Figures(**figures.pop("best_scale")), **figures
@@ -142,6 +149,7 @@ def flatten(
         "planarity": result["planarity"],
         "topology": result["topology"],
         "torn_faces": float(torn.mean()),
+        "warnings": warnings,
         "memory_need_bytes": need,
         "versions": {
             "voxflat": _core.__version__,
@@ -162,6 +170,20 @@ def flatten(
         metadata=metadata,
         rows=part.rows(chosen, threads, progress) if keep_rows else None,
     )
+
+
+def _warn(prepared: Prepared, topology: dict[str, Any], torn: float) -> list[str]:
+    """Log and return what the user should know of a map."""
+    has_patch = prepared.metadata["keep"] or prepared.metadata["seed_point"] is not None
+    warnings = advise(tuple(prepared.whole.component_sizes()), topology, len(prepared.part), has_patch)
+    if torn > _TORN_WARNING:
+        warnings.append(
+            f"{100 * torn:.1f} % of the map is torn: neighbours there are none on the surface; "
+            "see the heat map, and take a smaller patch"
+        )
+    for warning in warnings:
+        log.warning(warning)
+    return warnings
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,8 @@ import numpy as np
 from tqdm import tqdm
 
 import voxflat
-from voxflat._check import advise
 from voxflat._errors import Cancelled, InputError
-from voxflat._prepare import Progress
+from voxflat._prepare import Progress, log
 from voxflat.flatmap import FlatMap
 
 __all__ = ["main"]
@@ -34,7 +33,6 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 _DEBUG = "voxflat.debug"
 _MAP_ENDINGS = (".npz",)
-_TORN_WARNING = 0.05  # share of torn faces above which the map is not to be trusted as a whole
 
 
 # ------------------------------------------------------------------------------------ errors, exit status
@@ -208,13 +206,10 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
     with _bars(quiet) as bars:
         flat_map = voxflat.flatten(input_, progress=bars.progress, **options)
     flat_map.save(output)
-    warnings = _warnings(flat_map)
     if as_json:
-        _print_json(_figures(flat_map, output, warnings))
+        _print_json(_figures(flat_map, output))
     elif not quiet:
         click.echo(_summary(flat_map, output))
-        for warning in warnings:
-            click.echo(f"voxflat: warning: {warning}", err=True)
 
 
 @main.command(
@@ -392,19 +387,19 @@ class _Bars:
 
 
 class _Notes(logging.Handler):
-    """Print what the package logs, such as the memory that it needs, on stderr above the bars."""
+    """Print what the package logs, the memory that it needs and warnings, on stderr above the bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        tqdm.write(f"voxflat: {record.getMessage()}", file=sys.stderr)
+        kind = "warning: " if record.levelno >= logging.WARNING else ""
+        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=sys.stderr)
 
 
 @contextmanager
 def _bars(quiet: bool = False) -> Iterator[_Bars]:
     bars = _Bars(hidden=quiet or not sys.stderr.isatty())
-    log, notes = logging.getLogger("voxflat"), _Notes()
-    if not quiet:
-        log.addHandler(notes)
-        log.setLevel(logging.INFO)
+    notes = logging.NullHandler() if quiet else _Notes()
+    log.addHandler(notes)
+    log.setLevel(logging.INFO)
     try:
         yield bars
     finally:
@@ -444,21 +439,10 @@ def _part(metadata: dict[str, Any]) -> str:
     return f"the largest of {metadata['components']} components (the next has {metadata['largest_components'][1]})"
 
 
-def _warnings(flat_map: FlatMap) -> list[str]:
-    metadata = flat_map.metadata
-    warnings = advise((), metadata["topology"], len(flat_map), True)
-    if metadata["torn_faces"] > _TORN_WARNING:
-        warnings.append(
-            f"{100 * metadata['torn_faces']:.1f} % of the map is torn: its neighbours there are none on the surface; "
-            "see where it is distorted with voxflat image --heat-map, and take a smaller patch"
-        )
-    return warnings
-
-
-def _figures(flat_map: FlatMap, output: Path, warnings: list[str]) -> dict[str, Any]:
+def _figures(flat_map: FlatMap, output: Path) -> dict[str, Any]:
     distortion = asdict(flat_map.distortion)
     del distortion["per_point"], distortion["scatter"]
-    return {"output": str(output), **flat_map.metadata, "distortion": distortion, "warnings": warnings}
+    return {"output": str(output), **flat_map.metadata, "distortion": distortion}
 
 
 def _print_json(content: dict[str, Any]) -> None:

@@ -153,13 +153,7 @@ def remarks(flat_map: FlatMap) -> str:
     -------
     str
     """
-    text = f"Colours of the distortion: {HEAT_MEANING}."
-    if flat_map.metadata["topology"]["euler_characteristic"] != 1:
-        text += (
-            " The patch is no disk: it has holes, handles, or banks that touch, across which distances jump. "
-            "A smaller patch or a finer volume helps."
-        )
-    return text
+    return ". ".join([f"Colours of the distortion: {HEAT_MEANING}", *flat_map.metadata["warnings"]]) + "."
 
 
 def _distortion_layer(flat_map: FlatMap, name: str, pixel_size: float | None) -> LayerData:

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as nps
+
+from voxflat import InputError
+from voxflat._foreground import foreground, labels_in
+
+INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"])
+
+
+@given(INTEGERS.flatmap(lambda dtype: nps.arrays(dtype, (3, 4, 5))))
+def test_labels_are_counted(data):
+    values, counts = np.unique(data, return_counts=True)
+    expected = {int(v): int(n) for v, n in zip(values, counts, strict=True) if v != 0}
+    assert labels_in(data) == expected
+
+
+@given(nps.arrays(np.int16, (3, 4, 5), elements=st.integers(-2, 2)), st.integers(-3, 3))
+def test_a_label_or_a_threshold_selects(data, value):
+    for options, expected in (({"label": value}, data == value), ({"threshold": value}, data > value)):
+        if expected.any():
+            np.testing.assert_array_equal(foreground(data, **options), expected)
+        else:
+            with pytest.raises(InputError, match="no voxel"):
+                foreground(data, **options)
+
+
+def test_whole_floats_are_labels_and_others_are_not():
+    assert labels_in(np.array([[[0.0, 3.0, 3.0]]])) == {3: 2}
+    assert labels_in(np.array([[[0.0, 3.5]]])) is None
+    assert labels_in(np.arange(5000.0).reshape(5, 10, 100)) is None  # intensities that happen to be whole
+
+
+@pytest.mark.parametrize("values", [[0, 1, 2], [0.0, 1.0, 2.0]])
+def test_several_labels_are_listed(values):
+    with pytest.raises(InputError, match="give a label or a threshold; the volume has labels 1, 2"):
+        foreground(np.array([[values]]))
+
+
+def test_intensities_want_a_threshold():
+    with pytest.raises(InputError, match=r"holds intensities \(float64, 0 to 0.5\); give a threshold"):
+        foreground(np.array([[[0.0, 0.25, 0.5]]]))
