@@ -93,6 +93,12 @@ class TestStages:
         assert np.abs(np.diff(path.ids, axis=0)).max() == 1
         assert bent[tuple(path.ids.T)].all()
 
+    def test_no_path_between_components(self):
+        volume = np.zeros((9, 9, 3), dtype=np.uint8)
+        volume[:3, :, 1] = volume[6:, :, 1] = 1
+        with pytest.raises(voxflat.InputError, match=r"from voxel \(0, 0, 1\) to \(8, 8, 1\): they lie in different"):
+            voxflat.path(volume, (0, 0, 1), (8, 8, 1))
+
     @settings(max_examples=30, deadline=None)
     @given(st.tuples(*[st.floats(0.3, 3.0)] * 3), st.integers(0, 2**32))
     def test_link_lengths_are_unbiased_for_any_spacing(self, spacing, seed):

@@ -338,5 +338,11 @@ def path(
     prepared = prepare(surface, label, threshold, spacing, affine, None, None, None, link_lengths, memory_limit, None)
     whole = prepared.whole
     start, end = (int(vertex) for vertex in whole.find(voxel_indices([a, b], "the ends")))
-    vertices, length = whole.path(start, end)
+    try:
+        vertices, length = whole.path(start, end)
+    except InputError:
+        raise InputError(
+            f"no path leads from voxel {tuple(map(int, a))} to {tuple(map(int, b))}: they lie in different components "
+            "of the surface; choose both ends in one"
+        ) from None
     return Path(whole.voxels[vertices].astype(np.int64), whole.points[vertices], float(length))

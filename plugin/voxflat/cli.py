@@ -398,12 +398,14 @@ class _Notes(logging.Handler):
 def _bars(quiet: bool = False) -> Iterator[_Bars]:
     bars = _Bars(hidden=quiet or not sys.stderr.isatty())
     notes = logging.NullHandler() if quiet else _Notes()
+    level = log.level
     log.addHandler(notes)
     log.setLevel(logging.INFO)
     try:
         yield bars
     finally:
         log.removeHandler(notes)
+        log.setLevel(level)
         bars.close()
 
 

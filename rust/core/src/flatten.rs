@@ -148,14 +148,17 @@ fn place_rest(
     Ok(uv)
 }
 
+/// What is needed whatever the size: threads, buffers, the allocator's reserve.
+const BASE_BYTES: u64 = 16 << 20;
+
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph.
 pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
     let [points, links, sources, threads] = [points, links, sources, threads].map(|n| n as u64);
     let graph = 4 * links + 4 * points;
-    let surface = (15 + 24 + 16 + 48) * points;
+    let surface = (15 + 24 + 16 + 48 + 100) * points; // and what Python makes of it
     let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
     let workers = threads * (4 + 16) * points;
     let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);
-    graph + surface + workers + scaling.max(reference)
+    BASE_BYTES + graph + surface + workers + scaling.max(reference)
 }
