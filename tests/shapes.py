@@ -89,7 +89,7 @@ def head_depth():
     return np.asarray(Image.open(DATA / "demosthenes_depth.png"))
 
 
-def line_links(direction, rng, lines=400, links=50):
+def line_links(direction, rng, lines=400, links=150):
     """Count the links of digitised lines in one direction at random places of the grid.
 
     A line is cut by the planes of voxel centres across the axis along which it advances fastest; the other two

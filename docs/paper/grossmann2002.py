@@ -53,7 +53,7 @@ def estimate(counts):
 def lines():
     """Section 2.1: straight lines of random direction."""
     rng = np.random.default_rng(1)
-    directions = rng.normal(size=(4000, 3))
+    directions = rng.normal(size=(2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     measured = (shapes.line_links(direction, rng) for direction in directions)
     errors = np.array([estimate(counts) / length - 1 for counts, length in measured])
