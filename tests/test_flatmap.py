@@ -258,6 +258,17 @@ class TestWarnings:
         logged = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
         assert logged == [components, holes]
 
+    def test_a_seed_point_off_the_surface_is_told(self, ball):
+        near = voxflat.flatten(ball, seed_point=(30, 16, 16), radius=12.0, sources=50)
+        assert near.metadata["warnings"] == []
+        assert near.metadata["seed_voxel"] == [29, 16, 16]
+        far = voxflat.flatten(ball, seed_point=(32, 16, 16), radius=12.0, sources=50)
+        assert far.metadata["warnings"][0].startswith(
+            "the seed point [32, 16, 16] is 3.0 mm away from the surface; its"
+        )
+        np.testing.assert_array_equal(far.uv, near.uv)
+        assert far.metadata["warnings"][0] in voxflat.check(ball, seed_point=(32, 16, 16), radius=12.0).advice
+
     def test_a_torn_map_says_so(self):
         # an open cylinder cannot lie in the plane: its two halves come to lie upon each other
         i, j = np.mgrid[:24, :24]

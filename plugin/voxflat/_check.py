@@ -165,7 +165,7 @@ def check(
         used=len(prepared.part),
         **topology,
         can_flatten=not topology["closed"] and len(prepared.part) >= 3,
-        advice=tuple(advise(sizes, topology, len(prepared.part), has_patch)),
+        advice=(*prepared.remarks, *advise(sizes, topology, len(prepared.part), has_patch)),
     )
 
 

@@ -38,6 +38,7 @@ class Prepared:
     part: _core.VoxelSurface
     foreground: int
     metadata: dict[str, Any]
+    remarks: list[str]
 
 
 def prepare(
@@ -69,6 +70,7 @@ def prepare(
     seed = None if seed_point is None else voxel_indices([seed_point], "the seed point")[0].tolist()
     whole = _core.VoxelSurface.from_mask(mask, volume.affine.tolist(), link_lengths, progress)
     part = whole.cut_out(kept, seed, None if radius is None else float(radius), progress)
+    seed_voxel, remarks = (None, []) if seed is None else _seed_voxel(whole, seed, volume.spacing.max())
     components = whole.component_sizes()
     metadata = {
         "input": None if volume.path is None else str(volume.path),
@@ -78,6 +80,7 @@ def prepare(
         "label": None if label is None else int(label),
         "threshold": None if threshold is None else float(threshold),
         "seed_point": seed,
+        "seed_voxel": seed_voxel,
         "radius": None if radius is None else float(radius),
         "keep": kept is not None,
         "link_lengths": link_lengths,
@@ -86,7 +89,18 @@ def prepare(
         "largest_components": components[:10],
         "points": len(part),
     }
-    return Prepared(whole, part, int(np.count_nonzero(mask)), metadata)
+    return Prepared(whole, part, int(np.count_nonzero(mask)), metadata, remarks)
+
+
+def _seed_voxel(whole: _core.VoxelSurface, seed: list[int], voxel_size: float) -> tuple[list[int], list[str]]:
+    """Return the surface voxel that a seed point stands for, and a remark if it lies elsewhere."""
+    vertex, distance = whole.nearest(seed)
+    voxel = [int(index) for index in whole.voxels[vertex]]
+    if distance <= 2 * voxel_size:
+        return voxel, []
+    return voxel, [
+        f"the seed point {seed} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+    ]
 
 
 def check_scalar(volume: Volume) -> None:

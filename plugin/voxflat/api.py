@@ -175,7 +175,9 @@ def flatten(
 def _warn(prepared: Prepared, topology: dict[str, Any], torn: float) -> list[str]:
     """Log and return what the user should know of a map."""
     has_patch = prepared.metadata["keep"] or prepared.metadata["seed_point"] is not None
-    warnings = advise(tuple(prepared.whole.component_sizes()), topology, len(prepared.part), has_patch)
+    warnings = prepared.remarks + advise(
+        tuple(prepared.whole.component_sizes()), topology, len(prepared.part), has_patch
+    )
     if torn > _TORN_WARNING:
         warnings.append(
             f"{100 * torn:.1f} % of the map is torn: neighbours there are none on the surface; "
