@@ -543,3 +543,14 @@ def test_image_at_a_depth(tmp_path):
         assert run("image", tmp_path / "map.npz", *arguments).exit_code == 0
     outward = np.load(tmp_path / "2.npy") - np.load(tmp_path / "0.npy")
     assert 1 < np.nanmean(outward) < 2  # the patch faces along i
+
+
+def test_check_of_nan_is_still_json(tmp_path):
+    volume = np.zeros((5, 5, 5))
+    volume[2, 2, 2] = np.nan
+    np.save(tmp_path / "nan.npy", volume)
+    result = run("check", tmp_path / "nan.npy", "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert content["range"] == [None, None]
+    assert "NaN" in content["advice"][0]

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 import shapes
@@ -276,3 +278,12 @@ class TestWarnings:
         flat = voxflat.flatten(np.repeat(ring[..., None], 30, axis=2), sources=200)
         assert flat.metadata["torn_faces"] > 0.3
         assert any("of the map is torn" in warning for warning in flat.metadata["warnings"])
+
+
+def test_undefined_figures_are_null_in_json_and_nan_in_python(tmp_path):
+    flat = voxflat.flatten(shapes.sheet((6, 6)), spacing=(40, 40, 40), sources=10)  # no pair is nearer than 30 mm
+    assert np.isnan(flat.distortion.raw.relative_error_30mm)
+    json.loads(json.dumps(flat.description(), allow_nan=False))
+    assert flat.description()["distortion"]["raw"]["relative_error_30mm"] is None
+    flat.save(tmp_path / "map.npz")
+    assert np.isnan(voxflat.load(tmp_path / "map.npz").distortion.raw.relative_error_30mm)

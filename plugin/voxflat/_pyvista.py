@@ -10,7 +10,6 @@ keeps LPS coordinates, as ITK's do, has to be turned first (origin and the first
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -213,7 +212,7 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     mesh.point_data["surface_points"] = flat_map.points
     mesh.point_data["distortion"] = flat_map.distortion.per_point
     mesh.active_texture_coordinates = _texture_coordinates(flat_map.uv, picture_shape)
-    mesh.field_data["voxflat"] = [_description(flat_map)]
+    mesh.field_data["voxflat"] = [json.dumps(flat_map.description())]
     mesh.set_active_scalars("distortion", preference="point")
     return mesh
 
@@ -224,18 +223,6 @@ def _texture_coordinates(uv: NDArray[np.float64], picture_shape: tuple[int, ...]
     low, high = uv.min(axis=0), uv.max(axis=0)
     pixel = float(np.max((high - low) / size)) or 1.0
     return np.asarray(0.5 + (uv - (low + high) / 2) / (pixel * size))
-
-
-def _description(flat_map: FlatMap) -> str:
-    distortion = flat_map.distortion
-    figures = {
-        "raw": asdict(distortion.raw),
-        "best_scale": asdict(distortion.best_scale),
-        "pearson_r": distortion.pearson_r,
-        "mean_geodesic": distortion.mean_geodesic,
-        "pairs": distortion.pairs,
-    }
-    return json.dumps({**flat_map.metadata, "distortion": figures})
 
 
 # -------------------------------------------------------------------------------------- images in

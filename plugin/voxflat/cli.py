@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import re
 import sys
 import tempfile
@@ -25,7 +24,7 @@ from tqdm import tqdm
 import voxflat
 from voxflat._errors import Cancelled, InputError
 from voxflat._prepare import Progress, log
-from voxflat.flatmap import FlatMap
+from voxflat.flatmap import FlatMap, json_ready
 
 __all__ = ["main"]
 
@@ -207,7 +206,7 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
         flat_map = voxflat.flatten(input_, progress=bars.progress, **options)
     flat_map.save(output)
     if as_json:
-        _print_json(_figures(flat_map, output))
+        _print_json({"output": str(output), **flat_map.description()})
     elif not quiet:
         click.echo(_summary(flat_map, output))
 
@@ -232,7 +231,7 @@ def check(input_: Path, as_json: bool, **options: Any) -> None:
     with _bars() as bars:
         findings = voxflat.check(input_, progress=bars.progress, **options)
     if as_json:
-        _print_json(asdict(findings))
+        _print_json(json_ready(asdict(findings)))
     else:
         click.echo(findings.table())
     if not findings.can_flatten:
@@ -441,23 +440,8 @@ def _part(metadata: dict[str, Any]) -> str:
     return f"the largest of {metadata['components']} components (the next has {metadata['largest_components'][1]})"
 
 
-def _figures(flat_map: FlatMap, output: Path) -> dict[str, Any]:
-    distortion = asdict(flat_map.distortion)
-    del distortion["per_point"], distortion["scatter"]
-    return {"output": str(output), **flat_map.metadata, "distortion": distortion}
-
-
 def _print_json(content: dict[str, Any]) -> None:
-    click.echo(json.dumps(_without_nan(content), allow_nan=False))
-
-
-def _without_nan(value: Any) -> Any:
-    """Return the same with None for the numbers that JSON does not know."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    click.echo(json.dumps(content, allow_nan=False))
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

@@ -83,6 +83,17 @@ class Distortion:
     per_point: NDArray[np.float64]
     scatter: NDArray[np.float64]
 
+    def figures(self) -> dict[str, Any]:
+        """Return the figures without the arrays, ready for JSON: undefined ones are None.
+
+        Returns
+        -------
+        dict
+            ``raw`` and ``best_scale`` (dicts), ``pearson_r``, ``mean_geodesic``, ``pairs``.
+        """
+        values = {key: value for key, value in asdict(self).items() if not isinstance(value, np.ndarray)}
+        return dict(json_ready(values))
+
     def table(self) -> str:
         """Return the figures as a table of text."""
         rows = [
@@ -310,6 +321,16 @@ class FlatMap:
         volume[tuple(self.ids.T)] = values
         return volume
 
+    def description(self) -> dict[str, Any]:
+        """Return the metadata with the distortion figures, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``metadata``, and ``distortion`` as from `Distortion.figures`.
+        """
+        return {**self.metadata, "distortion": self.distortion.figures()}
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save everything to an .npz file, all of it or nothing.
 
@@ -326,8 +347,7 @@ class FlatMap:
         path = Path(path)
         if path.suffix != ".npz":
             raise InputError(f"cannot save a map as {path.name}; give a name that ends in .npz")
-        distortion = asdict(self.distortion)
-        arrays = {
+        arrays: dict[str, Any] = {
             "uv": self.uv,
             "points": self.points,
             "normals": self.normals,
@@ -336,12 +356,12 @@ class FlatMap:
             "torn": self.torn,
             "sources": self.sources,
             "eigenvalues": self.eigenvalues,
-            "distortion_per_point": distortion.pop("per_point"),
-            "distortion_scatter": distortion.pop("scatter"),
+            "distortion_per_point": self.distortion.per_point,
+            "distortion_scatter": self.distortion.scatter,
         }
         if self.rows is not None:
             arrays["rows"] = self.rows
-        text = json.dumps({"format": _FORMAT, **self.metadata, "distortion": distortion}, allow_nan=True)
+        text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
@@ -370,6 +390,22 @@ class FlatMap:
         return replace(given, affine=self.affine)
 
 
+def json_ready(value: Any) -> Any:
+    """Return the same with None for the numbers that JSON does not know: NaN, which means undefined, and infinity."""
+    if isinstance(value, dict):
+        return {key: json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _undefined_as_nan(value: Any) -> Any:
+    """Undo `json_ready` for figures."""
+    if isinstance(value, dict):
+        return {key: _undefined_as_nan(item) for key, item in value.items()}
+    return float("nan") if value is None else value
+
+
 def load(path: str | os.PathLike[str]) -> FlatMap:
     """Load a flat map that was saved with `FlatMap.save`.
 
@@ -396,7 +432,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         metadata = json.loads(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
-        distortion = metadata.pop("distortion")
+        distortion = _undefined_as_nan(metadata.pop("distortion"))
         return FlatMap(
             distortion=Distortion(
                 raw=Figures(**distortion.pop("raw")),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._flatimage import FlatImage
 from voxflat._napari.volumes import LayerVolume
-from voxflat.flatmap import Distortion, FlatMap, load
+from voxflat.flatmap import FlatMap, load
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
 """The layer's data, its keywords and its type, as napari takes them."""
@@ -203,16 +203,11 @@ def _placement(flat_map: FlatMap, image: FlatImage, meaning: str) -> dict[str, A
         "metadata": {
             "voxflat": flat_map,
             "parameters": flat_map.metadata,
-            "distortion": _figures(flat_map.distortion),
+            "distortion": flat_map.distortion.figures(),
             "colours": meaning,
             "axes": "rows: −v, columns: u, mm",
         },
     }
-
-
-def _figures(distortion: Distortion) -> dict[str, Any]:
-    """Return the figures of a distortion without its arrays."""
-    return {key: value for key, value in asdict(distortion).items() if not isinstance(value, np.ndarray)}
 
 
 def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
