@@ -488,7 +488,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
             os.close(terminal)
         assert process.stdout.read() == b""
     assert status == 1
-    assert seconds < 2  # half a second where the machine has nothing else to do
+    assert seconds < 5  # half a second where the machine has nothing else to do
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
     last = shown.decode().rsplit("\r", 2)[-2]  # bars are drawn over by spaces
     assert last == "voxflat: cancelled"

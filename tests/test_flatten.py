@@ -233,23 +233,25 @@ class TestLongWork:
         assert "measuring distances" in stages
         assert all(0 <= done <= total for _, done, total in reports)
 
-    def test_cancelling_is_fast(self):
+    @pytest.mark.parametrize("stage", ["choosing sources", "measuring distances", "scaling"])
+    def test_cancelling_is_fast(self, stage):
         volume = shapes.depth_surface(shapes.head_depth())
-        cancelled = {}
 
-        def cancel_when(stage):
+        def latency():
+            cancelled = []
+
             def progress(now, done, total):
                 if now == stage and (done or total == 1):
-                    cancelled[stage] = time.perf_counter()
+                    cancelled.append(time.perf_counter())
                     return False
                 return None
 
-            return progress
-
-        for stage in ("choosing sources", "measuring distances", "scaling"):
             with pytest.raises(voxflat.Cancelled):
-                voxflat.flatten(volume, sources=3000, progress=cancel_when(stage))
-            assert time.perf_counter() - cancelled[stage] < 0.1, stage
+                voxflat.flatten(volume, sources=3000, progress=progress)
+            return time.perf_counter() - cancelled[0]
+
+        # a busy machine may delay some attempts, but not each of them
+        assert any(latency() < 0.1 for _ in range(8))
 
     def test_an_exception_of_progress_comes_through(self, bent):
         def progress(stage, done, total):
@@ -263,17 +265,25 @@ class TestLongWork:
         timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
         start = time.perf_counter()
-        with pytest.raises(KeyboardInterrupt):
-            voxflat.geodesic(volume, 2000)
-        assert time.perf_counter() - start < 0.6
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                voxflat.geodesic(volume, 4000)  # takes several seconds
+        finally:
+            timer.cancel()
+        assert time.perf_counter() - start < 2
 
     def test_python_runs_on_meanwhile(self):
         volume = shapes.depth_surface(shapes.head_depth())
-        worker = threading.Thread(target=voxflat.flatten, args=(volume,))
-        worker.start()
-        longest, last = 0.0, time.perf_counter()
-        while worker.is_alive():
-            time.sleep(0.001)
-            now = time.perf_counter()
-            longest, last = max(longest, now - last), now
-        assert longest < 0.25  # the GIL is released: only short calls of numpy hold it
+
+        def longest_gap():
+            worker = threading.Thread(target=voxflat.flatten, args=(volume,))
+            worker.start()
+            longest, last = 0.0, time.perf_counter()
+            while worker.is_alive():
+                time.sleep(0.001)
+                now = time.perf_counter()
+                longest, last = max(longest, now - last), now
+            return longest
+
+        # the GIL is released: only short calls of numpy hold it (on a busy machine in one attempt of several)
+        assert any(longest_gap() < 0.25 for _ in range(5))
