@@ -164,6 +164,15 @@ class TestInputs:
         intensities = np.where(bent, 0.9, 0.5).astype(np.float32)
         np.testing.assert_array_equal(voxflat.flatten(intensities, threshold=0.5, sources=150).uv, bent_map.uv)
 
+    @pytest.mark.parametrize("label", [3.5, "1", np.nan])
+    def test_a_label_is_a_whole_number(self, bent, label):
+        with pytest.raises(voxflat.InputError, match=r"the label is .*; give a whole number"):
+            voxflat.flatten(bent, label=label)
+
+    def test_a_limit_is_a_number(self, bent):
+        with pytest.raises(voxflat.InputError, match="the memory limit is '4G'; give a number"):
+            voxflat.flatten(bent, memory_limit="4G")
+
     def test_the_input_is_left_alone(self, bent):
         frozen = bent.copy()
         frozen.setflags(write=False)

@@ -58,9 +58,11 @@ def prepare(
     if (seed_point is None) != (radius is None):
         given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
         raise InputError(f"{given} is given without {missing}; give both or neither")
-    for name, value in (("threshold", threshold), ("radius", radius)):
+    for name, value in (("threshold", threshold), ("radius", radius), ("memory limit", memory_limit)):
         if value is not None and not isinstance(value, Real):
             raise InputError(f"the {name} is {value!r}; give a number")
+    if label is not None and not isinstance(label, Integral):
+        raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
     volume = as_volume(surface, spacing=spacing, affine=affine)
     check_scalar(volume)
     shape = volume.data.shape

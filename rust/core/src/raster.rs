@@ -118,15 +118,6 @@ impl Raster {
             }
         }
     }
-
-    /// For each pixel the vertex nearest to it (of its face the corner with the largest weight).
-    pub fn nearest_vertices(&self) -> Vec<u32> {
-        let heaviest = |(corners, weights): (&[u32; 3], &[f32; 3])| {
-            let corner = (0..3).rev().max_by(|&p, &q| weights[p].total_cmp(&weights[q])).unwrap_or(0);
-            corners[corner]
-        };
-        self.corners.iter().zip(&self.weights).map(heaviest).collect()
-    }
 }
 
 #[derive(Clone, Copy)]
@@ -252,8 +243,10 @@ mod tests {
         let raster = draw(&uv, &[[0, 1, 2], [0, 2, 3]], false, 0.5);
         assert_eq!((raster.width, raster.height, raster.origin), (21, 21, [0.0, 10.0]));
         assert!(raster.weights.iter().all(|w| !w[0].is_nan()));
-        let nearest = raster.nearest_vertices();
-        assert_eq!([nearest[0], nearest[20], nearest[20 * 21], nearest[21 * 21 - 1]], [3, 2, 0, 1]);
+        for (pixel, vertex) in [(0, 3), (20, 2), (20 * 21, 0), (21 * 21 - 1, 1)] {
+            let corner = raster.corners[pixel].iter().position(|&corner| corner == vertex).unwrap();
+            assert_eq!(raster.weights[pixel][corner], 1.0);
+        }
     }
 
     #[test]

@@ -81,11 +81,6 @@ impl DistanceRows {
     }
 
     /// All rows, one after the other.
-    pub fn data(&self) -> &[f32] {
-        &self.data
-    }
-
-    /// All rows, one after the other.
     pub fn into_data(self) -> Vec<f32> {
         self.data
     }

@@ -1,6 +1,6 @@
 //! What comes in: a binary volume and its place in the world.
 
-use nalgebra::{Matrix3, Matrix4, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::error::{Error, Result};
 
@@ -147,13 +147,6 @@ impl Affine {
     /// A voxel's centre in mm.
     pub fn to_mm(&self, voxel: [f64; 3]) -> Vector3<f64> {
         self.linear * Vector3::from(voxel) + self.translation
-    }
-
-    /// As a homogeneous matrix.
-    pub fn matrix(&self) -> Matrix4<f64> {
-        let mut matrix = self.linear.to_homogeneous();
-        matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.translation);
-        matrix
     }
 }
 

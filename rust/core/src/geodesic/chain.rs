@@ -201,6 +201,17 @@ mod tests {
     }
 
     #[test]
+    fn the_error_of_infinite_lines_is_bounded_as_published() {
+        let lengths = ChainWeights::new([1.0; 3], LinkLengths::ChainCode).unwrap().lengths();
+        let weights = SVector::<f64, 7>::from_column_slice(&lengths[1..]);
+        let error = |u| expected_links(u, [1.0; 3]).dot(&weights) - 1.0;
+        let errors = || octant_directions().map(error);
+        let (least, most) = (errors().fold(0.0, f64::min), errors().fold(0.0, f64::max));
+        assert!((error([1.0, 0.0, 0.0]) + 0.0984).abs() < 1e-6, "along an axis it is least");
+        assert!((-0.0984..-0.097).contains(&least) && (0.0455..=0.046).contains(&most), "{least} to {most}");
+    }
+
+    #[test]
     fn random_lines_are_measured_as_published() {
         let weights = ChainWeights::new([1.0; 3], LinkLengths::ChainCode).unwrap();
         let errors = line_errors([1.0; 3], &weights, 2000, 40);
