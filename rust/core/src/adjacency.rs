@@ -13,6 +13,48 @@ pub struct Arc {
     pub length: f32,
 }
 
+/// A sparse symmetric graph with lengths: all that shortest paths need to know of a surface.
+pub trait Links: Sync {
+    /// Number of vertices.
+    fn vertices(&self) -> usize;
+
+    /// The links of a vertex, ordered by neighbour.
+    fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_;
+
+    /// Most links of a vertex.
+    fn most_links(&self) -> usize;
+
+    /// The lengths of the shortest and of the longest link, mm.
+    fn extremes(&self) -> [f32; 2];
+
+    /// The connected components.
+    fn components(&self) -> Components {
+        let mut labels = vec![u32::MAX; self.vertices()];
+        let mut sizes = Vec::new();
+        let mut stack = Vec::new();
+        for start in 0..self.vertices() {
+            if labels[start] != u32::MAX {
+                continue;
+            }
+            let label = sizes.len() as u32;
+            labels[start] = label;
+            let mut size = 0;
+            stack.push(start as u32);
+            while let Some(vertex) = stack.pop() {
+                size += 1;
+                for arc in self.arcs(vertex) {
+                    if labels[arc.to as usize] == u32::MAX {
+                        labels[arc.to as usize] = label;
+                        stack.push(arc.to);
+                    }
+                }
+            }
+            sizes.push(size);
+        }
+        Components { labels, sizes }
+    }
+}
+
 /// An arc as it is stored: 29 bits for the neighbour, 3 for the kind of link. A row of distances is bound by memory, and
 /// half the bytes an arc make it about half again as fast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,7 +63,7 @@ struct PackedArc(u32);
 const NEIGHBOUR_BITS: u32 = 29;
 const NEIGHBOUR: u32 = (1 << NEIGHBOUR_BITS) - 1;
 
-/// A sparse symmetric graph in compressed rows whose links are of seven kinds, each of one length. A vertex's arcs are
+/// The paper's graph in compressed rows, whose links are of seven kinds, each of one length. A vertex's arcs are
 /// ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct Graph {
@@ -83,9 +125,19 @@ impl Graph {
         self.arcs.len()
     }
 
-    /// The links of a vertex.
+    /// Where each vertex's links begin, and the end of the last one's.
+    pub fn starts(&self) -> &[u32] {
+        &self.starts
+    }
+}
+
+impl Links for Graph {
+    fn vertices(&self) -> usize {
+        self.len()
+    }
+
     #[inline]
-    pub fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
+    fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
         let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
         let unpack = |&PackedArc(bits): &PackedArc| Arc {
             to: bits & NEIGHBOUR,
@@ -94,41 +146,14 @@ impl Graph {
         self.arcs[range].iter().map(unpack)
     }
 
-    /// Where each vertex's links begin, and the end of the last one's.
-    pub fn starts(&self) -> &[u32] {
-        &self.starts
+    fn most_links(&self) -> usize {
+        26
     }
 
-    /// The lengths of the kinds of links that a voxel can have, mm.
-    pub fn lengths(&self) -> &[f32] {
-        &self.lengths[1..]
-    }
-
-    /// The connected components.
-    pub fn components(&self) -> Components {
-        let mut labels = vec![u32::MAX; self.len()];
-        let mut sizes = Vec::new();
-        let mut stack = Vec::new();
-        for start in 0..self.len() {
-            if labels[start] != u32::MAX {
-                continue;
-            }
-            let label = sizes.len() as u32;
-            labels[start] = label;
-            let mut size = 0;
-            stack.push(start as u32);
-            while let Some(vertex) = stack.pop() {
-                size += 1;
-                for arc in self.arcs(vertex) {
-                    if labels[arc.to as usize] == u32::MAX {
-                        labels[arc.to as usize] = label;
-                        stack.push(arc.to);
-                    }
-                }
-            }
-            sizes.push(size);
-        }
-        Components { labels, sizes }
+    fn extremes(&self) -> [f32; 2] {
+        let lengths = &self.lengths[1..]; // those of the kinds of links that a voxel can have
+        let longest = lengths.iter().copied().fold(0.0, f32::max);
+        [lengths.iter().copied().fold(longest, f32::min), longest]
     }
 }
 

@@ -111,6 +111,75 @@ pub enum Error {
     #[error("a surface of {points} points is too large for this graph: at most {most} are possible")]
     GraphTooLarge { points: usize, most: usize },
 
+    #[error(
+        "the surface is no disk: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s), Euler \
+         characteristic {euler} instead of 1. Cut out a patch, cut it open, or repair it; voxflat check tells what each changes"
+    )]
+    NotADisk { components: usize, loops: usize, handles: usize, euler: i64 },
+
+    #[error("no triangle around vertex {vertex} lies within {radius} mm: give a larger radius")]
+    EmptyDisk { vertex: usize, radius: f64 },
+
+    #[error(
+        "the disk of {radius} mm ({own:.0} mm²) encloses a piece of {area:.0} mm² around {at:?} mm that reaches farther, \
+         such as a gyrus with a narrow neck: choose another seed point, or another radius"
+    )]
+    DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
+
+    #[error("the mesh has no triangle ({points} points): give triangles of three vertex indices each")]
+    NoFaces { points: usize },
+
+    #[error(
+        "point {vertex} of the mesh is not finite (NaN or infinite): remove it with its triangles, or give its place"
+    )]
+    PointNotFinite { vertex: usize },
+
+    #[error("triangle {face} names vertex {corner}, but the mesh has {points} vertices, counted from 0")]
+    CornerOutOfRange { face: usize, corner: i64, points: usize },
+
+    #[error(
+        "triangle {face} has no area ({count} such): two of its corners coincide or all lie on a line; remove them and merge \
+         the vertices, by PyVista's mesh.clean() for example"
+    )]
+    DegenerateFace { face: usize, count: usize },
+
+    #[error("triangle {face} has the same corners as another ({count} such): give each triangle once")]
+    DuplicateFace { face: usize, count: usize },
+
+    #[error(
+        "more than two triangles meet at the edge of vertices {a} and {b} ({count} such edges): a surface has two sides at \
+         most there; remove the extra sheets"
+    )]
+    CrowdedEdge { a: usize, b: usize, count: usize },
+
+    #[error(
+        "the surface touches itself at vertex {vertex} ({count} such vertices): give each sheet a vertex of its own there, or \
+         remove one of them"
+    )]
+    PinchedVertex { vertex: usize, count: usize },
+
+    #[error(
+        "the component of triangle {face} has only one side, like a Möbius strip: it has no outside and cannot be flattened; \
+         cut it first"
+    )]
+    OneSided { face: usize },
+
+    #[error(
+        "no edge joins the vertices {a} and {b} of the path: name every vertex along it, or let a shortest path between the \
+         chosen ones fill in the rest"
+    )]
+    NotAnEdge { a: usize, b: usize },
+
+    #[error(
+        "the factor of vertex {vertex} is {factor}: give a positive, finite factor, at most 1e100, for each vertex"
+    )]
+    FactorNotPositive { vertex: usize, factor: f64 },
+
+    #[error(
+        "the surface falls into {count} components (of {sizes} triangles): open one at a time, the largest for example"
+    )]
+    SeveralComponents { count: usize, sizes: String },
+
     #[error("cancelled")]
     Cancelled,
 }

@@ -2,35 +2,33 @@
 
 use nalgebra::Vector3;
 
-use crate::adjacency::Graph;
+use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
 use crate::error::{Error, Result};
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
-use crate::orient::{orient, outward_normals};
+use crate::geodesic::graph::GeodesicGraph;
+use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
+use crate::place::landmark;
 use crate::place::radial::RadialFunctions;
 use crate::rows::DistanceRows;
 use crate::sources::{self, FEWEST_SOURCES, Sources};
-use crate::surface::VoxelSurface;
-use crate::surface::topology::Topology;
+use crate::surface::cubes::CubeTopology;
+use crate::surface::{Surface, VoxelSurface};
 
 /// Reference sources from which the distortion is measured.
 pub const REFERENCE_SOURCES: usize = 200;
 
-/// A flat map of surface voxels.
+/// A flat map of the points of a surface.
 #[derive(Debug, Clone)]
 pub struct FlatMap {
-    /// What was flattened.
-    pub surface: VoxelSurface,
-    /// Its 26-neighbour graph.
-    pub graph: Graph,
     /// The place of each point in the plane, mm.
     pub uv: Vec<[f64; 2]>,
-    /// Unit normals (RAS+ mm) that point outside; NaN for a sheet, which has no outside.
+    /// Unit normals (RAS+ mm) that point outside; NaN where there is no outside.
     pub normals: Vec<Vector3<f64>>,
-    /// The sources, as vertices of `surface`.
+    /// The sources, as vertices of the surface.
     pub sources: Vec<u32>,
     /// The eigenvalues of the scaling, mm², by falling magnitude.
     pub eigenvalues: Vec<f64>,
@@ -38,8 +36,6 @@ pub struct FlatMap {
     pub planarity: f64,
     /// What flattening did to the distances.
     pub distortion: Distortion,
-    /// The topology of what was flattened.
-    pub topology: Topology,
 }
 
 /// The 26-neighbour graph of a surface.
@@ -86,12 +82,12 @@ pub fn cut_out(
 ///
 /// # Errors
 /// [`Error::TooFewPoints`], [`Error::Closed`], [`Error::Cancelled`].
-pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<Topology> {
+pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
     let points = surface.len();
     if points < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points, needed: FEWEST_SOURCES });
     }
-    let topology = Topology::of(surface, control)?;
+    let topology = CubeTopology::of(surface, control)?;
     if topology.is_closed() {
         return Err(Error::Closed { points, touching: topology.lining, euler: topology.euler });
     }
@@ -104,31 +100,93 @@ pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<To
 /// # Errors
 /// Those of [`check_flattenable`] and of the stages.
 pub fn grossmann2002(
-    surface: VoxelSurface,
-    graph: Graph,
+    surface: &VoxelSurface,
+    graph: &Graph,
     sources: &Sources,
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
-    let points = surface.len();
-    let topology = check_flattenable(&surface, control)?;
-    let sources = sources.choose(&graph, control)?;
+    check_flattenable(surface, control)?;
+    let sources = sources.choose(graph, control)?;
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let among = DistanceRows::among_sources(&graph, &sources, control)?;
+    let among = DistanceRows::among_sources(graph, &sources, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
     let mut uv = place_rest(&surface.points(), &sources, &scaling.places, control)?;
-    orient(&surface, &graph, &mut uv);
+    let seen_from_outside = handedness(surface, graph, &uv);
+    orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let reference = sources::random(points, points.min(REFERENCE_SOURCES), seed.wrapping_add(1));
-    let rows = DistanceRows::compute(&graph, &reference, control)?;
-    let distortion = measure(&uv, &rows, seed, control)?;
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    let normals = outward_normals(&surface, &graph);
-    Ok(FlatMap { surface, graph, uv, normals, sources, eigenvalues, planarity, distortion, topology })
+    Ok(FlatMap { uv, normals: outward_normals(surface, graph), sources, eigenvalues, planarity, distortion })
+}
+
+/// Flattens a connected surface: distances through the graph of straight links, classical scaling of the sources, landmark
+/// placement of the rest.
+///
+/// # Errors
+/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
+pub fn voxflat(
+    surface: &Surface,
+    graph: &GeodesicGraph,
+    sources: &Sources,
+    seed: u64,
+    control: &Control,
+) -> Result<FlatMap> {
+    check_disk(surface)?;
+    let sources = sources.choose(graph, control)?;
+    if sources.len() < FEWEST_SOURCES {
+        return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
+    }
+    let rows = DistanceRows::compute(graph, &sources, control)?;
+    control.begin("scaling", 1);
+    let scaling = classical_scaling(&rows.among())?;
+    control.check()?;
+    let mut uv = landmark::place(&rows, &scaling.places, control)?;
+    orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
+}
+
+/// Can this surface be flattened as it is?
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::NotADisk`].
+pub fn check_disk(surface: &Surface) -> Result<()> {
+    if surface.len() < FEWEST_SOURCES {
+        return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
+    }
+    let (_, components) = surface.components();
+    let loops = surface.boundary().len();
+    let euler = (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64;
+    if components != 1 || euler != 1 {
+        let handles = (2 * components as i64 - euler - loops as i64) / 2;
+        return Err(Error::NotADisk { components, loops, handles: handles.max(0) as usize, euler });
+    }
+    Ok(())
+}
+
+/// The signed area of a map, mm²: positive if most of its faces run as they do on the surface.
+pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
+    let double = |face: &[u32; 3]| {
+        let [[ax, ay], [bx, by], [cx, cy]] = face.map(|v| uv[v as usize]);
+        (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    };
+    0.5 * faces.iter().map(double).sum::<f64>()
+}
+
+/// What a map does to the distances from `count` random reference sources.
+///
+/// # Errors
+/// [`Error::Unreachable`], [`Error::Cancelled`].
+pub fn judge<G: Links>(graph: &G, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
+    let reference = sources::random(uv.len(), uv.len().min(count), seed.wrapping_add(1));
+    let rows = DistanceRows::compute(graph, &reference, control)?;
+    measure(uv, &rows, seed, control)
 }
 
 /// The places of all points: those of the sources as they are, the rest by radial functions.
@@ -150,6 +208,20 @@ fn place_rest(
 
 /// What is needed whatever the size: threads, buffers, the allocator's reserve.
 const BASE_BYTES: u64 = 16 << 20;
+
+/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
+pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64 {
+    let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
+    let graph = (2 * 16 + 8) * LINKS * points; // the links, and both directions of them while they are sorted
+    let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
+    let rows = 4 * points * sources.max(REFERENCE_SOURCES as u64);
+    let scaling = (4 + 8 + 8) * sources * sources;
+    let workers = threads * (4 + 16) * points;
+    BASE_BYTES + graph + surface + workers + rows + scaling
+}
+
+/// Usual number of links of a vertex of the graph of straight links.
+const LINKS: u64 = 30;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph.

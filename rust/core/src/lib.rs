@@ -6,16 +6,16 @@
 //! |---|---|---|
 //! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
-//! | [`surface`] | volume → surface | surface voxels; the topology of a voxel set |
-//! | [`adjacency`] | | [`Graph`](adjacency::Graph): who is next to whom, and how far |
-//! | [`geodesic`] | | chain-code lengths; shortest paths |
+//! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes |
+//! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far |
+//! | [`geodesic`] | | chain-code links over voxels, straight links over triangles; shortest paths |
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
 //! | [`rows`] | sources → distance rows | many sources in parallel |
 //! | [`embed`] | distance rows → embedding | classical scaling |
-//! | [`place`] | embedding → every point | radial functions |
+//! | [`place`] | embedding → every point | radial functions, landmark placement |
 //! | [`orient`] | | the map's up and its handedness |
-//! | [`distortion`] | flat map → figures | what flattening did to the distances |
+//! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |
 //! | [`flatten`] | | whole methods, composed from the stages |
 //!

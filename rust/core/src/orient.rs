@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use crate::adjacency::{Arc, Graph};
+use crate::adjacency::{Arc, Graph, Links};
 use crate::surface::VoxelSurface;
 
 /// The share of a direction's variance that the map must explain for the direction to become the map's up.
@@ -58,13 +58,14 @@ fn mean_around(graph: &Graph, normals: &[Vector3<f64>], vertex: usize) -> Vector
 /// - the surface is seen from outside (from the background), not from within; a sheet that has background on both sides
 ///   alike is left as it is;
 /// - superior is up, as far as one direction of the map can say so; where the patch is level, anterior is up, else right.
-pub fn orient(surface: &VoxelSurface, graph: &Graph, uv: &mut [[f64; 2]]) {
-    let points = surface.points();
-    if handedness(surface, graph, &points, uv) < 0.0 {
+///
+/// `seen_from_outside` is positive if the map shows the surface from outside already, negative if from within.
+pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2]]) {
+    if seen_from_outside < 0.0 {
         uv.iter_mut().for_each(|[_, v]| *v = -*v);
     }
     let mean = uv.iter().map(|&place| Vector2::from(place)).sum::<Vector2<f64>>() / uv.len() as f64;
-    let Some(up) = up_direction(&points, uv, mean) else {
+    let Some(up) = up_direction(points, uv, mean) else {
         return;
     };
     for place in uv {
@@ -75,7 +76,8 @@ pub fn orient(surface: &VoxelSurface, graph: &Graph, uv: &mut [[f64; 2]]) {
 
 /// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
 /// the outward direction, turns in the map.
-fn handedness(surface: &VoxelSurface, graph: &Graph, points: &[Vector3<f64>], uv: &[[f64; 2]]) -> f64 {
+pub fn handedness(surface: &VoxelSurface, graph: &Graph, uv: &[[f64; 2]]) -> f64 {
+    let points = surface.points();
     let at_point = |v: usize| {
         let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
         for arc in graph.arcs(v as u32) {
@@ -130,7 +132,7 @@ mod tests {
                 [x * angle.cos() - y * angle.sin() + 7.0, x * angle.sin() + y * angle.cos()]
             };
             let mut uv: Vec<[f64; 2]> = points.iter().map(turned).collect();
-            orient(surface, graph, &mut uv);
+            orient(&points, handedness(surface, graph, &uv), &mut uv);
             for (p, [u, v]) in points.iter().zip(uv) {
                 assert!((u - (p - centre).dot(&right)).abs() < 1e-9 && (v - (p - centre).dot(&up)).abs() < 1e-9);
             }

@@ -8,7 +8,7 @@
 use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-use crate::adjacency::Graph;
+use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 

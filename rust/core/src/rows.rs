@@ -20,7 +20,7 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        let columns = solver.vertices();
+        let columns = solver.columns();
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
         data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
@@ -44,7 +44,7 @@ impl DistanceRows {
         let mut data = vec![0.0; columns * columns];
         control.begin("measuring distances", columns as u64);
         data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
-            || (solver.scratch(), vec![0.0; solver.vertices()]),
+            || (solver.scratch(), vec![0.0; solver.columns()]),
             |(scratch, whole), (row, &source)| {
                 solver.row(source, whole, scratch, control)?;
                 reachable(whole, source)?;
@@ -68,6 +68,15 @@ impl DistanceRows {
     /// The vertices from which distances were measured.
     pub fn sources(&self) -> &[u32] {
         &self.sources
+    }
+
+    /// The columns of the sources only.
+    ///
+    /// # Panics
+    /// If the rows do not reach to every source.
+    pub fn among(&self) -> Self {
+        let of_row = |n| self.sources.iter().map(move |&column| self.row(n)[column as usize]);
+        Self::new(self.sources.clone(), self.sources.len(), (0..self.sources.len()).flat_map(of_row).collect())
     }
 
     /// Length of a row.

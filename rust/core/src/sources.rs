@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
-use crate::adjacency::Graph;
+use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
@@ -38,8 +38,8 @@ impl Sources {
     ///
     /// # Errors
     /// [`Error::TooManySources`], [`Error::NoSuchPoint`], [`Error::DuplicateSource`], [`Error::Cancelled`].
-    pub fn choose(&self, graph: &Graph, control: &Control) -> Result<Vec<u32>> {
-        let points = graph.len();
+    pub fn choose(&self, graph: &impl Links, control: &Control) -> Result<Vec<u32>> {
+        let points = graph.vertices();
         let checked = |count: usize| {
             if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
         };
@@ -59,18 +59,18 @@ pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     chosen
 }
 
-fn farthest(graph: &Graph, count: usize, seed: u64, control: &Control) -> Result<Vec<u32>> {
+fn farthest(graph: &impl Links, count: usize, seed: u64, control: &Control) -> Result<Vec<u32>> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);
-    let mut nearest = vec![f32::INFINITY; graph.len()]; // distance to the sources so far
+    let mut nearest = vec![f32::INFINITY; graph.vertices()]; // distance to the sources so far
     let mut chosen = Vec::with_capacity(count);
-    let mut next = random(graph.len(), count.min(1), seed).first().copied();
+    let mut next = random(graph.vertices(), count.min(1), seed).first().copied();
     while let (Some(source), true) = (next, chosen.len() < count) {
         nearest[source as usize] = 0.0;
         search.lower(graph, &[source], &mut nearest, control)?;
         chosen.push(source);
         control.advance();
-        next = (0..graph.len() as u32).rev().max_by(|&a, &b| nearest[a as usize].total_cmp(&nearest[b as usize]));
+        next = (0..graph.vertices() as u32).rev().max_by(|&a, &b| nearest[a as usize].total_cmp(&nearest[b as usize]));
     }
     Ok(chosen)
 }
@@ -90,6 +90,7 @@ fn given(vertices: &[usize], points: usize) -> Result<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adjacency::Graph;
     use crate::flatten::chain_graph;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
@@ -108,7 +109,7 @@ mod tests {
         let graph = bent_sheet();
         let control = Control::default();
         let chosen = Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap();
-        let mut nearest = vec![f32::INFINITY; graph.len()];
+        let mut nearest = vec![f32::INFINITY; graph.vertices()];
         let mut row = nearest.clone();
         for (n, &source) in chosen.iter().enumerate() {
             if n > 0 {
@@ -143,7 +144,7 @@ mod tests {
     #[test]
     fn impossible_choices_are_refused() {
         let graph = bent_sheet();
-        let points = graph.len();
+        let points = graph.vertices();
         let control = Control::default();
         let choose = |sources: Sources| sources.choose(&graph, &control).unwrap_err();
         let sources = points + 1;

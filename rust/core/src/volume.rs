@@ -58,6 +58,11 @@ impl Mask {
         self.shape
     }
 
+    /// Which voxels are foreground, in C order.
+    pub fn values(&self) -> &[bool] {
+        &self.inside
+    }
+
     /// Is this voxel foreground? Everything outside the volume is background.
     #[inline]
     pub fn is_inside(&self, [i, j, k]: [i64; 3]) -> bool {

@@ -3,6 +3,13 @@
 use ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use voxflat::distortion::faces::FaceDistortion;
+use voxflat::distortion::overlap::Overlap;
+use voxflat::distortion::{Distortion, Figures};
+use voxflat::flatten::FlatMap;
+use voxflat::sources::Sources;
+use voxflat::surface::level::Level;
 use voxflat::volume::Mask;
 
 use crate::work::{InputError, to_python};
@@ -11,6 +18,12 @@ use crate::work::{InputError, to_python};
 pub fn mask(array: &PyReadonlyArray3<'_, bool>) -> PyResult<Mask> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Mask::new([i, j, k], array.as_array().iter().copied().collect()).map_err(to_python)
+}
+
+/// An image and its value on the surface.
+pub fn level(array: &PyReadonlyArray3<'_, f32>, value: f64) -> PyResult<Level> {
+    let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
+    Level::new([i, j, k], array.as_array().iter().copied().collect(), value).map_err(to_python)
 }
 
 /// Rows of a fixed width from a two-dimensional array.
@@ -56,4 +69,75 @@ pub fn image<'py, T: numpy::Element>(
 ) -> PyResult<Bound<'py, numpy::PyArray3<T>>> {
     let depth = table.shape()[1];
     table.reshape([height, width, depth])
+}
+
+/// How sources are chosen: "farthest" or "random".
+pub fn sources(sampling: &str, count: usize, seed: u64) -> PyResult<Sources> {
+    match sampling {
+        "farthest" => Ok(Sources::Farthest { count, seed }),
+        "random" => Ok(Sources::Random { count, seed }),
+        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest' or 'random'"))),
+    }
+}
+
+fn figures_dict<'py>(py: Python<'py>, figures: &Figures) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("scale", figures.scale)?;
+    dict.set_item("relative_error", figures.relative_error)?;
+    dict.set_item("relative_error_10mm", figures.relative_error_10mm)?;
+    dict.set_item("relative_error_30mm", figures.relative_error_30mm)?;
+    dict.set_item("absolute_error", figures.absolute_error)?;
+    dict.set_item("stress_1", figures.stress_1)?;
+    dict.set_item("sammon_stress", figures.sammon_stress)?;
+    Ok(dict)
+}
+
+/// The figures of distances by their names.
+pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Bound<'_, PyDict>> {
+    let distortion = PyDict::new(py);
+    distortion.set_item("raw", figures_dict(py, &measured.raw)?)?;
+    distortion.set_item("best_scale", figures_dict(py, &measured.best_scale)?)?;
+    distortion.set_item("pearson_r", measured.pearson_r)?;
+    distortion.set_item("mean_geodesic", measured.mean_geodesic)?;
+    distortion.set_item("pairs", measured.pairs)?;
+    distortion.set_item("per_point", measured.per_point.into_pyarray(py))?;
+    distortion.set_item("scatter", array(py, &measured.scatter)?)?;
+    Ok(distortion)
+}
+
+/// The figures of triangles by their names.
+pub fn triangles_dict<'py>(
+    py: Python<'py>,
+    measured: FaceDistortion,
+    overlap: &Overlap,
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("areal_median", measured.areal.summary.median)?;
+    dict.set_item("areal_p95", measured.areal.summary.p95)?;
+    dict.set_item("edge", measured.edge.mean)?;
+    dict.set_item("angle", measured.angle.summary.mean)?;
+    dict.set_item("quasi_conformal", measured.quasi_conformal.summary.median)?;
+    dict.set_item("isometric", measured.isometric.summary.median)?;
+    dict.set_item("symmetric_dirichlet", measured.symmetric_dirichlet.summary.median)?;
+    dict.set_item("flipped", measured.flipped.count)?;
+    dict.set_item("flipped_share", measured.flipped.area_share)?;
+    dict.set_item("collapsed", measured.flipped.collapsed)?;
+    dict.set_item("crossings", overlap.crossings)?;
+    dict.set_item("covering", overlap.covering)?;
+    dict.set_item("areal", measured.areal.values.into_pyarray(py))?;
+    dict.set_item("is_flipped", measured.flipped.per_face.into_pyarray(py))?;
+    Ok(dict)
+}
+
+/// A flat map's values by their names.
+pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("uv", array(py, &map.uv)?)?;
+    let normals: Vec<[f64; 3]> = map.normals.into_iter().map(Into::into).collect();
+    dict.set_item("normals", array(py, &normals)?)?;
+    dict.set_item("sources", map.sources.into_pyarray(py))?;
+    dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
+    dict.set_item("planarity", map.planarity)?;
+    dict.set_item("distortion", distortion_dict(py, map.distortion)?)?;
+    Ok(dict)
 }

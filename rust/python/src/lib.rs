@@ -3,6 +3,7 @@
 mod convert;
 mod raster;
 mod surface;
+mod voxels;
 mod work;
 
 use pyo3::prelude::*;
@@ -11,8 +12,11 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add_class::<surface::VoxelSurface>()?;
+    module.add_class::<surface::Surface>()?;
+    module.add_class::<voxels::VoxelSurface>()?;
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
-    module.add_function(wrap_pyfunction!(surface::chain_weights, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
+    module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())
 }

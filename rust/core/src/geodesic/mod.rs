@@ -1,6 +1,7 @@
 //! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
 
 pub mod chain;
+pub mod graph;
 pub mod shortest;
 
 use crate::control::Control;
@@ -15,7 +16,7 @@ pub trait Solver: Sync {
     fn scratch(&self) -> Self::Scratch;
 
     /// Number of vertices, the length of a row.
-    fn vertices(&self) -> usize;
+    fn columns(&self) -> usize;
 
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
     ///

@@ -5,7 +5,7 @@
 //! can span are alive at a time, so they are kept in a ring.
 
 use super::Solver;
-use crate::adjacency::Graph;
+use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 
@@ -13,25 +13,23 @@ use crate::error::{Error, Result};
 /// then be taken out more than once, which costs time but no correctness.
 const MOST_BUCKETS: f32 = 62.0;
 
-/// Room for the neighbours of a voxel, 26, rounded up to a power of two.
-const MOST_NEIGHBOURS: usize = 32;
-
 /// A reusable search through one graph.
 #[derive(Debug)]
 pub struct Search {
     per_mm: f32,
     buckets: Vec<Vec<(u32, f32)>>,
     current: Vec<(u32, f32)>,
+    lowered: Vec<(u32, f32)>,
 }
 
 impl Search {
     /// A search whose buckets fit the links of `graph`.
-    pub fn new(graph: &Graph) -> Self {
-        let longest = graph.lengths().iter().copied().fold(0.0, f32::max);
-        let shortest = graph.lengths().iter().copied().fold(longest, f32::min);
-        let width = shortest.max(longest / MOST_BUCKETS);
+    pub fn new(graph: &impl Links) -> Self {
+        let [shortest, longest] = graph.extremes();
+        let width = shortest.max(longest / MOST_BUCKETS).max(f32::MIN_POSITIVE);
         let ring = ((longest / width) as usize + 2).next_power_of_two();
-        Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new() }
+        let lowered = vec![(0, 0.0); graph.most_links() + 1];
+        Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new(), lowered }
     }
 
     /// Lowers `distance` to the distances from `seeds`: `distance[v]` becomes the least of what it was and of
@@ -43,8 +41,8 @@ impl Search {
     ///
     /// # Errors
     /// [`Error::Cancelled`].
-    pub fn lower(&mut self, graph: &Graph, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
-        let Self { per_mm, buckets, current } = self;
+    pub fn lower(&mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
+        let Self { per_mm, buckets, current, lowered } = self;
         let ring = buckets.len();
         let bucket_of = |distance: f32| (distance * *per_mm) as usize;
         buckets.iter_mut().for_each(Vec::clear);
@@ -53,7 +51,6 @@ impl Search {
             buckets[bucket_of(distance[seed as usize]).min(now + ring - 1) & (ring - 1)]
                 .push((seed, distance[seed as usize]));
         }
-        let mut lowered = [(0, 0.0); MOST_NEIGHBOURS];
         let mut empty = 0;
         while empty < ring {
             control.check()?;
@@ -76,10 +73,10 @@ impl Search {
                     let known = &mut distance[arc.to as usize];
                     let nearer = through < *known;
                     *known = if nearer { through } else { *known };
-                    lowered[count % MOST_NEIGHBOURS] = (arc.to, through);
+                    lowered[count] = (arc.to, through);
                     count += usize::from(nearer);
                 }
-                for &(neighbour, through) in &lowered[..count.min(MOST_NEIGHBOURS)] {
+                for &(neighbour, through) in &lowered[..count] {
                     buckets[bucket_of(through) & (ring - 1)].push((neighbour, through));
                 }
             }
@@ -89,15 +86,15 @@ impl Search {
     }
 }
 
-impl Solver for Graph {
+impl<G: Links> Solver for G {
     type Scratch = Search;
 
     fn scratch(&self) -> Search {
         Search::new(self)
     }
 
-    fn vertices(&self) -> usize {
-        self.len()
+    fn columns(&self) -> usize {
+        self.vertices()
     }
 
     fn row(&self, source: u32, row: &mut [f32], search: &mut Search, control: &Control) -> Result<()> {
@@ -112,7 +109,7 @@ impl Solver for Graph {
 ///
 /// # Errors
 /// [`Error::Unreachable`] if the row is infinite at `target`.
-pub fn trace_path(graph: &Graph, row: &[f32], source: u32, target: u32) -> Result<Vec<u32>> {
+pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32) -> Result<Vec<u32>> {
     if row[target as usize].is_infinite() {
         return Err(Error::Unreachable { source_vertex: source as usize, vertex: target as usize });
     }
@@ -132,6 +129,7 @@ pub fn trace_path(graph: &Graph, row: &[f32], source: u32, target: u32) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adjacency::Graph;
     use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
     use crate::surface::VoxelSurface;

@@ -1,3 +1,4 @@
 //! From the places of the sources to the places of all points.
 
+pub mod landmark;
 pub mod radial;

@@ -1,6 +1,22 @@
-//! Surfaces: today the surface voxels of a label volume.
+//! Surfaces: the triangles that everything works on, and the surface voxels of the paper's own graph.
 
+pub mod cubes;
+pub mod curvature;
+pub mod cuts;
+pub mod holes;
+mod homology;
+pub mod level;
+pub mod loops;
+pub mod mesh;
+pub mod nodes;
+mod paths;
+pub mod positions;
+pub mod repair;
+pub mod surfels;
+pub mod thin;
 pub mod topology;
+pub mod voxelmesh;
 pub mod voxels;
 
+pub use mesh::Surface;
 pub use voxels::VoxelSurface;

@@ -4,6 +4,9 @@
 //! d. It never looks at how the map was made. Figures are given raw (a flat map is in mm) and at the map's best scale
 //! s* = argmin mean |s·d − δ|/δ. Pairs of a point with itself are left out. Undefined figures are NaN.
 
+pub mod faces;
+pub mod overlap;
+
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;

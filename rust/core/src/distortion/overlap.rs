@@ -1,0 +1,481 @@
+//! Overlaps: does the flat map lie on itself?
+//!
+//! A map without flipped triangles can still cover itself, where far parts of its boundary run into each other. The tests are
+//! exact, by Shewchuk's predicate (crate `robust`), for places in mm of any size that does not underflow. Only interiors
+//! count: triangles that touch, vertices that are doubled along a cut and edges that lie on each other are no overlap.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+use robust::{Coord, orient2d};
+
+use super::faces::{all_exist, sorted_edges};
+use crate::control::Control;
+use crate::error::Result;
+
+/// Boxes under one box of the tree.
+const FAN: usize = 8;
+
+/// Searches in one step of the progress.
+const CHUNK: usize = 256;
+
+/// Where a flat map lies on itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Overlap {
+    /// Number of pairs of boundary edges that cross at a point that is an end of neither. Zero in an embedding; but a
+    /// boundary that crosses itself exactly at a vertex, or a boundary inside the map, only shows in `covering`.
+    pub crossings: usize,
+    /// Number of triangles that cover a part of another one.
+    pub covering: usize,
+    /// For each face: does it cover a part of another one?
+    pub per_face: Vec<bool>,
+}
+
+/// Finds where a flat map (`uv`, mm) of triangles lies on itself. Triangles without area, and those with a corner that has
+/// no place, cover nothing; edges of one face are the boundary.
+///
+/// # Errors
+/// [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`].
+pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
+    all_exist(faces, uv.len())?;
+    let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };
+    let edges = sorted_edges(faces);
+    let boundary = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).map(|same| same[0].map(place));
+    let boundary: Vec<_> = boundary.filter(|ends| is_placed(ends)).collect();
+    let (numbers, triangles): (Vec<usize>, Vec<_>) =
+        (0..).zip(faces).filter_map(|(n, face)| Some((n, counterclockwise(face.map(place))?))).unzip();
+    control.begin("looking for overlaps", (boundary.len().div_ceil(CHUNK) + triangles.len().div_ceil(CHUNK)) as u64);
+    let crossings = count_crossings(&boundary, control)?;
+    let mut per_face = vec![false; faces.len()];
+    let covering = find_covering(&triangles, control)?;
+    numbers.iter().zip(&covering).for_each(|(&n, &covers)| per_face[n] = covers);
+    Ok(Overlap { crossings, covering: covering.iter().filter(|&&covers| covers).count(), per_face })
+}
+
+type Segment = [Coord<f64>; 2];
+type Triangle = [Coord<f64>; 3];
+
+fn is_placed(corners: &[Coord<f64>]) -> bool {
+    corners.iter().all(|corner| corner.x.is_finite() && corner.y.is_finite())
+}
+
+/// The triangle, turned over if it is clockwise; none if it has no interior.
+fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
+    match orient2d(a, b, c) {
+        _ if !is_placed(&[a, b, c]) => None,
+        left if left > 0.0 => Some([a, b, c]),
+        left if left < 0.0 => Some([a, c, b]),
+        _ => None,
+    }
+}
+
+/// Do segments cross at a point that is an end of neither?
+fn cross([a, b]: Segment, [c, d]: Segment) -> bool {
+    let opposite = |left: f64, right: f64| (left > 0.0 && right < 0.0) || (left < 0.0 && right > 0.0);
+    opposite(orient2d(a, b, c), orient2d(a, b, d)) && opposite(orient2d(c, d, a), orient2d(c, d, b))
+}
+
+/// Have counterclockwise triangles a common interior point? Convex sets have none if and only if a line parts them, and
+/// among polygons a line along one of their sides does.
+fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
+    let outside = |a: &Triangle, k: usize, b: &Triangle| b.iter().all(|&p| orient2d(a[k], a[(k + 1) % 3], p) <= 0.0);
+    (0..3).all(|k| !outside(a, k, b) && !outside(b, k, a))
+}
+
+fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
+    let tree = Tree::over(segments);
+    let of_chunk = |chunk: Range<usize>| {
+        let mut count = 0;
+        for position in chunk {
+            control.check()?;
+            let n = tree.order[position];
+            // each pair from its lower number
+            tree.any_other(position, &mut |other| {
+                count += usize::from(other > n && cross(segments[n as usize], segments[other as usize]));
+                false
+            });
+        }
+        control.advance();
+        Ok(count)
+    };
+    chunks(segments.len()).map(of_chunk).try_reduce(|| 0, |a, b| Ok(a + b))
+}
+
+/// Which triangles cover a part of another one. The search from a triangle ends at the first one it meets, and both are
+/// marked, so that a map with many folds takes no longer than a good one. Marks only ever say what is true, and the search
+/// from an unmarked one is complete: the order of the threads does not matter.
+fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>> {
+    let tree = Tree::over(triangles);
+    let covering: Vec<AtomicBool> = triangles.iter().map(|_| AtomicBool::new(false)).collect();
+    let is_marked = |n: u32| covering[n as usize].load(Ordering::Relaxed);
+    let mark = |n: u32| covering[n as usize].store(true, Ordering::Relaxed);
+    chunks(triangles.len()).try_for_each(|chunk| {
+        for position in chunk {
+            control.check()?;
+            let n = tree.order[position];
+            let meets = |other: u32| {
+                let meet = interiors_meet(&triangles[n as usize], &triangles[other as usize]);
+                if meet {
+                    mark(n);
+                    mark(other);
+                }
+                meet
+            };
+            if !is_marked(n) {
+                tree.any_other(position, &mut { meets });
+            }
+        }
+        control.advance();
+        Ok(())
+    })?;
+    Ok(covering.into_iter().map(AtomicBool::into_inner).collect())
+}
+
+/// The numbers below `count`, in parallel, a step of the progress at a time.
+fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    (0..count.div_ceil(CHUNK)).into_par_iter().map(move |n| n * CHUNK..((n + 1) * CHUNK).min(count))
+}
+
+/// Boxes in boxes, packed along a space-filling curve. Unlike the cells of a grid they follow the size of the triangles, which
+/// in a conformal or a Tutte map varies by many orders of magnitude.
+struct Tree {
+    order: Vec<u32>,
+    /// First the items' boxes, last the one around all of them.
+    levels: Vec<Vec<Bounds>>,
+}
+
+impl Tree {
+    fn over<const N: usize>(items: &[[Coord<f64>; N]]) -> Self {
+        let bounds: Vec<Bounds> = items.iter().map(|item| Bounds::around(item)).collect();
+        let all = bounds.iter().fold(Bounds::NOTHING, |a, b| a.with(b));
+        let mut keyed: Vec<(u64, u32)> = bounds.iter().map(|b| all.curve_position(b)).zip(0..).collect();
+        keyed.par_sort_unstable();
+        let order: Vec<u32> = keyed.into_iter().map(|(_, n)| n).collect();
+        let mut levels = vec![order.iter().map(|&n| bounds[n as usize]).collect::<Vec<_>>()];
+        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
+            let above = below.chunks(FAN).map(|few| few.iter().fold(Bounds::NOTHING, |a, b| a.with(b))).collect();
+            levels.push(above);
+        }
+        Self { order, levels }
+    }
+
+    /// Is `hit` true of any other item with a box that meets the one at a position of the order? Begins with the nearest along
+    /// the curve, which in a fold are likely to be hit, and asks no more after the first.
+    fn any_other(&self, position: usize, hit: &mut impl FnMut(u32) -> bool) -> bool {
+        let window = &self.levels[0][position];
+        let mut own = position;
+        (0..self.levels.len()).any(|level| {
+            let mut beside = siblings(own / FAN, &self.levels[level]).filter(move |&node| node != own);
+            own /= FAN;
+            beside.any(|node| self.any_in(level, node, window, hit))
+        })
+    }
+
+    fn any_in(&self, level: usize, node: usize, window: &Bounds, hit: &mut impl FnMut(u32) -> bool) -> bool {
+        self.levels[level][node].meets(window)
+            && match level {
+                0 => hit(self.order[node]),
+                _ => siblings(node, &self.levels[level - 1]).any(|child| self.any_in(level - 1, child, window, hit)),
+            }
+    }
+}
+
+/// The nodes under a parent.
+fn siblings(parent: usize, level: &[Bounds]) -> Range<usize> {
+    parent * FAN..((parent + 1) * FAN).min(level.len())
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl Bounds {
+    const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] };
+
+    fn around(corners: &[Coord<f64>]) -> Self {
+        corners.iter().fold(Self::NOTHING, |bounds, p| bounds.with(&Self { low: [p.x, p.y], high: [p.x, p.y] }))
+    }
+
+    fn with(self, other: &Self) -> Self {
+        let low = [self.low[0].min(other.low[0]), self.low[1].min(other.low[1])];
+        let high = [self.high[0].max(other.high[0]), self.high[1].max(other.high[1])];
+        Self { low, high }
+    }
+
+    /// Can interiors of what they hold meet? Those of boxes that only touch cannot.
+    #[inline]
+    fn meets(&self, other: &Self) -> bool {
+        (0..2).all(|axis| self.low[axis] < other.high[axis] && other.low[axis] < self.high[axis])
+    }
+
+    /// Where along the Z-shaped curve through this box the middle of another one lies.
+    fn curve_position(&self, other: &Self) -> u64 {
+        let size = (self.high[0] - self.low[0]).max(self.high[1] - self.low[1]);
+        let along = |axis: usize| {
+            let middle = 0.5 * (other.low[axis] + other.high[axis]);
+            spread(((middle - self.low[axis]) / size * f64::from(u32::MAX)) as u32)
+        };
+        along(0) | along(1) << 1
+    }
+}
+
+/// The bits of a number at every second place.
+fn spread(bits: u32) -> u64 {
+    [
+        (16, 0x0000_ffff_0000_ffff),
+        (8, 0x00ff_00ff_00ff_00ff),
+        (4, 0x0f0f_0f0f_0f0f_0f0f),
+        (2, 0x3333_3333_3333_3333),
+        (1, 0x5555_5555_5555_5555),
+    ]
+    .iter()
+    .fold(u64::from(bits), |bits, &(shift, mask)| (bits | bits << shift) & mask)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Error;
+    use proptest::prelude::*;
+    use std::collections::HashMap;
+    use std::f64::consts::TAU;
+
+    /// A rectangle of w × h squares, each cut in two.
+    fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
+        let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
+        let square = |n: u32| {
+            let corner = n / w * (w + 1) + n % w;
+            [[corner, corner + 1, corner + w + 2], [corner, corner + w + 2, corner + w + 1]]
+        };
+        (uv, (0..w * h).flat_map(square).collect())
+    }
+
+    fn found(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
+        overlaps(faces, uv, &Control::default()).unwrap()
+    }
+
+    fn counts(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> (usize, usize) {
+        let overlap = found(faces, uv);
+        (overlap.crossings, overlap.covering)
+    }
+
+    /// The area that two triangles share, by clipping one at the sides of the other.
+    fn shared_area(a: [[f64; 2]; 3], b: [[f64; 2]; 3]) -> f64 {
+        let left =
+            |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
+        let turn = left(b[0], b[1], b[2]).signum();
+        let mut polygon = a.to_vec();
+        for k in 0..3 {
+            let side = |p: [f64; 2]| turn * left(b[k], b[(k + 1) % 3], p);
+            let mut kept = Vec::new();
+            for (n, &p) in polygon.iter().enumerate() {
+                let q = polygon[(n + 1) % polygon.len()];
+                let (from, to) = (side(p), side(q));
+                if from >= 0.0 {
+                    kept.push(p);
+                }
+                if from * to < 0.0 {
+                    let t = from / (from - to);
+                    kept.push([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]);
+                }
+            }
+            polygon = kept;
+        }
+        let fan = (2..polygon.len()).map(|n| left(polygon[0], polygon[n - 1], polygon[n]));
+        0.5 * fan.sum::<f64>().abs()
+    }
+
+    /// On a lattice of a power of two a mm: the signs of [`brute_force`] have no rounding error there, and on a coarse one no
+    /// shared area is so small that it looks like such an error.
+    fn on_lattice(per_mm: f64, uv: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
+        uv.map(|p| p.map(|x| (x * per_mm).round() / per_mm)).collect()
+    }
+
+    /// All by the definition: shared areas, and crossings as the solution of two equations.
+    fn brute_force(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Overlap {
+        let corners = |face: &[u32; 3]| face.map(|v| uv[v as usize]);
+        let has_area = |face: &[u32; 3]| shared_area(corners(face), corners(face)) > 0.0;
+        let covers = |n: usize| {
+            let others = faces.iter().enumerate().filter(|&(m, other)| m != n && has_area(other));
+            has_area(&faces[n])
+                && others.map(|(_, other)| shared_area(corners(&faces[n]), corners(other))).any(|area| area > 1e-12)
+        };
+        let per_face: Vec<bool> = (0..faces.len()).map(covers).collect();
+        let mut uses = HashMap::new();
+        for [a, b, c] in faces {
+            for (a, b) in [(a, b), (b, c), (c, a)] {
+                *uses.entry((a.min(b), a.max(b))).or_insert(0) += 1;
+            }
+        }
+        let boundary: Vec<_> = uses.iter().filter(|(_, uses)| **uses == 1).map(|(ends, _)| *ends).collect();
+        let crosses = |m: usize, n: usize| {
+            let [a, b, c, d] = [boundary[m].0, boundary[m].1, boundary[n].0, boundary[n].1].map(|&v| uv[v as usize]);
+            let (p, q, r) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]], [c[0] - a[0], c[1] - a[1]]);
+            let det = p[0] * q[1] - p[1] * q[0];
+            let (s, t) = ((r[0] * q[1] - r[1] * q[0]) * det.signum(), (r[0] * p[1] - r[1] * p[0]) * det.signum());
+            s > 0.0 && s < det.abs() && t > 0.0 && t < det.abs()
+        };
+        let crossings = (0..boundary.len()).map(|n| (0..n).filter(|&m| crosses(m, n)).count()).sum();
+        Overlap { crossings, covering: per_face.iter().filter(|&&covers| covers).count(), per_face }
+    }
+
+    fn triples(vertices: u32, most: usize) -> impl Strategy<Value = Vec<[u32; 3]>> {
+        prop::collection::vec(prop::array::uniform3(0..vertices), 1..most)
+    }
+
+    proptest! {
+        /// Whole numbers: corners on sides, sides on sides, the same triangle twice, triangles without area.
+        #[test]
+        fn touching_triangles_are_as_by_brute_force(
+            places in prop::collection::vec(prop::array::uniform2(0..8i32), 24),
+            faces in triples(24, 16),
+        ) {
+            let uv: Vec<_> = places.iter().map(|p| p.map(f64::from)).collect();
+            prop_assert_eq!(found(&faces, &uv), brute_force(&faces, &uv));
+        }
+
+        #[test]
+        fn a_soup_is_as_by_brute_force(
+            places in prop::collection::vec(prop::array::uniform2(-9.0..9.0f64), 300),
+            size in 0.02..1.0f64,
+        ) {
+            // triangles of their own, from small and scattered to large and on each other
+            let centre = |n: usize| places[(n / 3 * 3 + 150) % 300];
+            let corner = |(n, p): (usize, &[f64; 2])| [0, 1].map(|k| centre(n)[k] + size * p[k]);
+            let uv = on_lattice(16.0, places.iter().enumerate().map(corner));
+            let faces: Vec<[u32; 3]> = (0..100).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
+            prop_assert_eq!(found(&faces, &uv), brute_force(&faces, &uv));
+        }
+
+        #[test]
+        fn a_shaken_map_is_as_by_brute_force(
+            shake in prop::collection::vec(prop::array::uniform2(-1.0..1.0f64), 99),
+            size in 0.0..1.5f64,
+        ) {
+            let (uv, faces) = grid(10, 8);
+            let uv = on_lattice(16.0, uv.iter().zip(&shake).map(|(p, d)| [p[0] + size * d[0], p[1] + size * d[1]]));
+            prop_assert_eq!(found(&faces, &uv), brute_force(&faces, &uv));
+        }
+    }
+
+    #[test]
+    fn an_embedding_has_none() {
+        let (uv, faces) = grid(30, 20);
+        assert_eq!(counts(&faces, &uv), (0, 0));
+        // triangles of very different sizes, places that are no round numbers
+        let polar = |&[x, y]: &[f64; 2]| [(0.4 * y).exp() * (0.2 * x).cos(), (0.4 * y).exp() * (0.2 * x).sin()];
+        assert_eq!(counts(&faces, &uv.iter().map(polar).collect::<Vec<_>>()), (0, 0));
+        assert_eq!(counts(&[], &[]), (0, 0));
+    }
+
+    #[test]
+    fn a_seam_is_no_overlap() {
+        // a grid that is cut along a column: the vertices there are doubled and lie on each other
+        let (mut uv, faces) = grid(6, 4);
+        uv.iter_mut().for_each(|p| *p = [p[0] * 0.1 + 0.3 * p[1], p[1] * 0.7]);
+        let columns = |n: u32| n % 7;
+        let doubled: Vec<u32> = (0..uv.len() as u32).filter(|&n| columns(n) == 3).collect();
+        let copy = |n: u32| 35 + n / 7;
+        let right = |face: &[u32; 3]| face.iter().any(|&v| columns(v) > 3);
+        let cut: Vec<_> =
+            faces.iter().map(|face| face.map(|v| if right(face) && columns(v) == 3 { copy(v) } else { v })).collect();
+        doubled.iter().for_each(|&v| uv.push(uv[v as usize]));
+        assert_eq!(counts(&cut, &uv), (0, 0));
+        // pushed into each other by a hair
+        (35..40).for_each(|v| uv[v][0] -= 1e-15);
+        assert!(counts(&cut, &uv).1 > 0);
+    }
+
+    #[test]
+    fn a_fold_covers_what_lies_under_it() {
+        let (uv, faces) = grid(4, 3);
+        // folded at x = 3: the last column lies on the one before
+        let folded: Vec<_> = uv.iter().map(|&[x, y]| [3.0 - (x - 3.0).abs(), y]).collect();
+        let overlap = found(&faces, &folded);
+        assert_eq!((overlap.crossings, overlap.covering), (0, 12)); // boundaries lie on each other and do not cross
+        let covers = |n: usize| (n / 2) % 4 >= 2;
+        assert!(overlap.per_face.iter().enumerate().all(|(n, &is)| is == covers(n)));
+        // two triangles at a common side
+        let square = [[0.0, 0.0], [1.0, 0.0], [0.3, 1.0], [0.4, -1.0]];
+        let mut fold = square;
+        fold[3][1] = 0.2;
+        assert_eq!(counts(&[[0, 1, 2], [1, 0, 3]], &square), (0, 0));
+        assert_eq!(counts(&[[0, 1, 2], [1, 0, 3]], &fold), (0, 2));
+    }
+
+    #[test]
+    fn a_figure_of_eight_crosses_itself_without_a_flipped_triangle() {
+        const STEPS: u32 = 101;
+        let rails = |n: u32| {
+            let t = TAU * (f64::from(n) + 0.37) / f64::from(STEPS);
+            let (along, middle) = ([t.cos(), (2.0 * t).cos()], [t.sin(), t.sin() * t.cos()]);
+            let length = along[0].hypot(along[1]) / 0.05;
+            let side = [-along[1] / length, along[0] / length];
+            [[middle[0] - side[0], middle[1] - side[1]], [middle[0] + side[0], middle[1] + side[1]]]
+        };
+        let uv = on_lattice(4096.0, (0..STEPS).flat_map(rails));
+        let strip = |n: u32| {
+            let [a, b] = [2 * n, 2 * ((n + 1) % STEPS)];
+            [[a, b, a + 1], [b, b + 1, a + 1]]
+        };
+        let faces: Vec<_> = (0..STEPS).flat_map(strip).collect();
+        let overlap = found(&faces, &uv);
+        assert_eq!(overlap.crossings, 4); // two rails cross two rails
+        assert!(overlap.covering >= 4 && overlap.covering < 20);
+        let turn = |&[a, b, c]: &[u32; 3]| {
+            let [a, b, c] = [a, b, c].map(|v| Coord { x: uv[v as usize][0], y: uv[v as usize][1] });
+            orient2d(a, b, c) > 0.0
+        };
+        assert!(faces.iter().all(|face| turn(face) == turn(&faces[0])));
+        assert_eq!(overlap, brute_force(&faces, &uv));
+    }
+
+    #[test]
+    fn components_overlap_only_where_they_lie_on_each_other() {
+        let (uv, faces) = grid(5, 5);
+        let both: Vec<_> = faces.iter().copied().chain(faces.iter().map(|face| face.map(|v| v + 36))).collect();
+        let beside = |dx: f64, dy: f64| {
+            let second = uv.iter().map(|&[x, y]| [x + dx, y + dy]);
+            uv.iter().copied().chain(second).collect::<Vec<_>>()
+        };
+        assert_eq!(counts(&both, &beside(7.0, 0.0)), (0, 0));
+        assert_eq!(counts(&both, &beside(5.0, 0.0)), (0, 0)); // side on side
+        assert_eq!(counts(&both, &beside(0.0, 0.0)), (0, 100)); // one on the other
+        assert_eq!(counts(&both, &beside(4.5, 4.5)), (2, 4)); // corner over corner
+    }
+
+    #[test]
+    fn what_has_no_interior_covers_nothing() {
+        let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
+        assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));
+        assert_eq!(counts(&[[0, 1, 2], [0, 1, 2]], &uv), (0, 2));
+    }
+
+    #[test]
+    fn the_number_of_threads_does_not_matter() {
+        let (uv, faces) = grid(80, 60);
+        let uv: Vec<_> = uv.iter().map(|&[x, y]| [x + 3.0 * (0.4 * y).sin(), y + 3.0 * (0.5 * x).sin()]).collect();
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| found(&faces, &uv))
+        };
+        let one = with(1);
+        assert!(one.covering > 100 && one.covering < faces.len());
+        assert!(one == with(2) && one == with(7));
+    }
+
+    #[test]
+    fn wrong_corners_are_refused_and_cancelling_is_obeyed() {
+        let (uv, faces) = grid(2, 2);
+        let control = Control::default();
+        assert_eq!(overlaps(&[[0, 9, 1]], &uv, &control), Err(Error::NoSuchPoint { vertex: 9, points: 9 }));
+        overlaps(&faces, &uv, &control).unwrap();
+        let progress = control.progress();
+        assert_eq!((progress.stage, progress.done), ("looking for overlaps", progress.total));
+        control.cancel();
+        assert_eq!(overlaps(&faces, &uv, &control), Err(Error::Cancelled));
+    }
+}

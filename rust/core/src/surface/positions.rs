@@ -1,0 +1,242 @@
+//! Where the surface passes through a voxel: places finer than the grid.
+//!
+//! Nodes start at the mean of their surfels' centres. A height z = a + b u + c v + d u² + e u v + f v² over the tangent plane
+//! is fitted twice to the nodes around, those nearer weighing more: the first fit, wide, gives normals; the second, narrow,
+//! the height a by which the node moves along its normal. The fit alone cuts corners and makes distances too short; the
+//! surfels' centres alone have steps and make them too long; halfway between is best (docs/decisions/0006).
+//!
+//! With an intensity or a probability image the surface passes where the image has a given value, which is better than
+//! any fit.
+
+use nalgebra::{Matrix6, Vector3, Vector6};
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// Who is next to whom, in compressed rows.
+#[derive(Debug, Clone, Default)]
+pub struct Neighbours {
+    starts: Vec<u32>,
+    to: Vec<u32>,
+}
+
+impl Neighbours {
+    /// From pairs, each given once or more, in any order.
+    pub fn from_pairs(nodes: usize, pairs: Vec<[u32; 2]>) -> Self {
+        let mut both: Vec<[u32; 2]> =
+            pairs.into_iter().filter(|[a, b]| a != b).flat_map(|[a, b]| [[a, b], [b, a]]).collect();
+        both.par_sort_unstable();
+        both.dedup();
+        let mut starts = vec![0; nodes + 1];
+        both.iter().for_each(|&[a, _]| starts[a as usize + 1] += 1);
+        for node in 0..nodes {
+            starts[node + 1] += starts[node];
+        }
+        Self { starts, to: both.into_iter().map(|[_, b]| b).collect() }
+    }
+
+    /// The neighbours of a node, ascending.
+    pub fn of(&self, node: u32) -> &[u32] {
+        &self.to[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
+    }
+}
+
+/// One fit of heights. Lengths are in units of the largest spacing.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    /// Width of the Gaussian weight.
+    sigma: f64,
+    /// How far the neighbourhood reaches.
+    reach: f64,
+    /// Nodes whose normals have a smaller product lie on another bank.
+    same_side: f64,
+    /// What keeps curvature small where few nodes say otherwise.
+    ridge: f64,
+}
+
+const FOR_NORMALS: Fit = Fit { sigma: 1.5, reach: 4.0, same_side: 0.2, ridge: 0.05 };
+const FOR_HEIGHTS: Fit = Fit { sigma: 1.0, reach: 3.0, same_side: 0.0, ridge: 0.02 };
+
+/// How often normals are averaged with their neighbours' before the first fit.
+const AVERAGED: usize = 4;
+
+/// Nodes with their normals, in mm along the volume's axes.
+#[derive(Debug, Clone)]
+pub struct Places {
+    /// Where the nodes lie.
+    pub points: Vec<Vector3<f64>>,
+    /// Unit vectors to the outside.
+    pub normals: Vec<Vector3<f64>>,
+}
+
+/// Fits the surface through nodes that lie at `base` (mm along the axes) and roughly look along `outward`; `share` of the way
+/// from the base to the fit.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn fit(
+    base: &[Vector3<f64>],
+    outward: Vec<Vector3<f64>>,
+    neighbours: &Neighbours,
+    spacing: [f64; 3],
+    share: f64,
+    control: &Control,
+) -> Result<Places> {
+    let unit = spacing.into_iter().fold(0.0, f64::max);
+    let finest = spacing.into_iter().fold(unit, f64::min);
+    let scaled: Vec<Vector3<f64>> = base.iter().map(|p| p / unit).collect();
+    let mut normals = averaged(outward, neighbours);
+    for (pass, fit) in [FOR_NORMALS, FOR_HEIGHTS].into_iter().enumerate() {
+        let fitted: Vec<(f64, Vector3<f64>)> = (0..base.len() as u32)
+            .into_par_iter()
+            .map_init(
+                || Around::new(base.len()),
+                |around, node| {
+                    if node % 1024 == 0 {
+                        control.check()?;
+                    }
+                    around.collect(node, &scaled, neighbours, fit.reach, unit / finest);
+                    Ok(fit.height(node, &around.nodes, &scaled, &normals))
+                },
+            )
+            .collect::<Result<_>>()?;
+        if pass == 0 {
+            normals = fitted.into_iter().map(|(_, normal)| normal).collect();
+        } else {
+            let points = fitted.iter().zip(&normals).zip(base).map(|(((height, _), normal), base)| {
+                let most: f64 = (0..3).map(|axis| normal[axis].abs() * spacing[axis]).sum();
+                base + normal * (share * (height * unit).clamp(-most, most))
+            });
+            let points = points.collect();
+            return Ok(Places { points, normals: fitted.into_iter().map(|(_, normal)| normal).collect() });
+        }
+    }
+    unreachable!("the second pass returns")
+}
+
+/// Normals averaged with their neighbours'.
+fn averaged(mut normals: Vec<Vector3<f64>>, neighbours: &Neighbours) -> Vec<Vector3<f64>> {
+    for _ in 0..AVERAGED {
+        let mean = |node: usize| {
+            let around: Vector3<f64> = neighbours.of(node as u32).iter().map(|&n| normals[n as usize]).sum();
+            (normals[node] + around).try_normalize(1e-9).unwrap_or(normals[node])
+        };
+        normals = (0..normals.len()).into_par_iter().map(mean).collect();
+    }
+    normals
+}
+
+/// The nodes around one, reached over the surface.
+#[derive(Debug)]
+struct Around {
+    seen: Vec<u32>,
+    nodes: Vec<u32>,
+}
+
+impl Around {
+    fn new(nodes: usize) -> Self {
+        Self { seen: vec![u32::MAX; nodes], nodes: Vec::new() }
+    }
+
+    /// The nodes within `reach` of `centre`, itself first, that few steps lead to without leaving it.
+    fn collect(&mut self, centre: u32, points: &[Vector3<f64>], neighbours: &Neighbours, reach: f64, anisotropy: f64) {
+        let steps = (1.5 * reach * anisotropy).ceil() as usize;
+        self.nodes.clear();
+        self.nodes.push(centre);
+        self.seen[centre as usize] = centre;
+        let mut done = 0;
+        for _ in 0..steps {
+            let end = self.nodes.len();
+            for at in done..end {
+                for &next in neighbours.of(self.nodes[at]) {
+                    let apart = points[next as usize] - points[centre as usize];
+                    if self.seen[next as usize] != centre && apart.norm_squared() <= reach * reach {
+                        self.seen[next as usize] = centre;
+                        self.nodes.push(next);
+                    }
+                }
+            }
+            if self.nodes.len() == end {
+                break;
+            }
+            done = end;
+        }
+    }
+}
+
+/// The powers of u and v in the products of two terms of a height; the first six are the terms themselves.
+const POWERS: [(u8, u8); 15] = [
+    (0, 0),
+    (1, 0),
+    (0, 1),
+    (2, 0),
+    (1, 1),
+    (0, 2),
+    (3, 0),
+    (2, 1),
+    (1, 2),
+    (0, 3),
+    (4, 0),
+    (3, 1),
+    (2, 2),
+    (1, 3),
+    (0, 4),
+];
+
+/// Steepest slope that is believed.
+const STEEPEST: f64 = 2.0;
+
+impl Fit {
+    /// The height of the fitted surface over a node, and its normal there.
+    fn height(
+        self,
+        node: u32,
+        around: &[u32],
+        points: &[Vector3<f64>],
+        normals: &[Vector3<f64>],
+    ) -> (f64, Vector3<f64>) {
+        let (origin, normal) = (points[node as usize], normals[node as usize]);
+        let across = if normal.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
+        let Some(first) = normal.cross(&across).try_normalize(1e-9) else { return (0.0, normal) };
+        let second = normal.cross(&first);
+        let mut moments = [0.0; POWERS.len()]; // sums of weighted powers of u and v
+        let mut right = Vector6::zeros();
+        let mut count = 0;
+        for &other in around {
+            if normals[other as usize].dot(&normal) < self.same_side {
+                continue;
+            }
+            count += 1;
+            let apart = points[other as usize] - origin;
+            let (u, v, height) = (apart.dot(&first), apart.dot(&second), apart.dot(&normal));
+            let weight = (-0.5 * apart.norm_squared() / (self.sigma * self.sigma)).exp();
+            let (uu, uv, vv) = (u * u, u * v, v * v);
+            let powers =
+                [1.0, u, v, uu, uv, vv, uu * u, uu * v, u * vv, vv * v, uu * uu, uu * uv, uu * vv, uv * vv, vv * vv];
+            moments.iter_mut().zip(powers).for_each(|(sum, power)| *sum += weight * power);
+            for k in 0..6 {
+                right[k] += weight * height * powers[k];
+            }
+        }
+        let moment = |a: (u8, u8), b: (u8, u8)| {
+            let power = (a.0 + b.0, a.1 + b.1);
+            POWERS.iter().position(|&p| p == power).map_or(0.0, |n| moments[n])
+        };
+        let mut matrix = Matrix6::from_fn(|i, j| moment(POWERS[i], POWERS[j]));
+        for k in 0..6 {
+            matrix[(k, k)] += if k < 3 { 1e-6 } else { self.ridge };
+        }
+        if count < 7 {
+            return (0.0, normal);
+        }
+        match matrix.cholesky() {
+            Some(factor) => {
+                let found = factor.solve(&right);
+                let [b, c] = [found[1], found[2]].map(|slope| slope.clamp(-STEEPEST, STEEPEST));
+                (found[0], (normal - first * b - second * c).normalize())
+            }
+            None => (0.0, normal),
+        }
+    }
+}

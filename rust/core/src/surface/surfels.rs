@@ -1,0 +1,267 @@
+//! Surfels: the faces between foreground and background voxels, glued along their edges into closed surfaces.
+//!
+//! Four surfels meet at a voxel edge where the two foreground voxels around it touch by that edge alone. Which pairs
+//! belong together decides what is one surface there ([`Touching`]). Corners are never united but by way of glued edges, so
+//! the result is always a closed, oriented, abstract surface: χ = corners − surfels.
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::mesh::BORDER;
+use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface};
+use crate::volume::Mask;
+
+/// What foreground voxels that touch along an edge alone are to each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Touching {
+    /// Strangers: the banks of a fold that touch stay apart.
+    Apart,
+    /// Neighbours: a thin slanted sheet hangs together.
+    Joined,
+}
+
+/// The surfels of a label volume. Surfel `s` has four edges `4 s + q`; seen from outside they run counterclockwise, and
+/// corner `4 s + q` lies between the edges `q` and `q + 1`.
+#[derive(Debug, Clone)]
+pub struct Surfels {
+    /// The voxel of each surfel, as a number into the surface voxels.
+    voxel: Vec<u32>,
+    /// The direction in which it looks, as a number into the six direct ones.
+    direction: Vec<u8>,
+    /// The edge that each edge is glued to.
+    glue: Vec<u32>,
+    /// The first surfel of each voxel, and the end of the last one's.
+    first: Vec<u32>,
+}
+
+/// The directions of a surfel's four edges, counterclockwise seen from outside.
+fn edges_of(direction: usize) -> [usize; 4] {
+    let axis = DIRECT[direction].iter().position(|&x| x != 0).expect("a direction is along an axis");
+    let towards = |axis: usize, sign: i64| {
+        DIRECT.iter().position(|d| d[axis % 3] == sign).expect("both directions of an axis exist")
+    };
+    if DIRECT[direction][axis] > 0 {
+        [towards(axis + 1, 1), towards(axis + 2, 1), towards(axis + 1, -1), towards(axis + 2, -1)]
+    } else {
+        [towards(axis + 2, 1), towards(axis + 1, 1), towards(axis + 2, -1), towards(axis + 1, -1)]
+    }
+}
+
+/// The other way.
+const fn opposite(direction: usize) -> usize {
+    5 - direction
+}
+
+/// The next edge or corner of the same surfel, counterclockwise.
+const fn turn(edge: u32, by: u32) -> u32 {
+    edge - edge % 4 + (edge + by) % 4
+}
+
+impl Surfels {
+    /// The surfels of the mask's surface voxels.
+    ///
+    /// # Errors
+    /// [`Error::GraphTooLarge`], [`Error::Cancelled`].
+    pub fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
+        let most = (u32::MAX / 32) as usize;
+        if surface.len() > most {
+            return Err(Error::GraphTooLarge { points: surface.len(), most });
+        }
+        let mut surfels = Self { voxel: Vec::new(), direction: Vec::new(), glue: Vec::new(), first: Vec::new() };
+        let mut open = Vec::with_capacity(surface.len()); // the directions in which each voxel has a surfel, as bits
+        for (v, voxel) in surface.voxels().iter().enumerate() {
+            surfels.first.push(surfels.voxel.len() as u32);
+            let mut bits = 0u8;
+            for (d, &step) in DIRECT.iter().enumerate() {
+                if !mask.is_inside(moved(voxel.map(i64::from), step)) {
+                    bits |= 1 << d;
+                    surfels.voxel.push(v as u32);
+                    surfels.direction.push(d as u8);
+                }
+            }
+            open.push(bits);
+        }
+        surfels.first.push(surfels.voxel.len() as u32);
+        control.check()?;
+        let grid = VertexGrid::new(surface);
+        let edges: [[usize; 4]; 6] = std::array::from_fn(edges_of);
+        let slot = |d: usize, t: usize| edges[d].iter().position(|&e| e == t).expect("an edge of this surfel") as u32;
+        let first = &surfels.first;
+        // the edge towards t of the surfel of voxel v that looks in direction d
+        let edge = |v: u32, d: usize, t: usize| {
+            let before = open[v as usize] & ((1 << d) - 1);
+            4 * (first[v as usize] + before.count_ones()) + slot(d, t)
+        };
+        for s in 0..surfels.voxel.len() {
+            if s % (1 << 14) == 0 {
+                control.check()?;
+            }
+            let (v, d) = (surfels.voxel[s], usize::from(surfels.direction[s]));
+            let place = surface.voxels()[v as usize].map(i64::from);
+            for &t in &edges[d] {
+                let beside = moved(place, DIRECT[t]);
+                let ahead = moved(beside, DIRECT[d]);
+                let vertex = |voxel: [i64; 3]| grid.cells()[grid.cell(voxel)];
+                surfels.glue.push(match (mask.is_inside(beside), mask.is_inside(ahead)) {
+                    (true, false) => edge(vertex(beside), d, opposite(t)),
+                    (true, true) => edge(vertex(ahead), opposite(t), opposite(d)),
+                    (false, true) if touching == Touching::Joined => edge(vertex(ahead), opposite(t), opposite(d)),
+                    (false, _) => edge(v, t, d),
+                });
+            }
+        }
+        Ok(surfels)
+    }
+
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.voxel.len()
+    }
+
+    /// Is there none?
+    pub fn is_empty(&self) -> bool {
+        self.voxel.is_empty()
+    }
+
+    /// The surface voxel of a surfel.
+    pub fn voxel(&self, surfel: u32) -> u32 {
+        self.voxel[surfel as usize]
+    }
+
+    /// The direction in which a surfel looks.
+    pub fn direction(&self, surfel: u32) -> [i64; 3] {
+        DIRECT[usize::from(self.direction[surfel as usize])]
+    }
+
+    /// The surfels of a surface voxel.
+    pub fn of_voxel(&self, voxel: u32) -> std::ops::Range<u32> {
+        self.first[voxel as usize]..self.first[voxel as usize + 1]
+    }
+
+    /// The neighbour across each of a surfel's edges; `None` where the surface ends.
+    pub fn neighbours(&self, surfel: u32) -> [Option<u32>; 4] {
+        std::array::from_fn(|q| match self.glue[4 * surfel as usize + q] {
+            BORDER => None,
+            edge => Some(edge / 4),
+        })
+    }
+
+    /// Ends the surface between surfels for which `side` differs.
+    ///
+    /// # Panics
+    /// If `side` has not one value a surfel.
+    pub fn separate(&mut self, side: &[bool]) {
+        assert_eq!(side.len(), self.len(), "one value a surfel");
+        for edge in 0..self.glue.len() {
+            let other = self.glue[edge];
+            if other != BORDER && side[edge / 4] != side[other as usize / 4] {
+                self.glue[edge] = BORDER;
+            }
+        }
+    }
+
+    /// The corner that comes next around the same point, counterclockwise: in the surfel across the edge that ends here.
+    fn around(&self, corner: u32) -> Option<u32> {
+        match self.glue[corner as usize] {
+            BORDER => None,
+            edge => Some(turn(edge, 3)),
+        }
+    }
+
+    /// Calls `visit` with the surfels around each inner point of the surface, counterclockwise.
+    pub fn around_points(&self, mut visit: impl FnMut(&[u32])) {
+        let mut seen = vec![false; self.glue.len()];
+        let mut ring = Vec::new();
+        for start in 0..self.glue.len() as u32 {
+            if seen[start as usize] {
+                continue;
+            }
+            ring.clear();
+            let mut corner = start;
+            let is_closed = loop {
+                seen[corner as usize] = true;
+                ring.push(corner / 4);
+                match self.around(corner) {
+                    None => break false, // the corners before `start` come again later, and end here, too
+                    Some(next) if next == start => break true,
+                    Some(next) if seen[next as usize] => break false,
+                    Some(next) => corner = next,
+                }
+            };
+            if is_closed {
+                visit(&ring);
+            }
+        }
+    }
+
+    /// Euler characteristic of the glued surface, if it is closed.
+    pub fn euler(&self) -> i64 {
+        let mut corners = 0;
+        self.around_points(|_| corners += 1);
+        corners - self.len() as i64
+    }
+}
+
+pub(crate) fn moved(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
+    std::array::from_fn(|axis| a[axis] + b[axis])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Affine;
+    use proptest::prelude::*;
+
+    fn surfels_of(mask: &Mask, touching: Touching) -> (VoxelSurface, Surfels) {
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        let surfels = Surfels::new(mask, &surface, touching, &control).unwrap();
+        (surface, surfels)
+    }
+
+    /// The ends of an edge in doubled coordinates, from corner q − 1 to corner q.
+    fn ends(surface: &VoxelSurface, surfels: &Surfels, edge: u32) -> [[i64; 3]; 2] {
+        let s = edge / 4;
+        let d = usize::from(surfels.direction[s as usize]);
+        let centre = moved(surface.voxels()[surfels.voxel(s) as usize].map(|x| 2 * i64::from(x)), DIRECT[d]);
+        let corner = |q: u32| {
+            let (t, u) = (edges_of(d)[q as usize % 4], edges_of(d)[(q as usize + 1) % 4]);
+            moved(moved(centre, DIRECT[t]), DIRECT[u])
+        };
+        [corner((edge + 3) % 4), corner(edge % 4)]
+    }
+
+    #[test]
+    fn a_voxel_is_a_cube() {
+        let (_, surfels) = surfels_of(&Mask::new([1, 1, 1], vec![true]).unwrap(), Touching::Apart);
+        assert_eq!((surfels.len(), surfels.euler()), (6, 2));
+    }
+
+    #[test]
+    fn two_voxels_that_touch_along_an_edge() {
+        let mask = Mask::new([2, 2, 1], vec![true, false, false, true]).unwrap();
+        assert_eq!(surfels_of(&mask, Touching::Apart).1.euler(), 4); // two cubes
+        assert_eq!(surfels_of(&mask, Touching::Joined).1.euler(), 2);
+    }
+
+    proptest! {
+        #[test]
+        fn edges_are_glued_in_pairs_that_lie_on_each_other(bits in prop::collection::vec(any::<bool>(), 64)) {
+            prop_assume!(bits.contains(&true));
+            let mask = Mask::new([4, 4, 4], bits).unwrap();
+            for touching in [Touching::Apart, Touching::Joined] {
+                let (surface, surfels) = surfels_of(&mask, touching);
+                for edge in 0..surfels.glue.len() as u32 {
+                    let other = surfels.glue[edge as usize];
+                    prop_assert_eq!(surfels.glue[other as usize], edge);
+                    prop_assert!(other != edge);
+                    let [a, b] = ends(&surface, &surfels, edge);
+                    prop_assert_eq!(ends(&surface, &surfels, other), [b, a]); // the other way: both see the same outside
+                }
+                let mut around = 0;
+                surfels.around_points(|ring| around += ring.len());
+                prop_assert_eq!(around, 4 * surfels.len());
+                prop_assert!(surfels.euler() % 2 == 0);
+            }
+        }
+    }
+}
