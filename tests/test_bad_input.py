@@ -1,4 +1,7 @@
-"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written."""
+"""Whatever is wrong with an input is said in one line that names the value and the remedy; nothing is written.
+
+Here for `grossmann2002`, over the voxels; for surfaces of triangles in test_bad_surfaces.py.
+"""
 
 import os
 import pickle
@@ -160,7 +163,7 @@ API = {
         r"MiB of memory are needed, 976.6 KiB is the limit; take a smaller patch",
     ),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
-    "method": (sheet(), {"method": "tsne"}, r"method is 'tsne'; give 'grossmann2002'"),
+    "method": (sheet(), {"method": "tsne"}, r"method is 'tsne'; give 'voxflat' or 'grossmann2002'"),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is \"best\"; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is \"city-block\"; give"),
     "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),
@@ -219,14 +222,14 @@ def snapshot(folder):
 def test_python(name):
     volume, options, message = API[name]
     with pytest.raises(voxflat.InputError, match=message):
-        voxflat.flatten(volume, **options)
+        voxflat.flatten(volume, **{"method": "grossmann2002", **options})
 
 
 @pytest.mark.parametrize("name", filter(on_the_command_line, API))
 def test_command_line(name, tmp_path):
     volume, options, message = API[name]
     np.save(tmp_path / "in.npy", volume)
-    arguments = []
+    arguments = ["--method", "grossmann2002"]
     for key, value in options.items():
         if key == "keep":
             np.save(tmp_path / "keep.npy", value)
@@ -252,13 +255,18 @@ def test_wrong_usage(name, tmp_path):
 def test_memory_is_checked_before_the_start():
     stages = []
     with pytest.raises(voxflat.InputError, match="of memory are needed"):
-        voxflat.flatten(sheet(), memory_limit=10**6, progress=lambda stage, done, total: stages.append(stage))
+        voxflat.flatten(
+            sheet(),
+            method="grossmann2002",
+            memory_limit=10**6,
+            progress=lambda stage, done, total: stages.append(stage),
+        )
     assert "measuring distances" not in stages
     assert "scaling" not in stages
 
 
 def test_closed_surface_can_be_flattened_in_part():
-    assert len(voxflat.flatten(ball(), seed_point=(9, 9, 1), radius=6)) > 20
+    assert len(voxflat.flatten(ball(), method="grossmann2002", seed_point=(9, 9, 1), radius=6)) > 20
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -333,7 +341,7 @@ def test_nan_in_a_nifti_file(value, tmp_path):
 def test_compressed_and_plain_file_of_one_name(tmp_path):
     nifti(tmp_path / "in.nii", sheet())
     nifti(tmp_path / "in.nii.gz", 2 * sheet())
-    assert voxflat.check(tmp_path / "in.nii.gz").labels == {2: 1600}
+    assert voxflat.check(tmp_path / "in.nii.gz").contents["labels"] == {2: 1600}
 
 
 def test_a_damaged_affine_is_one_line(tmp_path, capfd):

@@ -83,7 +83,7 @@ def test_flatten_tells_what_it_did(shared, flat_map, tmp_path):
     out = tmp_path / "map.npz"
     result = run("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
     points = len(flat_map)
-    assert f"{points} of {points} surface voxels, the only component" in result.stdout
+    assert re.search(rf"flattened +{points} of {points} points, all\n", result.stdout)
     assert flat_map.distortion.table() in result.stdout
     assert f"saved as {out}" in result.stdout
     assert "%|" not in result.stderr  # no progress bar: this is no terminal
@@ -94,7 +94,9 @@ def test_flatten_says_which_part(shared, tmp_path):
     surface[0, 0, :3] = 1
     np.save(tmp_path / "two.npy", surface)
     arguments = ["flatten", tmp_path / "two.npy", "-o", tmp_path / "map.npz"]
-    assert "the largest of 2 components (the next has 3)" in run(*arguments).stdout
+    told = run(*arguments)
+    assert "the largest component" in told.stdout
+    assert "warning: the surface has 2 components" in told.stderr
     disk = run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
     assert "within 6.0 mm of voxel [10, 9, 12]" in disk
     np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
@@ -108,9 +110,9 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     np.save(tmp_path / "ring.npy", surface)
     result = run("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
     assert result.exit_code == 0
-    memory, warning = result.stderr.splitlines()
+    memory, *warnings = result.stderr.splitlines()
     assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
-    assert warning.startswith("voxflat: warning: Euler characteristic 0")
+    assert any("warning: the surface is no disk (0 handles, 2 boundary loops): it was cut open" in w for w in warnings)
     assert "warning" not in result.stdout
 
 
@@ -123,9 +125,13 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
 
     monkeypatch.setattr(voxflat, "flatten", flatten)
     options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
+    options += " --drop d.nii --method grossmann2002"
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
+    assert given.pop("cuts") is None
     assert given == {
+        "method": "grossmann2002",
+        "drop": Path("d.nii"),
         "label": 2,
         "threshold": 0.5,
         "keep": Path("k.nii"),
@@ -178,7 +184,7 @@ def test_json_is_one_object(shared, tmp_path):
     assert content["output"] == str(out)
     assert content["points"] == len(saved)
     assert content["distortion"]["raw"]["relative_error"] == saved.distortion.raw.relative_error
-    assert content["warnings"] == []
+    assert content["warnings"] == saved.metadata["warnings"]
 
 
 def test_undefined_figures_are_null_in_json(shared, tmp_path):
@@ -204,14 +210,19 @@ def test_check_says_yes(shared):
 
 
 def test_check_says_no(tmp_path):
-    np.save(tmp_path / "box.npy", np.pad(np.ones((6, 6, 6), np.uint8), 2))
-    result = run("check", tmp_path / "box.npy", "--json")
+    box = np.pad(np.ones((6, 6, 6), np.uint8), 2)
+    box[0, 0, 0] = 2
+    np.save(tmp_path / "box.npy", box)
+    result = run("check", tmp_path / "box.npy", "--json")  # which label?
     assert result.exit_code == 1
     content = json.loads(result.stdout)
     assert content["can_flatten"] is False
-    assert content["closed"] is True
-    assert content["labels"] == {"1": 216}
-    assert run("check", tmp_path / "box.npy", "--seed-point", "2,4,4", "--radius", "4").exit_code == 0
+    assert content["contents"]["labels"] == {"1": 216, "2": 1}
+    result = run("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert (content["closed"], content["euler_characteristic"]) == (True, 2)
+    assert "it was cut open along 1 paths" in content["advice"][0]
 
 
 def test_check_of_ambiguous_labels_lists_them(shared):
@@ -552,5 +563,5 @@ def test_check_of_nan_is_still_json(tmp_path):
     result = run("check", tmp_path / "nan.npy", "--json")
     assert result.exit_code == 1
     content = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert content["range"] == [None, None]
+    assert content["contents"]["range"] == [None, None]
     assert "NaN" in content["advice"][0]

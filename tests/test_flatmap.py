@@ -1,4 +1,5 @@
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,12 +9,14 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat.io import Volume
 
+grossmann2002 = partial(voxflat.flatten, method="grossmann2002")
+
 AFFINE = np.array([[0, -0.5, 0, 12], [0.5, 0, 0, -7], [0, 0, 0.5, 1], [0, 0, 0, 1]], dtype=float)
 
 
 @pytest.fixture(scope="module")
 def sheet_map():
-    return voxflat.flatten(shapes.sheet((40, 30)), affine=AFFINE, sources=300)
+    return grossmann2002(shapes.sheet((40, 30)), affine=AFFINE, sources=300)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +26,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def ball_map(ball):
-    return voxflat.flatten(ball, seed_point=(28, 16, 16), radius=15.0, sources=200, keep_rows=True)
+    return grossmann2002(ball, seed_point=(28, 16, 16), radius=15.0, sources=200, keep_rows=True)
 
 
 def linear(points):
@@ -237,7 +240,7 @@ class TestFile:
 
 def test_torn_faces_are_those_that_the_surface_does_not_have():
     # two parallel sheets, joined at one end: folded flat upon each other they would tear everywhere
-    flat = voxflat.flatten(shapes.curled_sheet(60, 30, 1.4, Rotation.random(rng=1)), sources=100)
+    flat = grossmann2002(shapes.curled_sheet(60, 30, 1.4, Rotation.random(rng=1)), sources=100)
     links = np.abs(flat.ids[flat.faces][:, [0, 1, 2]] - flat.ids[flat.faces][:, [1, 2, 0]]).max(axis=2).max(axis=1)
     assert (flat.torn >= (links > 2)).all()  # two links reach two voxels at most
     assert not flat.torn[links <= 1].any()
@@ -253,7 +256,7 @@ class TestWarnings:
         lonely = np.zeros((40, *sheet.shape[1:]), dtype=np.uint8)
         lonely[:32] = sheet
         lonely[35:38, 5:9, 1] = 1  # and a second component
-        flat = voxflat.flatten(lonely, sources=50)
+        flat = grossmann2002(lonely, sources=50)
         components, holes = flat.metadata["warnings"]
         assert components == "2 components: the largest, 884 of 896 surface voxels, is used"
         assert holes.startswith("Euler characteristic 0 instead of a disk's 1")
@@ -261,10 +264,10 @@ class TestWarnings:
         assert logged == [components, holes]
 
     def test_a_seed_point_off_the_surface_is_told(self, ball):
-        near = voxflat.flatten(ball, seed_point=(30, 16, 16), radius=12.0, sources=50)
+        near = grossmann2002(ball, seed_point=(30, 16, 16), radius=12.0, sources=50)
         assert near.metadata["warnings"] == []
-        assert near.metadata["seed_voxel"] == [29, 16, 16]
-        far = voxflat.flatten(ball, seed_point=(32, 16, 16), radius=12.0, sources=50)
+        assert near.metadata["seed_found"] == [29, 16, 16]
+        far = grossmann2002(ball, seed_point=(32, 16, 16), radius=12.0, sources=50)
         assert far.metadata["warnings"][0].startswith(
             "the seed point [32, 16, 16] is 3.0 mm away from the surface; its"
         )
@@ -275,13 +278,13 @@ class TestWarnings:
         # an open cylinder cannot lie in the plane: its two halves come to lie upon each other
         i, j = np.mgrid[:24, :24]
         ring = np.abs(np.hypot(i - 11.5, j - 11.5) - 9) < 0.75
-        flat = voxflat.flatten(np.repeat(ring[..., None], 30, axis=2), sources=200)
+        flat = grossmann2002(np.repeat(ring[..., None], 30, axis=2), sources=200)
         assert flat.metadata["torn_faces"] > 0.3
         assert any("of the map is torn" in warning for warning in flat.metadata["warnings"])
 
 
 def test_undefined_figures_are_null_in_json_and_nan_in_python(tmp_path):
-    flat = voxflat.flatten(shapes.sheet((6, 6)), spacing=(40, 40, 40), sources=10)  # no pair is nearer than 30 mm
+    flat = grossmann2002(shapes.sheet((6, 6)), spacing=(40, 40, 40), sources=10)  # no pair is nearer than 30 mm
     assert np.isnan(flat.distortion.raw.relative_error_30mm)
     json.loads(json.dumps(flat.description(), allow_nan=False))
     assert flat.description()["distortion"]["raw"]["relative_error_30mm"] is None

@@ -7,14 +7,18 @@ import pytest
 import shapes
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import ConvexHull
 
 import voxflat
+from voxflat._napari.meshes import LayerMesh
+from voxflat._napari.report import figures
 from voxflat._napari.results import flat_map_reader
-from voxflat._napari.seed import first_voxel, seed_voxel, voxel_at
-from voxflat._napari.volumes import WORLDS, LayerVolume
+from voxflat._napari.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
+from voxflat._napari.volumes import LayerVolume
+from voxflat._napari.world import WORLDS
 
 napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels, Points  # noqa: E402
+from napari.layers import Image, Labels, Points, Surface  # noqa: E402
 from napari.utils.notifications import notification_manager  # noqa: E402
 from qtpy.QtCore import QPoint, Qt, QThreadPool, QTimer  # noqa: E402
 
@@ -29,6 +33,35 @@ def cap(size=24):
     height = size - 4 - ((i - size / 2) ** 2 + 0.5 * (j - size / 3) ** 2) / size
     labels[i, j, np.round(height).astype(int)] = 3
     return labels
+
+
+def bumps(size=25):
+    """A bumpy open mesh: 2 mm grid, seen from above, with a value that is 0 on its rim and behind it."""
+    i, j = np.mgrid[:size, :size]
+    height = 3 * np.sin(i / 3) * np.cos(j / 4) + 0.02 * i * j
+    points = np.stack([2.0 * i, 2.0 * j, height], axis=-1).reshape(-1, 3)
+    corner = (i[:-1, :-1] * size + j[:-1, :-1]).ravel()
+    lower = np.stack([corner, corner + size, corner + 1], axis=1)
+    upper = np.stack([corner + 1, corner + size, corner + size + 1], axis=1)
+    values = np.where((i > 3) & (i < size - 2) & (j > 2) & (j < size - 5), 1 + np.cos(i / 5) + 0.1 * j, 0).ravel()
+    return points, np.concatenate([lower, upper]), values
+
+
+def sphere(count=400, radius=20.0):
+    """A closed mesh around the origin."""
+    number = np.arange(count) + 0.5
+    height, angle = 1 - 2 * number / count, np.pi * (1 + np.sqrt(5)) * number
+    ring = np.sqrt(1 - height**2)
+    points = radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    return points, ConvexHull(points).simplices
+
+
+@pytest.fixture(scope="module")
+def large_mesh():
+    """A dome of many triangles: some seconds of work from 4000 sources."""
+    points, faces, _ = bumps(150)
+    points[:, 2] = -0.005 * ((points[:, :2] - 149) ** 2).sum(axis=1)
+    return points, faces
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +90,13 @@ def messages():
     return notification_manager.records
 
 
+def choose(box, key):
+    """Choose an entry by its key."""
+    box.setCurrentIndex(box.findData(key))
+
+
 def choose_whole(widget):
-    widget.patch.setCurrentIndex(widget.patch.findData(False))
+    choose(widget.form.patch, "whole")
 
 
 def run(widget, qtbot, timeout=20_000):
@@ -68,11 +106,24 @@ def run(widget, qtbot, timeout=20_000):
 
 def start_large(widget, qtbot, large, sources=6000):
     """Start what takes seconds, and wait until the core is amid it."""
-    widget.seed.set_voxel(tuple(int(n) for n in np.argwhere(large)[0]))
-    widget.radius.setValue(110)
-    widget.sources.setValue(sources)
+    widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
+    widget.form.radius.setValue(90)
+    start(widget, qtbot, sources)
+
+
+def start(widget, qtbot, sources):
+    widget.form.sources.setValue(sources)
     widget.start.click()
     qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=20_000)
+
+
+def same_map(layer, expected):
+    """Whether a layer has exactly this map."""
+    flat_map = layer.metadata["voxflat"]
+    for name in ("uv", "points", "ids", "faces", "sources", "eigenvalues"):
+        assert_array_equal(getattr(flat_map, name), getattr(expected, name))
+    assert_array_equal(flat_map.distortion.per_point, expected.distortion.per_point)
+    assert flat_map.metadata == {**expected.metadata, "napari": flat_map.metadata["napari"]}
 
 
 # --------------------------------------------------------------------------------------- what is offered
@@ -117,9 +168,9 @@ def test_demo_cortex_is_a_sample(make_napari_viewer):
     assert isinstance(t1, Image)
     assert labels.data.dtype == np.uint8
     assert_array_equal(labels.data, white_matter.data > THRESHOLD)
-    assert_allclose(LayerVolume.of(t1).affine, white_matter.affine)
-    assert_allclose(LayerVolume.of(labels).affine, white_matter.affine)
-    assert seed_voxel(seed, labels) == SEED_POINT
+    assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
+    assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
+    assert seed_of(seed, labels) == SEED_POINT
 
 
 # -------------------------------------------------------------------------------------- layers to volumes
@@ -137,7 +188,7 @@ TRANSFORMS = [
 @pytest.mark.parametrize("kind", [Image, Labels])
 def test_affine_agrees_with_the_layer(kind, transform):
     layer = kind(np.ones((5, 6, 7), dtype=np.uint8), **transform)
-    affine = LayerVolume.of(layer).affine
+    affine = LayerVolume.of(layer).place.affine
     for voxel in np.random.default_rng(0).uniform(-5, 9, (10, 3)):
         assert_allclose(affine[:3, :3] @ voxel + affine[:3, 3], layer.data_to_world(voxel), atol=1e-9)
 
@@ -153,10 +204,10 @@ def test_multiscale_takes_its_finest_level():
 def test_units_become_millimetres():
     data = np.ones((4, 4, 4))
     microns = LayerVolume.of(Image(data, scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
-    assert_allclose(microns.affine, [[0.25, 0, 0, 1], [0, 0.25, 0, 0], [0, 0, 0.5, 0], [0, 0, 0, 1]])
+    assert_allclose(microns.place.affine, [[0.25, 0, 0, 1], [0, 0.25, 0, 0], [0, 0, 0.5, 0], [0, 0, 0, 1]])
     assert microns.origin["unit"] == "micrometer"
     pixels = LayerVolume.of(Image(data))
-    assert_allclose(pixels.affine, np.eye(4))
+    assert_allclose(pixels.place.affine, np.eye(4))
     assert "taken as mm" in pixels.origin["unit"]
     with pytest.raises(voxflat.InputError, match="second"):
         LayerVolume.of(Image(data, units=("second", "mm", "mm")))
@@ -166,7 +217,7 @@ def test_units_become_millimetres():
 def test_world_axes_agree_with_nibabel(world):
     orientations = pytest.importorskip("nibabel.orientations")
     layer = Image(np.ones((4, 4, 4)), scale=(1, 2, 3), translate=(5, 6, 7))
-    affine = LayerVolume.of(layer, world).affine
+    affine = LayerVolume.of(layer, world).place.affine
     assert orientations.aff2axcodes(affine) == tuple(world)
     assert_allclose(np.linalg.norm(affine[:3, 3]), np.linalg.norm((5, 6, 7)))
 
@@ -181,7 +232,7 @@ def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
 
     def map_of(layer, world, order):
         flat = voxflat.flatten(
-            LayerVolume.of(layer, world).read(), seed_point=top[order].tolist(), radius=20, sources=300
+            LayerVolume.of(layer, world).read(), seed_point=top[order].tolist(), radius=20, sources=200
         )
         return flat.uv[np.lexsort(flat.ids[:, order].T)] - flat.uv.mean(axis=0)
 
@@ -208,6 +259,41 @@ def test_colours_become_bytes(colours, expected):
     assert (data == expected).all()
 
 
+# --------------------------------------------------------------------------------------- layers to meshes
+
+
+@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize("transform", TRANSFORMS)
+def test_vertices_agree_with_the_layer_and_outside_stays_outside(transform, world):
+    points, faces, values = bumps(6)
+    mesh = LayerMesh.of(Surface((points, faces, values), **transform), world)
+    to_ras = LayerVolume.of(Image(np.ones((4, 4, 4)), **transform), world).place.affine
+    read = mesh.read()
+    assert_allclose(read.points, points @ to_ras[:3, :3].T + to_ras[:3, 3], atol=1e-9)
+    above = (points + np.array([0, 0, 0.1])) @ to_ras[:3, :3].T + to_ras[:3, 3]
+    a, b, c = read.points[read.faces].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), above[read.faces[:, 0]] - a) > 0).all()
+    assert mesh.origin["world_axes"] == world
+
+
+def test_units_of_meshes_become_millimetres():
+    points, faces, _ = bumps(4)
+    microns = LayerMesh.of(Surface((points, faces), scale=(250, 250, 500), translate=(1000, 0, 0), units="micrometer"))
+    assert_allclose(microns.read().points, points * [0.25, 0.25, 0.5] + [1, 0, 0])
+    assert_array_equal(LayerMesh.of(Surface((points, faces))).read().points, points)
+    with pytest.raises(voxflat.InputError, match="second"):
+        LayerMesh.of(Surface((points, faces), units=("second", "mm", "mm")))
+
+
+def test_kept_are_vertices_with_a_value():
+    points, faces, values = bumps(4)
+    values[:] = 0
+    with pytest.raises(voxflat.InputError, match="no value that is not 0"):
+        LayerMesh.of(Surface((points, faces, values))).kept()
+    values[:3] = (2, np.nan, -1)
+    assert np.flatnonzero(LayerMesh.of(Surface((points, faces, values))).kept()).tolist() == [0, 2]
+
+
 # ------------------------------------------------------------------------------------------ seed points
 
 
@@ -217,11 +303,11 @@ def test_seed_is_the_selected_point_or_the_last():
     world = voxels @ AFFINE[:3, :3].T + AFFINE[:3, 3]
     points = Points(world, units="mm")
     points.selected_data = set()
-    assert seed_voxel(points, layer) == (6, 7, 8)
+    assert seed_of(points, layer) == (6, 7, 8)
     points.selected_data = {0}
-    assert seed_voxel(points, layer) == (3, 4, 5)
-    assert seed_voxel(Points(world * 1000, units="micrometer"), layer) == (6, 7, 8)
-    assert seed_voxel(Points(ndim=3), layer) is None
+    assert seed_of(points, layer) == (3, 4, 5)
+    assert seed_of(Points(world * 1000, units="micrometer"), layer) == (6, 7, 8)
+    assert seed_of(Points(ndim=3), layer) is None
 
 
 def test_voxel_outside_the_layer_is_none():
@@ -239,6 +325,54 @@ def test_ray_meets_the_first_voxel_of_the_foreground():
     assert first_voxel(Labels(data), start, end, lambda values: values == 1) is None
 
 
+def test_seed_of_a_mesh_is_the_nearest_vertex_in_use():
+    points, faces, _ = bumps()
+    points = np.vstack([points, [[10.0, 10, 50]]])  # no face has it
+    layer = Surface((points, faces), affine=AFFINE, units="mm")
+    world = points @ AFFINE[:3, :3].T + AFFINE[:3, 3]
+    cursor = Points(world[[40, 300]] * 1000 + [100, -200, 50], units="micrometer")
+    cursor.selected_data = {0}
+    assert seed_of(cursor, layer) == 40
+    cursor.selected_data = set()
+    assert seed_of(cursor, layer) == 300
+    assert describe(cursor, layer) == "vertex 300, 0.2 mm away"
+    cursor.data = world[[300]] * 1000
+    assert describe(cursor, layer) == "vertex 300"
+    assert describe(Points(ndim=3), layer) == "no point inside the layer"
+    assert nearest_vertex(layer, world[-1]) != len(points) - 1
+    assert seed_of(Points(ndim=3), layer) is None
+    assert seed_of(Points(ndim=2), layer) is None
+
+
+def test_ray_meets_the_first_triangle():
+    points, faces, _ = bumps()
+    both = Surface((np.vstack([points, points + np.array([0, 0, 30])]), np.vstack([faces, faces + len(points)])))
+    from_above = np.array([[20.1, 16.2, 60.0], [20.1, 16.2, -60.0]])
+    assert first_vertex(both, *from_above) == 10 * 25 + 8 + len(points)
+    assert first_vertex(both, *from_above[::-1]) == 10 * 25 + 8
+    assert first_vertex(both, np.array([-9.0, 0, 60]), np.array([-9.0, 0, -60])) is None
+
+
+def test_click_on_a_mesh_sets_the_seed(open_widget, qtbot):
+    points, faces, _ = bumps()
+    viewer, widget = open_widget(Surface((points, faces), scale=(1, 2, 1), name="bumps"), show=True)
+    assert viewer.dims.ndisplay == 2
+    widget.form.seed.pick.click()
+    assert viewer.dims.ndisplay == 3  # in a slice there is nothing to click on
+    camera = getattr(viewer, "scene", viewer).camera
+    camera.set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
+    camera.center = np.array(points[12 * 25 + 12]) * (1, 2, 1)
+    qtbot.wait(100)
+    canvas = viewer.window._qt_viewer.canvas.native
+    centre = QPoint(canvas.width() // 2, canvas.height() // 2)
+    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+    assert widget.form.seed.point == 12 * 25 + 12
+    assert_allclose(viewer.layers["seed point"].data, points[[12 * 25 + 12]])
+    viewer.layers["seed point"].data = points[[100]] + 0.3
+    assert widget.form.seed.point == 100
+
+
 @pytest.mark.parametrize("ndisplay", [2, 3])
 def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     labels = np.zeros((20, 20, 20), dtype=np.uint8)
@@ -251,29 +385,29 @@ def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     layer.mode = "paint"
     painted = labels.copy()
     qtbot.wait(100)
-    widget.seed.pick.click()
+    widget.form.seed.pick.click()
     canvas = viewer.window._qt_viewer.canvas.native
     centre = QPoint(canvas.width() // 2, canvas.height() // 2)
     qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
     qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
-    i, j, k = widget.seed.voxel
+    i, j, k = widget.form.seed.point
     assert i in ((7,) if ndisplay == 2 else (5, 14))  # in 3D the surface
     assert abs(j - 9.5) <= 1
     assert abs(k - 9.5) <= 1
-    assert not widget.seed.pick.isChecked()
+    assert not widget.form.seed.pick.isChecked()
     assert_array_equal(layer.data, painted)
     assert viewer.layers["seed point"].data.tolist() == [[i, j, k]]
 
 
 def test_seed_follows_the_point(open_widget):
     viewer, widget = open_widget(Labels(cap(), affine=FLIP))
-    assert widget.seed.voxel is None
-    widget.seed.set_voxel((4, 5, 6))
-    assert widget.seed.voxel == (4, 5, 6)
+    assert widget.form.seed.point is None
+    widget.form.seed.set_point((4, 5, 6))
+    assert widget.form.seed.point == (4, 5, 6)
     viewer.layers["seed point"].data = [(7, 8, 9)]
-    assert widget.seed.voxel == (7, 8, 9)
+    assert widget.form.seed.point == (7, 8, 9)
     viewer.layers.remove("seed point")
-    assert widget.seed.voxel is None
+    assert widget.form.seed.point is None
 
 
 # ---------------------------------------------------------------------------------------------- choices
@@ -283,43 +417,66 @@ def test_layers_and_labels_are_listed(open_widget, qtbot):
     labels = cap()
     labels[0, 0, 0] = 7
     viewer, widget = open_widget(Image(np.ones((4, 4)), name="flat picture"), Labels(labels, name="parts"))
-    assert widget.surface.layer is viewer.layers["parts"]
-    qtbot.waitUntil(lambda: widget.label.count() == 2)
-    assert [widget.label.itemData(n) for n in range(2)] == [3, 7]
+    assert widget.form.surface.layer is viewer.layers["parts"]
+    qtbot.waitUntil(lambda: widget.form.label.count() == 2)
+    assert [widget.form.label.itemData(n) for n in range(2)] == [3, 7]
     viewer.layers["parts"].selected_label = 7
-    assert widget.label.label == 7
+    assert widget.form.label.label == 7
     viewer.layers["parts"].selected_label = 5  # is not there
-    assert widget.label.label == 7
+    assert widget.form.label.label == 7
     viewer.layers["parts"].name = "regions"
-    assert widget.surface.currentText() == "regions"
+    assert widget.form.surface.currentText() == "regions"
     viewer.layers["regions"].data_setitem((np.array([0]),) * 3, 9)
-    qtbot.waitUntil(lambda: widget.label.findData(9) >= 0)
+    qtbot.waitUntil(lambda: widget.form.label.findData(9) >= 0)
     viewer.layers.remove("regions")
-    assert widget.surface.layer is None
-    assert not widget.label.count()
+    assert widget.form.surface.layer is None
+    assert not widget.form.label.count()
 
 
 def test_threshold_starts_amid_the_contrast_limits(open_widget):
     _, widget = open_widget(Image(np.linspace(0, 10, 1000).reshape(10, 10, 10)))
-    assert widget.threshold.value() == pytest.approx(5)
-    assert widget.threshold.isVisibleTo(widget)
-    assert not widget.label.isVisibleTo(widget)
+    assert widget.form.threshold.value() == pytest.approx(5)
+    assert widget.form.threshold.isVisibleTo(widget)
+    assert not widget.form.label.isVisibleTo(widget)
+
+
+def test_the_form_follows_the_kind_of_layer(open_widget):
+    points, faces, values = bumps()
+    viewer, widget = open_widget(Image(np.random.default_rng(0).random((5, 5, 5)), name="T1"))
+    form = widget.form
+    viewer.add_surface((points, faces, values), name="mesh")
+    viewer.add_surface((points, faces), name="same vertices")
+    viewer.add_surface((points[:4], faces[:1] * 0 + [0, 1, 2]), name="other vertices")
+    form.surface.choose(viewer.layers["mesh"])
+    assert form.sampled.layer is viewer.layers["mesh"]
+    assert [form.sampled.itemText(n) for n in range(form.sampled.count())] == ["nothing", "T1", "mesh", "same vertices"]
+    assert not any(field.isVisibleTo(form) for field in (form.label, form.threshold, form.method, form.sample_depth))
+    choose(form.patch, "values")
+    assert not form.seed.isVisibleTo(form)
+    form.surface.choose(viewer.layers["T1"])
+    assert form.sampled.layer is viewer.layers["T1"]
+    assert form.patch.findData("values") < 0
+    assert form.patch.currentData() == "disk"
+    assert all(field.isVisibleTo(form) for field in (form.threshold, form.method, form.sample_depth, form.seed))
 
 
 # --------------------------------------------------------------------------------------------- flattening
 
 
-def test_result_is_that_of_the_library(open_widget, qtbot):
+@pytest.mark.parametrize("method", ["voxflat", "grossmann2002"])
+def test_result_is_that_of_the_library(open_widget, qtbot, method):
     labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
     viewer, widget = open_widget(
         Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
     )
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    assert widget.form.method.currentData() == "voxflat"
+    choose(widget.form.method, method)
     choose_whole(widget)
-    widget.sources.setValue(200)
-    widget.pixel_size.setValue(1.25)
+    widget.form.sources.setValue(200)
+    widget.form.pixel_size.setValue(1.25)
     run(widget, qtbot)
-    expected = voxflat.flatten(labels, affine=FLIP, label=3, sources=200)
+    expected = voxflat.flatten(labels, method=method, affine=FLIP, label=3, sources=200)
     picture = expected.image(t1, 1.25)
     flattened, distortion = viewer.layers["T1 flattened"], viewer.layers["sheet distortion"]
     assert_array_equal(flattened.data, picture.data)
@@ -329,11 +486,12 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
         assert_allclose(layer.translate, (-picture.origin[1], picture.origin[0]))
         assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
         assert np.isfinite(layer.contrast_limits).all()
-        flat_map = layer.metadata["voxflat"]
-        assert_array_equal(flat_map.uv, expected.uv)
+        same_map(layer, expected)
+        assert layer.metadata["parameters"] is layer.metadata["voxflat"].metadata
         assert layer.metadata["parameters"]["napari"] == {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
-        assert {**expected.metadata, "napari": flat_map.metadata["napari"]} == layer.metadata["parameters"]
         assert layer.metadata["distortion"]["raw"]["stress_1"] == expected.distortion.raw.stress_1
+    assert ("torn faces" in dict(figures(expected))) == (method == "grossmann2002")
+    assert ("flipped triangles" in dict(figures(expected))) == (method == "voxflat")
     assert "fraction" in distortion.metadata["colours"]
     assert distortion.colorbar.visible
     assert f"{100 * expected.distortion.raw.relative_error:.1f} %" in widget.status.text()
@@ -341,7 +499,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
 
 def test_only_the_map_is_shown_then_the_volume_again(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
     choose_whole(widget)
     viewer.dims.ndisplay = 3
     viewer.dims.order = (2, 0, 1)
@@ -377,9 +535,9 @@ def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
     atlas = np.zeros((24, 24, 24), dtype=np.int32)
     atlas[12:], atlas[:12] = 1001, 2035
     viewer, widget = open_widget(Labels(atlas, name="atlas"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
     choose_whole(widget)
-    widget.sampled.choose(viewer.layers["atlas"])
+    widget.form.sampled.choose(viewer.layers["atlas"])
     run(widget, qtbot)
     layer = viewer.layers["atlas flattened"]
     assert isinstance(layer, Labels)
@@ -389,7 +547,7 @@ def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
 def test_colours_on_the_map(open_widget, qtbot):
     colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
     viewer, widget = open_widget(Image(colours, rgb=True, name="stain"), Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
     choose_whole(widget)
     run(widget, qtbot)
     assert viewer.layers["stain flattened"].rgb
@@ -407,7 +565,7 @@ def test_dask_above_a_threshold(open_widget, qtbot):
 
 def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     viewer, widget = open_widget(Labels(cap(), name="sheet"))
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
     choose_whole(widget)
     run(widget, qtbot)
     path = str(tmp_path / "map.npz")
@@ -420,7 +578,147 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     assert flat_map_reader(str(tmp_path / "other.npz")) is None
 
 
+# ---------------------------------------------------------------------------------------- flattening meshes
+
+
+def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
+    points, faces, values = bumps()
+    layer = Surface((points, faces, values), name="bumps", units="mm", colormap="viridis")
+    viewer, widget = open_widget(layer)
+    choose_whole(widget)
+    run(widget, qtbot)
+    expected = voxflat.flatten((points, faces))
+    picture, heat = expected.image(values), expected.heat_map()
+    names = ["bumps", "bumps flat", "bumps flat distortion", "bumps flattened", "bumps distortion"]
+    assert [layer.name for layer in viewer.layers] == names
+    flat, warm, image, distortion = viewer.layers[1:]
+    for layer in viewer.layers[1:]:
+        same_map(layer, expected)
+        assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
+    assert_array_equal(image.data, picture.data)
+    assert_array_equal(distortion.data, heat.data)
+    assert_allclose(image.translate, (-picture.origin[1], picture.origin[0]))
+    assert image.colormap.name == flat.colormap.name == "viridis"
+    for surface, carried in ((flat, values), (warm, None)):
+        assert isinstance(surface, Surface)
+        assert_array_equal(surface.vertices, np.stack([-expected.uv[:, 1], expected.uv[:, 0]], axis=1))
+        assert_array_equal(surface.faces, expected.faces)
+        assert_array_equal(surface.features["vertex"], expected.ids)
+        expected_values = expected.distortion.per_point if carried is None else carried[expected.ids]
+        assert_array_equal(surface.vertex_values, expected_values)
+    assert not flat.visible
+    assert image.visible
+    ids, places = image.metadata["voxflat"].locate()  # from pixels to vertices
+    assert ids.shape == image.data.shape
+    assert np.linalg.norm(places - points[ids], axis=-1)[ids >= 0].max() < 3
+    assert widget.results.toggle.text() == "Show surface"
+    widget.results.toggle.click()
+    assert [layer.name for layer in viewer.layers if layer.visible] == ["bumps"]
+    flat.visible = True
+    widget.results.toggle.click()
+    assert [layer.name for layer in viewer.layers if layer.visible] == names[3:]
+
+
+def test_patch_of_the_values_that_are_not_0(open_widget, qtbot):
+    points, faces, values = bumps()
+    viewer, widget = open_widget(Surface((points, faces, values), name="bumps"))
+    choose(widget.form.patch, "values")
+    run(widget, qtbot)
+    expected = voxflat.flatten((points, faces), keep=values != 0)
+    same_map(viewer.layers["bumps distortion"], expected)
+    assert set(expected.ids) == set(np.flatnonzero(values))
+    assert viewer.layers["bumps flat"].vertex_values.min() > 0
+
+
+def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
+    points, faces, _ = bumps()
+    affine = np.diag([250.0, -500, 500, 1])
+    affine[:3, 3] = (1000, 2000, 3000)
+    viewer, widget = open_widget(Surface((points, faces), name="bumps", affine=affine, units="micrometer"))
+    widget.form.seed.set_point(312)
+    widget.form.radius.setValue(7)
+    run(widget, qtbot)
+    placed = points * [0.25, -0.5, 0.5] + [1, 2, 3]
+    expected = voxflat.flatten((placed, faces[:, ::-1]), seed_point=312, radius=7)  # mirrored: outside stays outside
+    same_map(viewer.layers["bumps distortion"], expected)
+    assert "bumps flattened" not in viewer.layers  # it has no values
+    assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7
+
+
+def test_fsaverage_by_the_vertices_of_its_flat_map(open_widget, qtbot):
+    pytest.importorskip("nilearn")
+    from nilearn.datasets import fetch_surf_fsaverage
+
+    files = fetch_surf_fsaverage("fsaverage5")
+    white, flat = (voxflat.meshes.read_mesh(files[name]) for name in ("white_left", "flat_left"))
+    kept = np.zeros(len(white.points))
+    kept[flat.faces] = 1
+    viewer, widget = open_widget(Surface((white.points, white.faces, kept), name="white"))
+    choose(widget.form.patch, "values")
+    run(widget, qtbot, timeout=60_000)
+    expected = voxflat.flatten((white.points, white.faces), keep=kept)
+    same_map(viewer.layers["white distortion"], expected)
+    assert len(expected) > 9000
+
+
+def test_closed_surface_is_cut_open_and_says_so(open_widget, qtbot):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    choose_whole(widget)
+    run(widget, qtbot)
+    expected = voxflat.flatten((points, faces))
+    same_map(viewer.layers["ball distortion"], expected)
+    (warning,) = (text for text in expected.metadata["warnings"] if "cut open" in text)
+    assert warning[1:] in widget.results.warnings.text()
+    assert widget.results.warnings.isVisibleTo(widget.results)
+    shown = dict(figures(expected))
+    assert shown["automatic cuts"].startswith(f"{len(expected.metadata['automatic_cuts'])}, ")
+    assert shown["flipped triangles"].startswith(str(expected.distortion.triangles.flipped))
+    assert "torn faces" not in shown
+
+
+def test_a_mesh_shows_a_volume_or_another_layer_of_its_vertices(open_widget, qtbot):
+    points, faces, _ = bumps()
+    mesh = Surface((points, faces), name="bumps")
+    others = Surface((points + 1, faces, np.arange(len(points))), name="others")
+    along = np.indices((60, 60, 30))[0].astype(np.float32)
+    viewer, widget = open_widget(others, mesh, Image(along, name="i", translate=(-2, -2, -8)))
+    widget.form.surface.choose(mesh)
+    choose_whole(widget)
+    assert widget.form.sampled.layer is viewer.layers["i"]
+    run(widget, qtbot)
+    expected = voxflat.flatten((points, faces))
+    x = expected.raster().interpolate(points[expected.ids, :1])[..., 0]
+    assert_allclose(viewer.layers["i flattened"].data, x + 2, atol=1e-4)
+    widget.form.sampled.choose(others)
+    run(widget, qtbot)
+    nearest = expected.locate()[0]
+    assert_array_equal(viewer.layers["others flattened"].data, np.where(nearest < 0, np.nan, nearest))
+
+
+def test_saved_map_of_a_mesh_opens_in_napari(open_widget, tmp_path):
+    points, faces, _ = bumps()
+    viewer, _ = open_widget()
+    expected = voxflat.flatten((points, faces))
+    expected.save(tmp_path / "map.npz")
+    opened = viewer.open(str(tmp_path / "map.npz"), plugin="voxflat")
+    assert [layer.name for layer in opened] == ["map flat distortion", "map distortion"]
+    assert_array_equal(opened[0].vertex_values, expected.distortion.per_point)
+
+
 # ------------------------------------------------------------------------------------------------ trouble
+
+
+def degenerate_mesh():
+    points, faces, _ = bumps()
+    points[faces[7, 0]] = points[faces[7, 1]]
+    return Surface((points, faces))
+
+
+def nan_mesh():
+    points, faces, _ = bumps()
+    points[30, 1] = np.nan
+    return Surface((points, faces))
 
 
 def nan_image():
@@ -433,15 +731,19 @@ def nan_image():
     ("layer", "message"),
     [
         (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
-        (lambda: Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)), "closed"),
         (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
         (lambda: Labels(np.ones((2, 9, 9, 9), dtype=np.uint8)), "4 dimensions"),
         (nan_image, "NaN"),
+        (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
+        (lambda: Surface((bumps()[0], np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
+        (lambda: Surface((bumps()[0], bumps()[1], np.ones((2, 625)))), "2 axes of values"),
+        (degenerate_mesh, "has no area"),
+        (nan_mesh, "finite"),
     ],
 )
 def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages, layer, message):
     viewer, widget = open_widget(layer())
-    widget.surface.choose(viewer.layers[0])
+    widget.form.surface.choose(viewer.layers[0])
     choose_whole(widget)
     run(widget, qtbot)
     assert len(messages) == 1
@@ -453,10 +755,21 @@ def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages, layer,
     assert len(viewer.layers) == 1
     assert widget.start.isEnabled()
     viewer.add_labels(cap(), name="good")  # and it goes on
-    widget.surface.choose(viewer.layers["good"])
-    qtbot.waitUntil(lambda: widget.label.label == 3)
+    widget.form.surface.choose(viewer.layers["good"])
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
     run(widget, qtbot)
     assert "good distortion" in viewer.layers
+
+
+def test_a_closed_surface_is_refused_by_the_papers_method(open_widget, qtbot, messages):
+    _, widget = open_widget(Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)))
+    choose(widget.form.method, "grossmann2002")
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert "closed" in messages[-1].message
+    choose(widget.form.method, "voxflat")
+    run(widget, qtbot)
+    assert "cut open" in widget.results.warnings.text()
 
 
 def test_missing_choices_are_named(open_widget, messages):
@@ -495,10 +808,22 @@ def test_cancel_is_prompt(open_widget, qtbot, large):
     assert seconds < 1  # some 0.02 s where the machine has nothing else to do
     assert widget.status.text() == "cancelled"
     assert [layer.name for layer in viewer.layers] == ["shell", "seed point"]
-    widget.radius.setValue(15)
-    widget.sources.setValue(50)
+    widget.form.radius.setValue(15)
+    widget.form.sources.setValue(50)
     run(widget, qtbot)
     assert "shell distortion" in viewer.layers
+
+
+def test_cancel_of_a_mesh_is_prompt(open_widget, qtbot, large_mesh):
+    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
+    choose_whole(widget)
+    start(widget, qtbot, 4000)
+    before = time.perf_counter()
+    widget.stop.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
+    assert time.perf_counter() - before < 1
+    assert widget.status.text() == "cancelled"
+    assert [layer.name for layer in viewer.layers] == ["dome"]
 
 
 def test_window_stays_alive(open_widget, qtbot, large):
@@ -516,6 +841,15 @@ def test_window_stays_alive(open_widget, qtbot, large):
     gap = np.diff(times[layers == layers[0]]).max()
     print(f"longest gap {gap:.3f} s while computing, {np.diff(times).max():.3f} s when napari adds the map's layers")
     assert gap < 0.5  # some 0.03 s where the machine has nothing else to do
+
+
+def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot, large_mesh):
+    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
+    choose_whole(widget)
+    start(widget, qtbot, 1500)
+    viewer.layers.clear()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=30_000)
+    assert "dome flat distortion" in viewer.layers
 
 
 def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
@@ -551,11 +885,11 @@ def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
     viewer.add_labels(ball, name="ball")
     viewer.add_points([[24, 14, 14]], name="seed")
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
-    qtbot.waitUntil(lambda: widget.seed.voxel is not None)
-    widget.radius.setValue(12)
+    qtbot.waitUntil(lambda: widget.form.seed.point is not None)
+    widget.form.radius.setValue(12)
     means = []
     for depth in (0, 2):
-        widget.sample_depth.setValue(depth)
+        widget.form.sample_depth.setValue(depth)
         widget.flatten()
         qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=20_000)
         newest = [layer for layer in viewer.layers if layer.name.startswith("i flattened")][-1]

@@ -28,6 +28,24 @@ def sheet(shape=SHAPE):
     return (k == np.rint(4 + 3 * np.sin(i / 7) * np.cos(j / 30)).astype(int)).astype(np.uint8)
 
 
+def solid(shape=SHAPE):
+    """What lies below a smooth surface, away from the volume's border."""
+    i, j, k = np.indices(shape)
+    inside = (k <= 5 + 2 * np.sin(i / 5) * np.cos(j / 6)) & (np.minimum(i, j) > 0) & (i < 19) & (j < 25) & (k > 0)
+    return inside.astype(np.uint8)
+
+
+def bumpy():
+    """A mesh of triangles with bumps, 40 by 30 mm, and arrays of many kinds."""
+    mesh = pv.Plane(i_size=40.0, j_size=30.0, i_resolution=20, j_resolution=15).triangulate()
+    mesh.points[:, 2] = 3 * np.sin(mesh.points[:, 0] / 6) * np.cos(mesh.points[:, 1] / 9)
+    mesh["height"] = mesh.points[:, 2].copy()
+    mesh["right"] = mesh.points[:, 0] > 0
+    mesh["colour"] = np.arange(3 * mesh.n_points, dtype=np.uint8).reshape(-1, 3)
+    mesh["name"] = np.array([f"point {number}" for number in range(mesh.n_points)])
+    return mesh
+
+
 def turned(sign):
     q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     return q * np.array([1, 1, sign * np.sign(np.linalg.det(q))])
@@ -53,9 +71,11 @@ def image():
     return image_of(sheet(), spacing=(1.0, 1.5, 1.0))
 
 
-@pytest.fixture(scope="module")
-def flat_map(image):
-    return image.voxflat.flatten(sources=60)
+@pytest.fixture(scope="module", params=["grossmann2002", "voxflat"])
+def flat_map(request, image):
+    if request.param == "grossmann2002":
+        return image.voxflat.flatten(sources=60, method="grossmann2002")
+    return image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=10.0)
 
 
 # ------------------------------------------------------------------------------------------ images in
@@ -65,11 +85,25 @@ def flat_map(image):
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_points_lie_where_vtk_has_them(place, in_cells):
     image = image_of(sheet(), in_cells, **place)
-    flat_map = image.voxflat.flatten(sources=10)
+    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
     centres = image.cell_centers().points if in_cells else image.points
     number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
     np.testing.assert_allclose(flat_map.points, centres[number], atol=1e-4)
     assert len(flat_map) == sheet().sum()
+
+
+@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+def test_surface_points_lie_at_their_voxels(place, in_cells):
+    """Finer than the grid, they lie less than a voxel from the centres."""
+    image = image_of(solid(), in_cells, **place)
+    flat_map = image.voxflat.flatten(seed_point=(10, 13, 6), radius=8.0, sources=10)
+    centres = image.cell_centers().points if in_cells else image.points
+    number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
+    linear = image.index_to_physical_matrix[:3, :3]
+    apart = np.linalg.solve(linear, (flat_map.points - centres[number]).T)  # voxels
+    assert np.abs(apart).max() < 1
+    assert np.abs(apart.mean(axis=1)).max() < 0.5
 
 
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
@@ -86,22 +120,30 @@ def test_voxel_at_finds_every_centre(in_cells):
 def test_a_single_slice_of_voxels(in_cells):
     image = pv.ImageData(dimensions=(9 + in_cells, 8 + in_cells, 1), spacing=(1, 1, 3), origin=(0, 0, 5))
     image["mask"] = np.ones(72, dtype=np.uint8)
-    flat_map = image.voxflat.flatten(sources=10)
+    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
     assert len(flat_map) == 72
     assert set(flat_map.points[:, 2]) == {5.0}
 
 
-def test_result_is_that_of_voxflat_flatten_on_the_array():
-    image = image_of(sheet(), name="other", **PLACES["rotated"])
+@pytest.mark.parametrize(("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid())])
+def test_result_is_that_of_voxflat_flatten_on_the_array(method, volume):
+    image = image_of(volume, name="other", **PLACES["rotated"])
     image["brain"] = 3 * image["other"] + 1
     affine = image.index_to_physical_matrix.copy()
     affine[:3, 3] = image.points[0]
-    options = {"label": 4, "seed_point": (10, 12, 6), "radius": 12.0, "sources": 40, "seed": 5}
-    expected = voxflat.flatten(3 * sheet() + 1, affine=affine, **options)
+    options = {"label": 4, "seed_point": (10, 12, 6), "radius": 12.0, "sources": 40, "seed": 5, "method": method}
+    expected = voxflat.flatten(3 * volume + 1, affine=affine, **options)
     found = image.voxflat.flatten("brain", **options)
+    assert found.metadata["method"] == method
     np.testing.assert_array_equal(found.ids, expected.ids)
     np.testing.assert_allclose(found.uv, expected.uv, atol=1e-6)
     np.testing.assert_array_equal(image.voxflat("brain", **options).points[:, :2], found.uv)
+
+
+def test_the_default_method_is_that_of_voxflat_flatten():
+    flat_map = image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=8.0)
+    assert flat_map.metadata["method"] == "voxflat"
+    assert flat_map.distortion.triangles.flipped == 0
 
 
 def test_the_volume_is_a_view(image):
@@ -110,40 +152,137 @@ def test_the_volume_is_a_view(image):
 
 @pytest.mark.parametrize("dtype", [bool, np.int64, np.float32, np.uint16])
 def test_types_of_labels(dtype):
-    assert len(image_of(sheet().astype(dtype)).voxflat.flatten(sources=10)) == sheet().sum()
+    image = image_of(sheet().astype(dtype))
+    assert len(image.voxflat.flatten(sources=10, method="grossmann2002")) == sheet().sum()
 
 
-def test_keep_is_an_array_of_the_image_or_another_image(image):
+@pytest.mark.parametrize(("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid())])
+def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
+    spacing = (1.0, 1.5, 1.0)
     half = np.zeros(SHAPE, dtype=np.uint8)
     half[:, :13] = 1
-    both = image.copy()
+    both = image_of(volume, spacing=spacing)
     both["half"] = half.ravel(order="F")
-    other = image_of(half, spacing=image.spacing)
-    expected = voxflat.flatten(sheet(), spacing=image.spacing, keep=half, sources=20).ids
+    other = image_of(half, spacing=spacing)
+    options = {"sources": 20, "method": method}
+    expected = voxflat.flatten(volume, spacing=spacing, keep=half, **options).ids
+    assert expected[:, 1].max() == 12
     for keep in ("half", other, half):
-        np.testing.assert_array_equal(both.voxflat.flatten("labels", keep=keep, sources=20).ids, expected)
+        np.testing.assert_array_equal(both.voxflat.flatten("labels", keep=keep, **options).ids, expected)
 
 
-def test_colours_are_sampled_onto_the_map(image, flat_map):
-    colours = image_of(sheet(), spacing=image.spacing)
-    colours["rgb"] = np.tile(np.array([10, 20, 30], dtype=np.uint8), (image.n_points, 1))
+def test_colours_are_sampled_onto_the_map(flat_map):
+    colours = image_of(sheet(), spacing=np.diag(flat_map.metadata["affine"])[:3])
+    colours["rgb"] = np.tile(np.array([10, 20, 30], dtype=np.uint8), (colours.n_points, 1))
     pixels = flat_map.image(colours.voxflat.volume("rgb")).data
     assert {tuple(pixel) for pixel in pixels[pixels[..., 3] > 0].tolist()} == {(10, 20, 30, 255)}
     with pytest.raises(InputError, match="one value a voxel"):
         colours.voxflat("rgb")
 
 
+# ------------------------------------------------------------------------------------------ meshes in
+
+
+def test_a_mesh_is_flattened_with_all_its_arrays():
+    mesh = bumpy()
+    mesh["distortion"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
+    flat, flat_map = mesh.voxflat(sources=60), mesh.voxflat.flatten(sources=60)
+    ids = flat.point_data["vertex_ids"]
+    np.testing.assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
+    assert set(flat.point_data) >= set(mesh.point_data)
+    for name in ("height", "right", "colour", "name", "Normals"):
+        np.testing.assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
+        assert flat.point_data[name].dtype == mesh.point_data[name].dtype
+    np.testing.assert_array_equal(flat.point_data["distortion"], flat_map.distortion.per_point)
+    assert flat.active_scalars_name == "distortion"
+    np.testing.assert_array_equal(flat.point_data["surface_points"], mesh.points[ids])
+    np.testing.assert_array_equal(flat.points[:, :2], flat_map.uv.astype(flat.points.dtype))
+    assert not flat.points[:, 2].any()
+    assert flat.cell_data["torn"].dtype == bool
+    assert not flat.cell_data["torn"].any()
+    triangles = (set(map(frozenset, faces.tolist())) for faces in (ids[flat.regular_faces], mesh.regular_faces))
+    assert next(triangles) == next(triangles)
+    assert flat_map.distortion.raw.relative_error < 0.03
+    assert "voxel_ids" not in flat.point_data
+    description = json.loads(flat.field_data["voxflat"][0])
+    assert (description["method"], description["kind"], description["vertices"]) == ("voxflat", "mesh", mesh.n_points)
+
+
+def test_a_mesh_gives_what_its_points_and_faces_give():
+    mesh = bumpy()
+    options = {"seed_point": 168, "radius": 12.0, "sources": 50, "seed": 5}
+    expected = voxflat.flatten((np.asarray(mesh.points), mesh.regular_faces), **options)
+    found = mesh.voxflat.flatten(**options)
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_array_equal(found.uv, expected.uv)
+    assert 20 < len(found) < mesh.n_points
+    surface = to_surface_polydata(found)
+    np.testing.assert_array_equal(surface.points, mesh.points[found.ids])
+
+
+def test_keep_is_an_array_of_the_mesh():
+    mesh = bumpy()
+    flat = mesh.voxflat(keep="right", sources=40)
+    assert flat.point_data["right"].all()
+    assert flat.n_points == mesh["right"].sum()
+    mask = mesh.voxflat(keep=np.asarray(mesh["right"]), sources=40)
+    np.testing.assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
+    with pytest.raises(InputError, match="the patch holds no triangle"):
+        mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
+
+
+def test_arrays_of_both_sides_of_a_cut():
+    """Points on a cut are twice in the map, and so are their values."""
+    ball = pv.Icosphere(radius=20.0, nsub=2)
+    ball["number"] = np.arange(ball.n_points)
+    meridian = np.flatnonzero((np.abs(ball.points[:, 1]) < 1e-3) & (ball.points[:, 0] > -1e-3))
+    path = voxflat.path(ball, int(meridian[ball.points[meridian, 2].argmin()]), 0, geodesic="edges").ids
+    flat = ball.voxflat(cuts=[path.tolist()], sources=40)
+    np.testing.assert_array_equal(flat.point_data["number"], flat.point_data["vertex_ids"])
+    numbers, counts = np.unique(flat.point_data["number"], return_counts=True)
+    assert len(numbers) == ball.n_points
+    assert set(numbers[counts == 2]) == set(path[1:-1])
+    assert counts.max() == 2
+
+
 # -------------------------------------------------------------------------------------------- errors
 
 
-def test_meshes_are_refused_with_a_remedy():
-    with pytest.raises(InputError, match="triangle meshes are not supported yet; give a label volume"):
-        pv.Sphere().voxflat()
+def test_polydata_that_are_no_triangles_are_refused_with_a_remedy():
+    quads = pv.Plane(i_size=40.0, j_size=30.0)
+    mesh = bumpy()
+    lines = pv.PolyData(mesh.points, faces=mesh.faces, lines=[2, 0, 1])
+    for bad in (quads, mesh.strip(), pv.PolyData(mesh.points), pv.PolyData()):
+        with pytest.raises(InputError, match=r"no triangles, or none; triangulate it: mesh\.triangulate\(\)"):
+            bad.voxflat()
+    with pytest.raises(InputError, match=r"has 1 lines; triangulate it and remove them: .*mesh\.SetLines\(None\)"):
+        lines.voxflat()
+    lines = lines.triangulate()
+    lines.SetLines(None)
+    for remedied in (quads.triangulate(), mesh.strip().triangulate(), lines):
+        assert remedied.voxflat(sources=10).n_points == remedied.n_points
+
+
+def test_what_means_nothing_for_a_mesh_is_refused():
+    mesh = bumpy()
+    with pytest.raises(InputError, match="scalars is 'height', but a mesh is flattened as it is"):
+        mesh.voxflat("height")
+    with pytest.raises(InputError, match="label is given, but the input is a mesh"):
+        mesh.voxflat(label=1)
+    for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
+        with pytest.raises(InputError, match="PolyData: a mesh is flattened as it is, and has no volume"):
+            call()
+
+
+def test_other_datasets_are_refused_with_a_remedy():
     ticks = np.arange(4.0)
     grid = pv.RectilinearGrid(ticks, ticks, ticks)
     for mesh in (grid, grid.cast_to_unstructured_grid(), grid.cast_to_structured_grid()):
-        with pytest.raises(InputError, match=f"{type(mesh).__name__}: give an ImageData.*resample"):
+        message = rf"{type(mesh).__name__}: give PolyData, such as mesh\.extract_surface\(\).*an ImageData.*resample"
+        with pytest.raises(InputError, match=message):
             mesh.voxflat()
+    skin = (bumpy().cast_to_unstructured_grid()).extract_surface().triangulate()
+    assert skin.voxflat(sources=10).n_points == skin.n_points
 
 
 def test_a_wrong_name_lists_the_arrays():
@@ -194,6 +333,7 @@ def test_polydata_holds_the_map(flat_map):
 def test_surface_polydata_has_the_same_data_in_space(flat_map):
     flat, surface = to_polydata(flat_map), to_surface_polydata(flat_map)
     np.testing.assert_allclose(surface.points, flat_map.points, atol=1e-4)
+    assert np.ptp(surface.points[:, 2]) > 1
     np.testing.assert_array_equal(surface.regular_faces, flat.regular_faces)
     assert surface.array_names == flat.array_names
 
@@ -251,7 +391,7 @@ import pyvista as pv
 assert "voxflat" not in sys.modules
 image = pv.ImageData(dimensions=(12, 9, 3))
 image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
-print(image.voxflat(sources=9).n_points)
+print(image.voxflat(sources=9, method="grossmann2002").n_points)
 """
     assert fresh(code) == ["108"]
 
@@ -264,7 +404,8 @@ vars(pv).pop("register_dataset_accessor", None)
 import voxflat._pyvista
 image = pv.ImageData(dimensions=(12, 9, 3))
 image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
-print(type(vars(pv.DataSet)["voxflat"]).__name__, image.voxflat(sources=9).n_points)
+flat = image.voxflat(sources=9, method="grossmann2002")
+print(type(vars(pv.DataSet)["voxflat"]).__name__, flat.n_points)
 """
     assert fresh(code) == ["property", "108"]
 

@@ -32,7 +32,7 @@ def main() -> None:
     viewer.open_sample("voxflat", "demo_cortex")
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     wait(1)  # until the labels are listed
-    widget.sample_depth.setValue(demo.DEPTH)  # right at the border of white matter T1 is the same everywhere
+    widget.form.sample_depth.setValue(demo.DEPTH)  # right at the border of white matter T1 is the same everywhere
     widget.start.click()
     while not widget.start.isEnabled():
         wait(0.1)

@@ -1,14 +1,17 @@
 """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
 
-The way through: `flatten` takes a label volume to a `FlatMap`; `check` says beforehand whether that works; `geodesic`
-and `path` give the distances alone; `load` reads a saved map.
+The way through: `surface` makes a `Surface` of a label volume or a mesh; `flatten` takes it, or either of them, to a
+`FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give the distances alone; `load` reads a
+saved map; `measure` judges any map, of whatever tool.
 """
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
 from voxflat._errors import Cancelled, InputError, VoxflatError
+from voxflat._judge import measure
+from voxflat._surface import Surface, surface
 from voxflat.api import DistanceRows, Path, flatten, geodesic, path
-from voxflat.flatmap import Distortion, Figures, FlatMap, load
+from voxflat.flatmap import Distortion, Figures, FlatMap, Triangles, load
 
 __all__ = [
     "Cancelled",
@@ -19,11 +22,15 @@ __all__ = [
     "FlatMap",
     "InputError",
     "Path",
+    "Surface",
+    "Triangles",
     "VoxflatError",
     "__version__",
     "check",
     "flatten",
     "geodesic",
     "load",
+    "measure",
     "path",
+    "surface",
 ]

@@ -136,6 +136,17 @@ class FlatImage:
         write_image(self, path)
 
 
+def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
+    """Carry an overlay's values to the pixels: whole numbers, which may be labels, from the nearest point."""
+    way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
+    if way == "linear":
+        return raster.interpolate(values)
+    if way != "nearest":
+        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    nearest = raster.nearest
+    return np.where(nearest >= 0, values[nearest], np.nan)
+
+
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
     """Draw a flat map's faces.
 

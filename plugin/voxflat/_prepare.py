@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import psutil
@@ -19,11 +19,14 @@ from voxflat._errors import InputError
 from voxflat._foreground import foreground
 from voxflat.io import Volume, as_volume
 
+if TYPE_CHECKING:
+    from voxflat._surface import Surface
+
 Progress = Callable[[str, int, int], bool | None]
 """Called as ``progress(stage, done, total)``; returning False cancels."""
 
 _DEFAULT_SOURCES = 1000  # "say 1,000", Grossmann et al. 2002, section 4
-_BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
+BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
 _MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
 
 log = logging.getLogger("voxflat")
@@ -47,14 +50,15 @@ def prepare(
     threshold: float | None,
     spacing: Sequence[float] | None,
     affine: ArrayLike | None,
-    keep: object | None,
-    seed_point: Sequence[int] | None,
-    radius: float | None,
+    keep: object | None = None,
+    seed_point: Any = None,
+    radius: float | None = None,
+    *,
     link_lengths: str,
-    memory_limit: int | None,
-    progress: Progress | None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
 ) -> Prepared:
-    """Check the arguments of `voxflat.flatten` that say what to flatten, and cut it out."""
+    """Check the arguments of the voxel methods that say what to flatten, and cut it out."""
     if (seed_point is None) != (radius is None):
         given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
         raise InputError(f"{given} is given without {missing}; give both or neither")
@@ -66,15 +70,16 @@ def prepare(
     volume = as_volume(surface, spacing=spacing, affine=affine)
     check_scalar(volume)
     shape = volume.data.shape
-    check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
+    check_memory(BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
     mask = foreground(volume.data, label=label, threshold=threshold)
-    kept = None if keep is None else _keep_mask(keep, volume)
+    kept = None if keep is None else keep_mask(keep, volume)
     seed = None if seed_point is None else voxel_indices([seed_point], "the seed point")[0].tolist()
     whole = _core.VoxelSurface.from_mask(mask, volume.affine.tolist(), link_lengths, progress)
     part = whole.cut_out(kept, seed, None if radius is None else float(radius), progress)
     seed_voxel, remarks = (None, []) if seed is None else _seed_voxel(whole, seed, volume.spacing.max())
     components = whole.component_sizes()
     metadata = {
+        "kind": "voxels",
         "input": None if volume.path is None else str(volume.path),
         "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(shape).encode()).hexdigest(),
         "shape": [int(n) for n in shape],
@@ -82,11 +87,11 @@ def prepare(
         "label": None if label is None else int(label),
         "threshold": None if threshold is None else float(threshold),
         "seed_point": seed,
-        "seed_voxel": seed_voxel,
+        "seed_found": seed_voxel,
         "radius": None if radius is None else float(radius),
         "keep": kept is not None,
         "link_lengths": link_lengths,
-        "surface_voxels": len(whole),
+        "surface_points": len(whole),
         "components": len(components),
         "largest_components": components[:10],
         "points": len(part),
@@ -113,7 +118,8 @@ def check_scalar(volume: Volume) -> None:
         raise InputError(f"the volume has shape {volume.data.shape}: it holds no voxel")
 
 
-def _keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
+def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
+    """Return a mask of what to keep that lies on a volume's grid."""
     mask = as_volume(keep)
     if mask.data.shape != volume.data.shape:
         raise InputError(
@@ -163,6 +169,35 @@ def choose_sources(
             f"source {outside} is on the surface, but outside the patch or component that is used "
             f"({len(part)} of {len(prepared.whole)} surface voxels); choose sources inside it"
         ) from None
+
+
+def sources_on(
+    part: Surface,
+    sources: int | ArrayLike | None,
+    sampling: str,
+    seed: int,
+    progress: Progress | None,
+    *,
+    fewest: int,
+    usual: int,
+) -> NDArray[np.uint32]:
+    """Return the sources as numbers into a surface's vertices."""
+    if sources is None:
+        sources = min(usual, len(part))
+    if isinstance(sources, int | np.integer):
+        if sources < fewest:
+            raise InputError(f"{sources} sources are too few; give at least {fewest}")
+        if sources > len(part):
+            raise InputError(
+                f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
+            )
+        return part.core.choose_sources(sampling, int(sources), seed, progress)
+    found = part.find(sources, "sources")
+    unique, counts = np.unique(found, return_counts=True)
+    if (counts > 1).any():
+        again = part.ids[unique[counts > 1][0]].tolist()
+        raise InputError(f"source {again} is given {counts.max()} times; give each once")
+    return found
 
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""PyVista: ``image.voxflat(...)`` on every ``pyvista.ImageData``, and flat maps as ``pyvista.PolyData``.
+"""PyVista: ``mesh.voxflat(...)`` on every ``pyvista.PolyData`` and ``pyvista.ImageData``, and flat maps as meshes.
 
 PyVista (0.48 and later) loads this module on the first use of ``.voxflat``; before, ``import voxflat._pyvista`` does.
 
@@ -38,9 +38,9 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
     -------
     pyvista.PolyData
         Point data ``distortion`` (mean relative error of the distances from each point, a fraction; active),
-        ``voxel_ids`` (i, j, k), ``surface_points`` (RAS+ mm) and texture coordinates, by which a picture lies as in
-        `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``: metadata and
-        distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
+        ``voxel_ids`` (i, j, k) or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates, by which a
+        picture lies as in `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``:
+        metadata and distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
     """
     return _mesh(flat_map, np.column_stack([flat_map.uv, np.zeros(len(flat_map))]), picture_shape)
 
@@ -62,13 +62,13 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
 
 
 class VoxflatAccessor:
-    """Flatten a surface of an image: ``image.voxflat(...)``.
+    """Flatten a mesh, or a surface of an image: ``mesh.voxflat(...)``.
 
     Parameters
     ----------
     mesh : pyvista.DataSet
-        An ``ImageData`` with a label volume or intensities, as point data or as cell data, in RAS+ mm. Other datasets
-        are refused when it is called.
+        ``PolyData`` of triangles, or an ``ImageData`` with a label volume or intensities, as point data or as cell
+        data; in RAS+ mm. Other datasets are refused when it is called.
 
     Examples
     --------
@@ -78,6 +78,8 @@ class VoxflatAccessor:
     >>> flat = image.voxflat()  # a flat map as PolyData, in mm
     >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
+    >>> plane = pv.Plane().triangulate()
+    >>> flat = plane.voxflat()  # meshes, too: every point array is carried over
     """
 
     to_polydata = staticmethod(to_polydata)
@@ -87,41 +89,49 @@ class VoxflatAccessor:
         self._mesh = mesh
 
     def __call__(self, scalars: str | None = None, **options: Any) -> pv.PolyData:
-        """Flatten a surface of the image into the plane z = 0.
+        """Flatten the mesh, or a surface of the image, into the plane z = 0.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array; by default the active one, or the only one.
+            For images the name of the array; by default the active one, or the only one.
         **options
             ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in `flatten`.
 
         Returns
         -------
         pyvista.PolyData
-            As from `to_polydata`.
+            As from `to_polydata`; of a mesh, every point array is carried over, unless `to_polydata` has one of that
+            name.
 
         Raises
         ------
         InputError, Cancelled
             As in `flatten`.
         """
-        return to_polydata(self.flatten(scalars, **options))
+        flat_map = self.flatten(scalars, **options)
+        flat = to_polydata(flat_map)
+        if not flat_map.is_voxels:
+            for name in self._mesh.point_data:
+                if name not in flat.point_data:
+                    flat.point_data[name] = self._mesh.point_data[name][flat_map.ids]
+        return flat
 
     def flatten(self, scalars: str | None = None, *, keep: object | None = None, **options: Any) -> FlatMap:
-        """Flatten a surface of the image.
+        """Flatten the mesh, or a surface of the image.
 
         Parameters
         ----------
         scalars : str, optional
-            Name of the array; by default the active one, or the only one.
+            For images the name of the array; by default the active one, or the only one.
         keep : str, pyvista.ImageData, ndarray, path, image object or Volume, optional
-            A mask of what to flatten: the name of another array of this image, another image, or what
+            A mask of what to flatten: the name of another array of this dataset, another image, or what
             `voxflat.flatten` takes.
         **options
-            ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)`` and ``radius=45.0`` (mm)
-            cut out a patch. These and all others are the keyword arguments of `voxflat.flatten`. Voxel indices count
-            from 0 at the image's first point or cell; `voxel_at` finds them from coordinates.
+            For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)``, of a mesh the
+            number of a point, and ``radius=45.0`` (mm) cut out a patch. These and all others are the keyword arguments
+            of `voxflat.flatten`. Voxel indices count from 0 at the image's first point or cell; `voxel_at` finds them
+            from coordinates.
 
         Returns
         -------
@@ -130,11 +140,17 @@ class VoxflatAccessor:
         Raises
         ------
         InputError
-            If the dataset is no ``ImageData``, the array is missing or has several components, or `voxflat.flatten`
-            refuses it; the message says what to do.
+            If the dataset is neither ``PolyData`` of triangles nor ``ImageData``, the array is missing or has several
+            components, or `voxflat.flatten` refuses it; the message says what to do.
         Cancelled
             As in `voxflat.flatten`.
         """
+        if isinstance(self._mesh, pv.PolyData):
+            if scalars is not None:
+                raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
+            if isinstance(keep, str) and keep in self._mesh.point_data:
+                keep = np.asarray(self._mesh.point_data[keep]) != 0
+            return flatten(self._mesh, keep=keep, **options)
         if isinstance(keep, pv.DataSet):
             keep = VoxflatAccessor(keep).volume()
         elif isinstance(keep, str) and keep in self._mesh.array_names:
@@ -208,7 +224,7 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     faces: Any = flat_map.faces.astype(np.int64)
     mesh: pv.PolyData = pv.PolyData.from_regular_faces(points, faces)
     mesh.cell_data["torn"] = flat_map.torn
-    mesh.point_data["voxel_ids"] = flat_map.ids
+    mesh.point_data["voxel_ids" if flat_map.is_voxels else "vertex_ids"] = flat_map.ids
     mesh.point_data["surface_points"] = flat_map.points
     mesh.point_data["distortion"] = flat_map.distortion.per_point
     mesh.active_texture_coordinates = _texture_coordinates(flat_map.uv, picture_shape)
@@ -231,15 +247,13 @@ def _texture_coordinates(uv: NDArray[np.float64], picture_shape: tuple[int, ...]
 def _image(mesh: pv.DataSet) -> pv.ImageData:
     if isinstance(mesh, pv.ImageData):
         return mesh
-    if isinstance(mesh, pv.PolyData):
-        raise InputError(
-            "PolyData: triangle meshes are not supported yet; give a label volume, an ImageData, "
-            "such as a closed mesh's mesh.voxelize_binary_mask()"
-        )
-    raise InputError(
-        f"{type(mesh).__name__}: give an ImageData, whose spacing is even; "
+    remedy = (
+        "a mesh is flattened as it is, and has no volume"
+        if isinstance(mesh, pv.PolyData)
+        else "give PolyData, such as mesh.extract_surface().triangulate(), or an ImageData, whose spacing is even; "
         "resample onto one by pyvista.ImageData(...).sample(mesh)"
     )
+    raise InputError(f"{type(mesh).__name__}: {remedy}")
 
 
 def _array(image: pv.ImageData, name: str | None) -> tuple[NDArray[Any], bool]:

@@ -13,7 +13,8 @@ import re
 import textwrap
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -27,6 +28,8 @@ Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
 """Voxels, and the affine if there is one."""
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+REMEDY = "is the file complete, and what its ending says?"
 
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
@@ -349,3 +352,16 @@ def one_line(error: Exception) -> str:
         return str(error)
     text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", str(error))
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
+
+
+@contextmanager
+def naming(name: object, remedy: str) -> Iterator[None]:
+    """Turn whatever goes wrong with a file or object into one line that begins with its name."""
+    try:
+        yield
+    except (FileNotFoundError, PermissionError, MemoryError):
+        raise
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    except Exception as error:
+        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat._check import advise
+from voxflat._cutout import Cutout, cut_out
 from voxflat._errors import InputError
 from voxflat._prepare import (
     Prepared,
@@ -24,11 +24,15 @@ from voxflat._prepare import (
     choose_sources,
     log,
     prepare,
+    sources_on,
     voxel_indices,
 )
-from voxflat.flatmap import Distortion, Figures, FlatMap
+from voxflat._surface import Surface
+from voxflat._surface import surface as _surface
+from voxflat.flatmap import Distortion, Figures, FlatMap, Triangles
 
 _TORN_WARNING = 0.05  # share of a map
+_LANDMARKS = 400  # more change no map that we measured
 
 __all__ = ["DistanceRows", "Path", "flatten", "geodesic", "path"]
 
@@ -36,17 +40,19 @@ __all__ = ["DistanceRows", "Path", "flatten", "geodesic", "path"]
 def flatten(
     surface: object,
     *,
-    method: str = "grossmann2002",
+    method: str = "voxflat",
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
     keep: object | None = None,
-    seed_point: Sequence[int] | None = None,
+    drop: object | None = None,
+    seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    cuts: object | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str = "farthest",
-    link_lengths: str = "chain-code",
+    link_lengths: str | None = None,
     seed: int = 0,
     keep_rows: bool = False,
     threads: int | None = None,
@@ -57,13 +63,13 @@ def flatten(
 
     Parameters
     ----------
-    surface : ndarray, path, image object or Volume
-        A label volume or an intensity volume (I, J, K): any bool, integer or floating-point type, any strides. The
-        surface is made of the foreground voxels with a background voxel (or the volume's border) among their six
-        neighbours.
-    method : {"grossmann2002"}
-        Chain-code geodesics over the 26-neighbour graph of surface voxels, classical scaling of the sources, radial
-        functions for the rest (Grossmann, Kiryati, Kimmel 2002).
+    surface : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
+        A label volume or an intensity volume (I, J, K) of any bool, integer or floating-point type and any strides, or
+        a mesh of triangles in RAS+ mm; `voxflat.surface` makes a `Surface` of either, with more choices.
+    method : {"voxflat", "grossmann2002"}
+        "voxflat" works on triangles: straight links over the surface, classical scaling of the sources, landmark
+        placement of the rest. "grossmann2002" works on the 26-neighbour graph of a volume's surface voxels: chain-code
+        geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002).
     label : int, optional
         Foreground is this label.
     threshold : float, optional
@@ -72,20 +78,28 @@ def flatten(
         Voxel size, mm, for volumes without an affine.
     affine : array_like, shape (4, 4), optional
         From voxel indices to RAS+ mm, for volumes without an affine.
-    keep : ndarray, path, image object or Volume, optional
-        A mask of the volume's shape: only the surface voxels where it is not 0 are flattened.
-    seed_point : sequence of 3 ints, optional
-        Voxel indices; the surface within `radius` of the nearest surface voxel is flattened.
+    keep : mask, path or vertex numbers, optional
+        What to flatten. For volumes a mask of the volume's shape (array, path, image object or Volume); for meshes a
+        mask of shape (V,), vertex numbers, or a file: FreeSurfer label or patch, GIFTI label or shape, or a GIFTI
+        surface whose triangles are the patch.
+    drop : as `keep`, optional
+        What not to flatten, such as the medial wall.
+    seed_point : sequence of 3 ints, or int, optional
+        Voxel indices, or for meshes the number of a vertex; the surface within `radius` of it is flattened.
     radius : float, optional
         Radius of the geodesic disk around `seed_point`, mm along the surface.
-    sources : int or array_like of shape (m, 3), optional
-        How many points distances are measured from (at most, and by default, 1000 or all points), or their voxel
-        indices.
+    cuts : list of paths, optional
+        Paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the surface is cut
+        before; `voxflat.path` finds them. By default a surface that is no disk is cut open automatically, and says so;
+        ``[]`` forbids that.
+    sources : int or array_like, optional
+        How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
+        400, "grossmann2002": 1000, or all points if there are fewer.
     sampling : {"farthest", "random"}
         How sources are chosen: evenly, each farthest from the others along the surface, or at random.
-    link_lengths : {"chain-code", "euclidean"}
-        Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016, 1.289, 1.615 voxels,
-        or its generalisation to anisotropic voxels), or 1, √2, √3 for comparison.
+    link_lengths : {"chain-code", "euclidean"}, optional
+        "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
+        1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
     seed : int
         Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
     keep_rows : bool
@@ -109,53 +123,97 @@ def flatten(
     Cancelled
         If `progress` returned False.
     """
-    if method != "grossmann2002":
-        raise InputError(f"method is {method!r}; give 'grossmann2002'")
-    seed = checked_seed(seed)
-    threads = checked_threads(threads)
-    prepared = prepare(
-        surface,
-        label,
-        threshold,
-        spacing,
-        affine,
-        keep,
-        seed_point,
-        radius,
-        link_lengths,
-        memory_limit,
-        progress,
+    how = _How(sources, sampling, checked_seed(seed), keep_rows, checked_threads(threads), memory_limit, progress)
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    patch: dict[str, Any] = {"keep": keep, "drop": drop, "seed_point": seed_point, "radius": radius, "cuts": cuts}
+    if method == "grossmann2002":
+        _refuse(method, drop=drop, cuts=cuts)
+        del patch["drop"], patch["cuts"]
+        prepared = prepare(
+            surface,
+            **place,
+            **patch,
+            link_lengths=link_lengths or "chain-code",
+            memory_limit=memory_limit,
+            progress=progress,
+        )
+        return _grossmann2002(prepared, how)
+    if method != "voxflat":
+        raise InputError(f"method is {method!r}; give 'voxflat' or 'grossmann2002'")
+    _refuse(method, link_lengths=link_lengths)
+    whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
+    return _voxflat(cut_out(whole, **patch, progress=progress), how)
+
+
+@dataclass(frozen=True)
+class _How:
+    """How to flatten, whatever the method."""
+
+    sources: int | ArrayLike | None
+    sampling: str
+    seed: int
+    keep_rows: bool
+    threads: int | None
+    memory_limit: int | None
+    progress: Progress | None
+
+    def check_memory(self, need: int, sources: int, points: int) -> int:
+        """Return the memory needed in all, if it is there."""
+        need += 4 * sources * points if self.keep_rows else 0
+        check_memory(need, self.memory_limit, "take a smaller patch or fewer sources")
+        log.info("up to %s of memory are needed", amount(need))
+        return need
+
+
+def _refuse(method: str, **options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
+
+
+def _voxflat(cut: Cutout, how: _How) -> FlatMap:
+    part = cut.part
+    chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LANDMARKS)
+    need = how.check_memory(part.core.memory_need(len(chosen), how.threads or os.cpu_count() or 1), 0, 0)
+    result = part.core.voxflat(chosen, how.seed, how.threads, how.progress)
+    torn = np.zeros(len(cut.faces), dtype=np.bool_)
+    warnings = list(cut.remarks)
+    distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
+    if distortion.triangles is not None and distortion.triangles.flipped:
+        warnings.append(
+            f"{distortion.triangles.flipped} of {len(part.faces)} triangles are turned over in the map: it folds there"
+        )
+    metadata = {"method": "voxflat", **cut.metadata, **_told(how, chosen, result, need, warnings)}
+    return FlatMap(
+        uv=result["uv"],
+        points=part.points,
+        normals=result["normals"],
+        ids=part.ids,
+        faces=cut.faces,
+        torn=torn,
+        sources=chosen.astype(np.int64),
+        eigenvalues=result["eigenvalues"],
+        distortion=distortion,
+        metadata=metadata,
+        rows=part.core.rows(chosen, how.threads, how.progress) if how.keep_rows else None,
     )
+
+
+def _grossmann2002(prepared: Prepared, how: _How) -> FlatMap:
     part = prepared.part
-    part.check_flattenable(progress)  # the first reason to refuse is the one that matters
-    chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=3)
-    rows_need = 4 * len(chosen) * len(part) if keep_rows else 0
-    need = part.memory_need(len(chosen), threads or os.cpu_count() or 1) + rows_need
-    check_memory(need, memory_limit, "take a smaller patch or fewer sources")
-    log.info("up to %s of memory are needed", amount(need))
-    result = part.grossmann2002(chosen, seed, threads, progress)
-    faces, torn = part.map_faces(result["uv"], progress)
-    warnings = _warn(prepared, result["topology"], float(torn.mean()))
-    figures = result["distortion"]
-    distortion = Distortion(
-        raw=Figures(**figures.pop("raw")), best_scale=Figures(**figures.pop("best_scale")), **figures
-    )
+    part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
+    chosen = choose_sources(prepared, how.sources, how.sampling, how.seed, how.progress, fewest=3)
+    need = how.check_memory(part.memory_need(len(chosen), how.threads or os.cpu_count() or 1), len(chosen), len(part))
+    result = part.grossmann2002(chosen, how.seed, how.threads, how.progress)
+    topology = part.topology(how.progress)
+    faces, torn = part.map_faces(result["uv"], how.progress)
+    warnings = _grossmann2002_warnings(prepared, topology, float(torn.mean()))
     metadata = {
-        "method": method,
+        "method": "grossmann2002",
         **prepared.metadata,
-        "seed": seed,
-        "sources": len(chosen),
-        "sampling": sampling if sources is None or isinstance(sources, int | np.integer) else "given",
-        "planarity": result["planarity"],
-        "topology": result["topology"],
+        **_told(how, chosen, result, need, warnings),
+        "topology": topology,
         "torn_faces": float(torn.mean()),
-        "warnings": warnings,
-        "memory_need_bytes": need,
-        "versions": {
-            "voxflat": _core.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
     }
     return FlatMap(
         uv=result["uv"],
@@ -166,25 +224,54 @@ def flatten(
         torn=torn,
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
-        distortion=distortion,
+        distortion=_distortion(result["distortion"], None),
         metadata=metadata,
-        rows=part.rows(chosen, threads, progress) if keep_rows else None,
+        rows=part.rows(chosen, how.threads, how.progress) if how.keep_rows else None,
     )
 
 
-def _warn(prepared: Prepared, topology: dict[str, Any], torn: float) -> list[str]:
-    """Log and return what the user should know of a map."""
-    has_patch = prepared.metadata["keep"] or prepared.metadata["seed_point"] is not None
-    warnings = prepared.remarks + advise(
-        tuple(prepared.whole.component_sizes()), topology, len(prepared.part), has_patch
+def _told(how: _How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str]) -> dict[str, Any]:
+    """Log what the user should know of a map, and return what its metadata say of how it was made."""
+    for warning in warnings:
+        log.warning(warning)
+    return {
+        "seed": how.seed,
+        "sources": len(chosen),
+        "sampling": how.sampling if how.sources is None or isinstance(how.sources, int | np.integer) else "given",
+        "planarity": result["planarity"],
+        "warnings": warnings,
+        "memory_need_bytes": need,
+        "versions": {
+            "voxflat": _core.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _distortion(distances: dict[str, Any], triangles: dict[str, Any] | None) -> Distortion:
+    raw, best_scale = (Figures(**distances.pop(name)) for name in ("raw", "best_scale"))
+    return Distortion(
+        raw=raw, best_scale=best_scale, **distances, triangles=None if triangles is None else Triangles(**triangles)
     )
+
+
+def _grossmann2002_warnings(prepared: Prepared, topology: dict[str, Any], torn: float) -> list[str]:
+    """Return what the user should know of a map over the 26-neighbour graph."""
+    sizes, used = prepared.whole.component_sizes(), len(prepared.part)
+    warnings = list(prepared.remarks)
+    if len(sizes) > 1 and not (prepared.metadata["keep"] or prepared.metadata["seed_point"] is not None):
+        warnings.append(f"{len(sizes)} components: the largest, {used} of {sum(sizes)} surface voxels, is used")
+    if topology["euler_characteristic"] != 1:
+        warnings.append(
+            f"Euler characteristic {topology['euler_characteristic']} instead of a disk's 1: the patch has holes, "
+            "handles, or banks that touch, across which distances jump. The method 'voxflat' keeps such banks apart"
+        )
     if torn > _TORN_WARNING:
         warnings.append(
             f"{100 * torn:.1f} % of the map is torn: neighbours there are none on the surface; "
             "see the heat map, and take a smaller patch"
         )
-    for warning in warnings:
-        log.warning(warning)
     return warnings
 
 
@@ -196,8 +283,8 @@ class DistanceRows:
     ----------
     rows : ndarray of float32, shape (m, N)
         Distances, mm.
-    ids : ndarray of int64, shape (N, 3)
-        Voxel indices of the points.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Voxel indices, or vertex numbers, of the points.
     points : ndarray of float64, shape (N, 3)
         The points, RAS+ mm.
     sources : ndarray of int64, shape (m,)
@@ -229,16 +316,18 @@ def geodesic(
     surface: object,
     sources: int | ArrayLike,
     *,
-    geodesic: str = "chain",
+    geodesic: str = "graph",
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
     keep: object | None = None,
-    seed_point: Sequence[int] | None = None,
+    drop: object | None = None,
+    seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    cuts: object | None = None,
     sampling: str = "farthest",
-    link_lengths: str = "chain-code",
+    link_lengths: str | None = None,
     seed: int = 0,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -248,13 +337,14 @@ def geodesic(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, seed_point, radius, sampling, link_lengths, seed, threads, \
-memory_limit, progress
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, cuts, sampling, link_lengths, seed, \
+threads, memory_limit, progress
         As in `flatten`. Without a patch the surface is the largest component; it may be closed.
-    sources : int or array_like of shape (m, 3)
-        How many sources to choose, or their voxel indices.
-    geodesic : {"chain"}
-        Chain-code lengths over the 26-neighbour graph.
+    sources : int or array_like
+        How many sources to choose, or which: voxel indices (m, 3), or vertex numbers (m,).
+    geodesic : {"graph", "chain"}
+        "graph": straight links over the triangles of the surface. "chain": chain-code lengths over the 26-neighbour
+        graph of a volume's surface voxels.
 
     Returns
     -------
@@ -265,27 +355,33 @@ memory_limit, progress
     InputError, Cancelled
         As in `flatten`.
     """
-    if geodesic != "chain":
-        raise InputError(f"geodesic is {geodesic!r}; give 'chain'")
-    threads = checked_threads(threads)
-    prepared = prepare(
-        surface,
-        label,
-        threshold,
-        spacing,
-        affine,
-        keep,
-        seed_point,
-        radius,
-        link_lengths,
-        memory_limit,
-        progress,
-    )
-    part = prepared.part
-    chosen = choose_sources(prepared, sources, sampling, checked_seed(seed), progress, fewest=1)
-    check_memory(4 * len(chosen) * len(part), memory_limit, "take fewer sources or a smaller patch")
-    rows = part.rows(chosen, threads, progress)
-    return DistanceRows(rows, part.voxels.astype(np.int64), part.points, chosen.astype(np.int64))
+    seed, threads = checked_seed(seed), checked_threads(threads)
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
+    few = "take fewer sources or a smaller patch"
+    if geodesic == "chain":
+        _refuse(geodesic, drop=drop, cuts=cuts)
+        prepared = prepare(
+            surface,
+            **place,
+            **patch,
+            link_lengths=link_lengths or "chain-code",
+            memory_limit=memory_limit,
+            progress=progress,
+        )
+        voxels = prepared.part
+        chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
+        check_memory(4 * len(chosen) * len(voxels), memory_limit, few)
+        rows = voxels.rows(chosen, threads, progress)
+        return DistanceRows(rows, voxels.voxels.astype(np.int64), voxels.points, chosen.astype(np.int64))
+    if geodesic != "graph":
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph' or 'chain'")
+    _refuse(geodesic, link_lengths=link_lengths)
+    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
+    part = cut_out(whole, **patch, drop=drop, cuts=cuts, progress=progress, to_disk=False).part
+    chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=_LANDMARKS)
+    check_memory(4 * len(chosen) * len(part), memory_limit, few)
+    return DistanceRows(part.core.rows(chosen, threads, progress), part.ids, part.points, chosen.astype(np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,10 +390,10 @@ class Path:
 
     Parameters
     ----------
-    ids : ndarray of int64, shape (k, 3)
-        The voxels it passes, both ends included.
+    ids : ndarray of int64, shape (k, 3) or (k,)
+        The voxels, or the vertices, that it passes, both ends included.
     points : ndarray of float64, shape (k, 3)
-        Their centres, RAS+ mm.
+        Their places, RAS+ mm.
     length : float
         mm.
     """
@@ -309,24 +405,27 @@ class Path:
 
 def path(
     surface: object,
-    a: Sequence[int],
-    b: Sequence[int],
+    a: Sequence[int] | int,
+    b: Sequence[int] | int,
     *,
+    geodesic: str = "graph",
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
     affine: ArrayLike | None = None,
-    link_lengths: str = "chain-code",
+    link_lengths: str | None = None,
     memory_limit: int | None = None,
 ) -> Path:
-    """Find a shortest path between two surface voxels (Grossmann et al. 2002, figure 3).
+    """Find a shortest path between two points of a surface (Grossmann et al. 2002, figure 3).
 
     Parameters
     ----------
     surface, label, threshold, spacing, affine, link_lengths, memory_limit
         As in `flatten`.
-    a, b : sequence of 3 ints
-        Voxel indices of the ends.
+    a, b : sequence of 3 ints, or int
+        The ends: voxel indices, or vertex numbers of a mesh.
+    geodesic : {"graph", "edges", "chain"}
+        "graph" and "chain" as in `voxflat.geodesic`. "edges" runs along edges from neighbour to neighbour, as cuts do.
 
     Returns
     -------
@@ -337,14 +436,26 @@ def path(
     InputError
         If an end is not on the surface, or the ends lie in different components.
     """
-    prepared = prepare(surface, label, threshold, spacing, affine, None, None, None, link_lengths, memory_limit, None)
-    whole = prepared.whole
-    start, end = (int(vertex) for vertex in whole.find(voxel_indices([a, b], "the ends")))
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    whole: Surface | Prepared
+    if geodesic == "chain":
+        whole = prepare(surface, **place, link_lengths=link_lengths or "chain-code", memory_limit=memory_limit)
+        core: Any = whole.whole
+        start, end = (int(vertex) for vertex in core.find(voxel_indices([a, b], "the ends")))
+        ids, find = core.voxels, core.path
+    elif geodesic in ("graph", "edges"):
+        _refuse(geodesic, link_lengths=link_lengths)
+        whole = _surface(surface, **place, memory_limit=memory_limit)
+        core = whole.core
+        start, end = (int(vertex) for vertex in whole.find([a, b], "the ends"))
+        ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
+    else:
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'edges' or 'chain'")
     try:
-        vertices, length = whole.path(start, end)
+        vertices, length = find(start, end)
     except InputError:
         raise InputError(
-            f"no path leads from voxel {tuple(map(int, a))} to {tuple(map(int, b))}: they lie in different components "
-            "of the surface; choose both ends in one"
+            f"no path leads from {np.asarray(a).tolist()} to {np.asarray(b).tolist()}: they lie in different "
+            "components of the surface; choose both ends in one"
         ) from None
-    return Path(whole.voxels[vertices].astype(np.int64), whole.points[vertices], float(length))
+    return Path(ids[vertices].astype(np.int64), core.points[vertices], float(length))

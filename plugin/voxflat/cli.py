@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `image` and `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `measure`, `image` and `demo`.
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -24,14 +24,14 @@ from tqdm import tqdm
 import voxflat
 from voxflat._errors import Cancelled, InputError
 from voxflat._prepare import Progress, log
-from voxflat.flatmap import FlatMap, json_ready
+from voxflat.flatmap import MAP_ENDINGS, FlatMap, json_ready
+from voxflat.io import write_volume
 
 __all__ = ["main"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 _DEBUG = "voxflat.debug"
-_MAP_ENDINGS = (".npz",)
 
 
 # ------------------------------------------------------------------------------------ errors, exit status
@@ -102,6 +102,31 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 
+def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
+    """Take an option's text as voxel indices, or as the number of a vertex."""
+    if value is not None and "," not in value:
+        try:
+            return int(value)
+        except ValueError:
+            raise click.BadParameter(f"{value!r} must be I,J,K, or the number of a vertex.") from None
+    indices = _three(int, "136,112,127")(ctx, param, value)
+    return None if indices is None else tuple(int(index) for index in indices)
+
+
+def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | None:
+    """Take files of vertex lists as cuts: in each line a vertex number, or three voxel indices."""
+    if not value:
+        return None
+    paths = []
+    for file in value:
+        try:
+            path = np.loadtxt(file, dtype=np.int64, ndmin=1)
+        except (OSError, ValueError) as error:
+            raise click.BadParameter(f"{file} is no list of vertices: {error}") from None
+        paths.append(path)
+    return paths
+
+
 def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     ctx.meta[_DEBUG] = value
 
@@ -120,14 +145,31 @@ def _selection(command: _Command) -> _Command:
     options = [
         click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
         click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
-        click.option("--keep", type=_FILE, metavar="MASK", help="Flatten only where this volume is not 0."),
+        click.option(
+            "--keep",
+            type=_FILE,
+            metavar="MASK",
+            help="Flatten only this: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
+        ),
+        click.option(
+            "--drop", type=_FILE, metavar="MASK", help="Leave this out, such as the medial wall; as for --keep."
+        ),
         click.option(
             "--seed-point",
-            metavar="I,J,K",
-            callback=_three(int, "136,112,127"),
-            help="Flatten a disk around the surface voxel nearest to this one (voxel indices, counted from 0).",
+            metavar="I,J,K|V",
+            callback=_place,
+            help="Flatten a disk around this voxel (indices), or around this vertex of a mesh; counted from 0.",
         ),
         click.option("--radius", type=float, metavar="MM", help="Radius of that disk, mm along the surface."),
+        click.option(
+            "--cut",
+            "cuts",
+            type=_FILE,
+            metavar="FILE",
+            multiple=True,
+            callback=_paths,
+            help="Cut along the neighbouring vertices listed in this file; may be given again.",
+        ),
         click.option(
             "--spacing",
             metavar="X,Y,Z",
@@ -139,6 +181,24 @@ def _selection(command: _Command) -> _Command:
             metavar="SIZE",
             callback=_bytes,
             help="Refuse to start what may need more memory, in bytes or like 4G.  [default: what is free]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _making(command: _Command) -> _Command:
+    """Add the options that say how a surface is made."""
+    options = [
+        click.option(
+            "--pial", type=_FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."
+        ),
+        click.option("--probability", type=_FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
+        click.option(
+            "--repair",
+            type=click.Choice(["voxels", "cuts"]),
+            help="Rid the surface of handles by changing the fewest voxels, or by cutting them open.",
         ),
     ]
     for option in reversed(options):
@@ -165,16 +225,32 @@ Examples:
   voxflat flatten labels.nii.gz --label 3 -o map.npz
   voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
   voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
+  voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii
+  voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
 """
 )
 @_input
-@click.option("-o", "--output", type=_FILE, required=True, metavar="OUT", help="The map's file, which ends in .npz.")
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="OUT",
+    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .vtp, .ply and .obj the flat surface.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["voxflat", "grossmann2002"]),
+    default="voxflat",
+    help="Over the triangles of a surface, or after the paper over the voxels of a volume.",
+)
+@_making
 @_selection
 @click.option(
     "--sources",
     type=int,
     metavar="N",
-    help="How many voxels distances are measured from.  [default: 1000, or all if there are fewer]",
+    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000]",
 )
 @click.option(
     "--sampling",
@@ -185,8 +261,7 @@ Examples:
 @click.option(
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),
-    default="chain-code",
-    help="Lengths of the links between voxels: the unbiased estimator, or 1, √2, √3 voxels for comparison.",
+    help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
 )
 @click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same map.")
 @click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
@@ -195,20 +270,34 @@ Examples:
 @click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
 @_debug
 def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: Any) -> None:
-    """Flatten the surface in a volume.
+    """Flatten a surface.
 
-    INPUT is a label or intensity volume, which ends in .nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .npy or
-    .npz. Without --label and --threshold it must have a single label. Without a patch (--keep, or --seed-point and
-    --radius) the largest component is flattened.
+    INPUT is a label or intensity volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .npy, .npz), or a mesh
+    (.surf.gii, FreeSurfer geometry such as lh.white, .vtk, .vtp, .ply, .stl, .obj). Without --label and --threshold a
+    volume must have a single label. Without a patch the largest component is flattened; what is no disk is cut open,
+    and that is said.
     """
-    _check_output(output, _MAP_ENDINGS, (input_, options["keep"]))
+    _check_output(output, MAP_ENDINGS, (input_, options["keep"], options["drop"]))
+    making = {name: options.pop(name) for name in ("pial", "probability", "repair")}
     with _bars(quiet) as bars:
-        flat_map = voxflat.flatten(input_, progress=bars.progress, **options)
+        source: Any = input_
+        if any(making.values()):
+            if options["method"] != "voxflat":
+                raise InputError("--pial, --probability and --repair are for the method voxflat; leave them out")
+            place = {name: options.pop(name) for name in ("label", "threshold", "spacing")}
+            source = _surface(input_, making, place, options, bars)
+        flat_map = voxflat.flatten(source, progress=bars.progress, **options)
     flat_map.save(output)
     if as_json:
         _print_json({"output": str(output), **flat_map.description()})
     elif not quiet:
         click.echo(_summary(flat_map, output))
+
+
+def _surface(input_: Path, making: dict[str, Any], place: dict[str, Any], options: dict[str, Any], bars: Any) -> Any:
+    making = {**making, "repair": making["repair"] or False}
+    limit = options.get("memory_limit")
+    return voxflat.surface(input_, **making, **place, memory_limit=limit, progress=bars.progress)
 
 
 @main.command(
@@ -223,10 +312,10 @@ Examples:
 @_as_json
 @_debug
 def check(input_: Path, as_json: bool, **options: Any) -> None:
-    """Say whether a volume can be flattened.
+    """Say whether a surface can be flattened.
 
-    It lists what INPUT, a label or intensity volume, holds, and gives advice. The exit status is 0 if its surface can
-    be flattened, and 1 if not.
+    It lists what INPUT, a volume or a mesh, holds: components, boundary loops, handles, defects; what each remedy would
+    change; and gives advice. The exit status is 0 if its surface can be flattened, and 1 if not.
     """
     with _bars() as bars:
         findings = voxflat.check(input_, progress=bars.progress, **options)
@@ -236,6 +325,80 @@ def check(input_: Path, as_json: bool, **options: Any) -> None:
         click.echo(findings.table())
     if not findings.can_flatten:
         raise click.exceptions.Exit(1)
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat surface wm.nii.gz --threshold 0.5 --repair voxels -o wm.surf.gii
+  voxflat surface labels.nii.gz --label 3 --repair voxels --repaired repaired.nii.gz -o label3.vtp
+"""
+)
+@_input
+@click.option(
+    "-o",
+    "--output",
+    type=_FILE,
+    required=True,
+    metavar="OUT",
+    help="The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
+)
+@click.option("--label", type=int, help="Foreground is this label.  [default: the only one]")
+@click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit.")
+@_making
+@click.option("--repaired", type=_FILE, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
+@_debug
+def surface(
+    input_: Path, output: Path, label: int | None, threshold: float | None, repaired: Path | None, **making: Any
+) -> None:
+    """Make the surface of a volume, or check and convert a mesh.
+
+    Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
+    """
+    _check_output(output, (), (input_,))
+    with _bars() as bars:
+        made = _surface(input_, making, {"label": label, "threshold": threshold}, {}, bars)
+        for remark in made.remarks:
+            log.warning(remark)
+    if repaired is not None:
+        if "repair" not in made.metadata:
+            raise InputError(f"there are no changed voxels to write to {repaired}; give --repair voxels")
+        changed = made.changed_voxels()
+        write_volume(repaired, changed, made.metadata["affine"])
+    made.save(output)
+    click.echo(f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat measure lh.white lh.cortex.patch.flat
+  voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json
+"""
+)
+@click.argument("surface_", metavar="SURFACE", type=_FILE)
+@click.argument("flat", metavar="FLAT", type=_FILE)
+@click.option("--label", type=int, help="For volumes: foreground is this label.")
+@click.option("--threshold", type=float, help="For volumes: foreground is what is greater.")
+@click.option(
+    "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
+)
+@click.option("--seed", type=int, default=0, help="Seed of their choice.")
+@click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+@_as_json
+@_debug
+def measure(surface_: Path, flat: Path, as_json: bool, **options: Any) -> None:
+    """Judge a flat map of any tool.
+
+    FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, or a map that voxflat flatten made. The
+    figures are defined in the documentation; distances are measured on SURFACE, cut as the map is.
+    """
+    with _bars() as bars:
+        distortion = voxflat.measure(surface_, flat, progress=bars.progress, **options)
+    if as_json:
+        _print_json(distortion.figures())
+    else:
+        click.echo(distortion.table())
 
 
 @main.command(
@@ -340,7 +503,7 @@ def demo(output: Path) -> None:
 
 def _check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | None]) -> None:
     """Find out before the long work whether its result can be written."""
-    if not path.name.lower().endswith(tuple(endings)):
+    if endings and not path.name.lower().endswith(tuple(endings)):
         raise InputError(f"cannot write {path}: its name must end in {' or '.join(endings)}")
     for other in inputs:
         if other is not None and path.exists() and other.exists() and path.samefile(other):
@@ -416,9 +579,9 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     width, height = np.ptp(flat_map.uv, axis=0)
     return "\n".join(
         [
-            f"{'flattened':22}{len(flat_map)} of {metadata['surface_voxels']} surface voxels, {_part(metadata)}",
+            f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
             f"{'sources':22}{metadata['sources']}",
-            f"{'map':22}{width:.1f} x {height:.1f} mm, {100 * metadata['torn_faces']:.1f} % of it torn",
+            f"{'map':22}{width:.1f} x {height:.1f} mm{_torn(metadata)}",
             f"{'memory, at most':22}{metadata['memory_need_bytes'] / 2**20:.0f} MiB",
             "",
             flat_map.distortion.table(),
@@ -428,16 +591,21 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     )
 
 
+def _torn(metadata: dict[str, Any]) -> str:
+    return f", {100 * metadata['torn_faces']:.1f} % of it torn" if "torn_faces" in metadata else ""
+
+
 def _part(metadata: dict[str, Any]) -> str:
     """Say which part of the surface was flattened."""
-    disk = f"within {metadata['radius']} mm of voxel {metadata['seed_point']}"
-    if metadata["keep"]:
-        return "those of the mask" + (f" {disk}" if metadata["seed_point"] else "")
-    if metadata["seed_point"]:
-        return disk
-    if metadata["components"] == 1:
-        return "the only component"
-    return f"the largest of {metadata['components']} components (the next has {metadata['largest_components'][1]})"
+    what = "voxel" if metadata["kind"] == "voxels" else "vertex"
+    parts = []
+    if metadata["keep"] or metadata.get("drop"):
+        parts.append("those of the mask")
+    if metadata["seed_point"] is not None:
+        parts.append(f"within {metadata['radius']} mm of {what} {metadata['seed_point']}")
+    if parts:
+        return " ".join(parts)
+    return "all" if metadata["points"] == metadata["surface_points"] else "the largest component"
 
 
 def _print_json(content: dict[str, Any]) -> None:

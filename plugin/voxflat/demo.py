@@ -12,6 +12,7 @@ import numpy as np
 
 from voxflat._errors import InputError
 from voxflat._prepare import Progress
+from voxflat._surface import surface
 from voxflat.api import flatten
 from voxflat.flatmap import FlatMap
 from voxflat.io import Volume
@@ -80,7 +81,8 @@ def flatten_demo(white_matter: Volume, progress: Progress | None = None) -> Flat
     -------
     FlatMap
     """
-    return flatten(white_matter, threshold=THRESHOLD, seed_point=SEED_POINT, radius=RADIUS, progress=progress)
+    whole = surface(white_matter, threshold=THRESHOLD, repair="voxels", progress=progress)
+    return flatten(whole, seed_point=SEED_POINT, radius=RADIUS, progress=progress)
 
 
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
@@ -142,14 +144,19 @@ def _flat_image(flat_map: FlatMap, t1: Volume) -> Figure:
 def _summary(flat_map: FlatMap, seconds: float) -> str:
     width, height = np.ptp(flat_map.uv, axis=0)
     metadata = flat_map.metadata
+    repair = metadata["repair"]
+    triangles = flat_map.distortion.triangles
+    flipped = 0 if triangles is None else triangles.flipped
     return "\n".join(
         [
             "Right central cortex of the MNI152 template, white matter > 0.5",
-            f"a patch of {len(flat_map)} of {metadata['surface_voxels']} surface voxels, "
+            f"{repair['handles']} handles of the whole white matter were repaired: {len(repair['cut'])} voxels removed, "
+            f"{len(repair['filled'])} added",
+            f"a patch of {len(flat_map)} of {metadata['surface_points']} vertices, "
             f"within {metadata['radius']:g} mm of voxel {tuple(metadata['seed_point'])}",
             f"flattened in {seconds:.2f} s from {metadata['sources']} sources, {width:.0f} x {height:.0f} mm",
             f"{100 * metadata['planarity']:.1f} % of the distances' spectrum lies in the plane, "
-            f"{100 * metadata['torn_faces']:.1f} % of the map is torn",
+            f"{flipped} of {len(flat_map.faces)} triangles are turned over",
             "",
             flat_map.distortion.table(),
         ]

@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _flatimage
+from voxflat import _flatimage, meshes
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
-from voxflat.io import Volume, as_volume, atomic_path
+from voxflat._prepare import log
+from voxflat.io import VOLUME_ENDINGS, Volume, as_volume, atomic_path
 
-__all__ = ["Distortion", "Figures", "FlatMap", "load"]
+__all__ = ["Distortion", "Figures", "FlatMap", "Triangles", "load"]
 
-_FORMAT = 1
+MAP_ENDINGS = (".npz", ".surf.gii", ".patch.flat", ".vtp", ".ply", ".obj")
+
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,55 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
+class Triangles:
+    """What flattening did to the triangles.
+
+    σ1 ≥ σ2 are the stretches of a triangle in its two principal directions. Means, medians and 95th percentiles are by
+    the triangles' areas on the surface, those of `areal` by vertices. NaN means undefined.
+
+    Parameters
+    ----------
+    areal_median, areal_p95 : float
+        Of |log2(A_flat / A_surface)| over the vertices, as Connectome Workbench's -surface-distortion has it.
+    edge : float
+        Mean over the edges of |l_flat / l_surface − 1|.
+    angle : float
+        Mean change of a corner's angle, degrees.
+    quasi_conformal, isometric, symmetric_dirichlet : float
+        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²); perfect are 1, 1 and 2.
+    flipped : int
+        Number of triangles of the minority orientation.
+    flipped_share : float
+        Their share of the surface's area.
+    collapsed : int
+        Number of triangles without area in the map.
+    crossings : int
+        Number of pairs of boundary edges that cross in the map.
+    covering : int
+        Number of triangles that cover another.
+    areal : ndarray, shape (N,)
+        log2(A_flat / A_surface) at each vertex.
+    is_flipped : ndarray of bool, shape (F,)
+        Which triangles are turned over.
+    """
+
+    areal_median: float
+    areal_p95: float
+    edge: float
+    angle: float
+    quasi_conformal: float
+    isometric: float
+    symmetric_dirichlet: float
+    flipped: int
+    flipped_share: float
+    collapsed: int
+    crossings: int
+    covering: int
+    areal: NDArray[np.float64]
+    is_flipped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class Distortion:
     """What flattening did to the distances, from reference sources (200 random points) to all points.
 
@@ -73,6 +125,8 @@ class Distortion:
         Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
         Some pairs as (δ, d), mm.
+    triangles : Triangles or None
+        What it did to the triangles, where the surface has some.
     """
 
     raw: Figures
@@ -82,6 +136,7 @@ class Distortion:
     pairs: int
     per_point: NDArray[np.float64]
     scatter: NDArray[np.float64]
+    triangles: Triangles | None = None
 
     def figures(self) -> dict[str, Any]:
         """Return the figures without the arrays, ready for JSON: undefined ones are None.
@@ -89,10 +144,10 @@ class Distortion:
         Returns
         -------
         dict
-            ``raw`` and ``best_scale`` (dicts), ``pearson_r``, ``mean_geodesic``, ``pairs``.
+            ``raw`` and ``best_scale`` (dicts), ``pearson_r``, ``mean_geodesic``, ``pairs``, ``triangles`` (dict or
+            None).
         """
-        values = {key: value for key, value in asdict(self).items() if not isinstance(value, np.ndarray)}
-        return dict(json_ready(values))
+        return dict(json_ready(_without_arrays(asdict(self))))
 
     def table(self) -> str:
         """Return the figures as a table of text."""
@@ -111,6 +166,15 @@ class Distortion:
             lines.append(f"{name:22}{raw:>10.{digits}f}{best:>18.{digits}f} {unit}".rstrip())
         lines.append(f"{'mean geodesic':22}{self.mean_geodesic:>10.2f}{'':18} mm")
         lines.append(f"{'correlation':22}{self.pearson_r:>10.4f}")
+        if self.triangles is not None:
+            of = self.triangles
+            lines += [
+                f"{'areal, log2':22}{of.areal_median:>10.4f}{of.areal_p95:>18.4f} median, 95 %",
+                f"{'edges':22}{100 * of.edge:>10.2f}{'':18} %",
+                f"{'angles':22}{of.angle:>10.2f}{'':18} degrees",
+                f"{'flipped triangles':22}{of.flipped:>10}{100 * of.flipped_share:>18.3f} % of the area",
+                f"{'overlap':22}{of.covering:>10}{of.crossings:>18} triangles, crossings of the boundary",
+            ]
         return "\n".join(lines)
 
 
@@ -126,12 +190,13 @@ class FlatMap:
         The points on the surface, RAS+ mm.
     normals : ndarray of float64, shape (N, 3)
         Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
-    ids : ndarray of int64, shape (N, 3)
-        Their voxel indices (i, j, k).
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Their voxel indices (i, j, k), or vertex numbers in the mesh; the two sides of a cut share one.
     faces : ndarray of uint32, shape (F, 3)
-        Triangles of points that cover the map, counterclockwise.
+        Triangles of points that cover the map, counterclockwise but for those that are turned over.
     torn : ndarray of bool, shape (F,)
         Triangles whose corners are neighbours in the plane but not on the surface: there the map is squeezed or folded.
+        Only maps over the 26-neighbour graph can have them, whose triangles are made in the plane.
     sources : ndarray of int64, shape (m,)
         The points from which distances were measured, as numbers into the rows above.
     eigenvalues : ndarray of float64, shape (K,)
@@ -166,21 +231,35 @@ class FlatMap:
         error = 100 * self.distortion.raw.relative_error
         return f"<FlatMap: {len(self)} points, {width:.0f} x {height:.0f} mm, relative error {error:.1f} %>"
 
+    @property
+    def is_voxels(self) -> bool:
+        """Whether a volume was flattened."""
+        return bool(self.metadata["kind"] == "voxels")
+
     @cached_property
     def affine(self) -> NDArray[np.float64]:
-        """From voxel indices to RAS+ mm, shape (4, 4)."""
+        """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
+        self._need_volume("has no voxels and so no affine")
         return np.asarray(self.metadata["affine"], dtype=np.float64)
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
         """Shape of the volume that was flattened."""
+        self._need_volume("has no volume's shape")
         i, j, k = self.metadata["shape"]
         return (i, j, k)
 
-    @property
+    def _need_volume(self, what: str) -> None:
+        if not self.is_voxels:
+            raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
+
+    @cached_property
     def spacing(self) -> float:
-        """Voxel size of the flattened volume, mm: the geometric mean of its three spacings."""
-        return float(np.cbrt(np.prod(np.linalg.norm(self.affine[:3, :3], axis=0))))
+        """Typical distance of neighbouring points, mm: of voxels the geometric mean of the three spacings."""
+        if self.is_voxels:
+            return float(np.cbrt(np.prod(np.linalg.norm(self.affine[:3, :3], axis=0))))
+        sides = self.uv[self.faces] - self.uv[np.roll(self.faces, 1, axis=1)]
+        return float(np.median(np.linalg.norm(sides, axis=2)))
 
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the map's pixels, with the inverse look-up to the surface.
@@ -188,7 +267,7 @@ class FlatMap:
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default half the voxel size.
+            Side of a pixel, mm; by default half of `spacing`.
 
         Returns
         -------
@@ -209,14 +288,15 @@ class FlatMap:
 
         Returns
         -------
-        ids : ndarray of int64, shape (H, W, 3)
-            The nearest surface voxel; −1 outside the map.
+        ids : ndarray of int64, shape (H, W, 3) or (H, W)
+            The nearest surface voxel or vertex; −1 outside the map.
         points : ndarray of float64, shape (H, W, 3)
             RAS+ mm, linear between surface voxels; NaN outside the map.
         """
         raster = self.raster(pixel_size)
         nearest = raster.nearest
-        ids = np.where(nearest[..., None] >= 0, self.ids[nearest], -1)
+        inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
+        ids = np.where(inside, self.ids[nearest], -1)
         return ids, raster.interpolate(self.points)
 
     def image(
@@ -235,9 +315,10 @@ class FlatMap:
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
-            that lies.
+            that lies. For maps of meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
+            file (GIFTI, FreeSurfer curv, annot or .mgh).
         pixel_size : float, optional
-            Side of a pixel, mm; by default half the voxel size.
+            Side of a pixel, mm; by default half of `spacing`.
         depth : float
             How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
         interpolation : {"linear", "nearest"}, optional
@@ -256,8 +337,13 @@ class FlatMap:
         InputError
             If the volume does not fit or cannot be read.
         """
-        placed = self._placed(volume)
         raster = self.raster(pixel_size)
+        overlay = None if self.is_voxels else self._overlay(volume)
+        if overlay is not None:
+            data = _flatimage.show(raster, overlay[self.ids], interpolation)
+            title = Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay"
+            return FlatImage(data, raster.pixel_size, raster.origin, name or title)
+        placed = self._placed(volume)
         data = _flatimage.sample(placed, self._at_depth(raster, depth), interpolation)
         return FlatImage(
             data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
@@ -269,7 +355,7 @@ class FlatMap:
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default half the voxel size.
+            Side of a pixel, mm; by default half of `spacing`.
 
         Returns
         -------
@@ -317,6 +403,7 @@ class FlatMap:
         values = np.asarray(values)
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
+        self._need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -332,12 +419,14 @@ class FlatMap:
         return {**self.metadata, "distortion": self.distortion.figures()}
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save everything to an .npz file, all of it or nothing.
+        """Save the map to a file, all of it or nothing.
 
         Parameters
         ----------
         path : path
-            Ends in .npz.
+            Its ending says what is saved: .npz everything, to be loaded again; .vtp, .ply and .obj the triangles in the
+            plane; .surf.gii a flat surface for Connectome Workbench, and .patch.flat a FreeSurfer patch. The latter two
+            have the mesh's own vertex numbers, so where a cut doubles a vertex only one side of it is kept.
 
         Raises
         ------
@@ -345,8 +434,20 @@ class FlatMap:
             If the path has another ending or cannot be written.
         """
         path = Path(path)
-        if path.suffix != ".npz":
-            raise InputError(f"cannot save a map as {path.name}; give a name that ends in .npz")
+        name = path.name.lower()
+        if name.endswith(".npz"):
+            self._save_all(path)
+        elif name.endswith(".patch.flat"):
+            meshes.write_patch(path, self._patch())
+        elif name.endswith(".surf.gii"):
+            meshes.write_mesh(path, self._mesh(whole=not self.is_voxels))
+        elif name.endswith((".vtp", ".ply", ".obj")):
+            meshes.write_mesh(path, self._mesh(whole=False))
+        else:
+            endings = " or ".join(MAP_ENDINGS)
+            raise InputError(f"cannot save a map as {path.name}; give a name that ends in {endings}")
+
+    def _save_all(self, path: Path) -> None:
         arrays: dict[str, Any] = {
             "uv": self.uv,
             "points": self.points,
@@ -359,11 +460,63 @@ class FlatMap:
             "distortion_per_point": self.distortion.per_point,
             "distortion_scatter": self.distortion.scatter,
         }
+        if self.distortion.triangles is not None:
+            arrays["distortion_areal"] = self.distortion.triangles.areal
+            arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
         if self.rows is not None:
             arrays["rows"] = self.rows
         text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
+
+    def _mesh(self, *, whole: bool) -> meshes.Mesh:
+        """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
+        points = np.column_stack([self.uv, np.zeros(len(self))])
+        structure = self.metadata.get("structure")
+        if not whole:
+            data = {"distortion": self.distortion.per_point}
+            return meshes.Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
+        first, faces = self._unique_vertices()
+        placed = np.zeros((self.metadata["vertices"], 3))
+        placed[self.ids[first]] = points[first]
+        return meshes.Mesh(placed, self.ids[faces], structure=structure)
+
+    def _patch(self) -> meshes.Patch:
+        """Return the map as a FreeSurfer patch."""
+        if self.is_voxels:
+            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+        first, faces = self._unique_vertices()
+        points = np.column_stack([self.uv, np.zeros(len(self))])[first]
+        border = meshes.patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
+        return meshes.Patch(self.ids[first], points, border)
+
+    def _unique_vertices(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return one point for each vertex number, by ascending number, and the triangles among them."""
+        _, first = np.unique(self.ids, return_index=True)
+        is_first = np.zeros(len(self), dtype=np.bool_)
+        is_first[first] = True
+        faces = self.faces[is_first[self.faces].all(axis=1)].astype(np.int64)
+        if len(faces) < len(self.faces):
+            log.warning(
+                "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+                len(self.faces) - len(faces),
+                len(self.faces),
+            )
+        return first, faces
+
+    def _overlay(self, volume: object) -> NDArray[Any] | None:
+        """Return values at the mesh's vertices, if that is what was given."""
+        count = self.metadata["vertices"]
+        if isinstance(volume, str | os.PathLike):
+            if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
+                return None
+            return meshes.read_overlay(volume, count)
+        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
+            values = np.asarray(volume)
+            if len(values) != count:
+                raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
+            return values
+        return None
 
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
@@ -388,6 +541,12 @@ class FlatMap:
                 "give a volume of that shape, or one with its affine"
             )
         return replace(given, affine=self.affine)
+
+
+def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the arrays of nested dictionaries."""
+    kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
+    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
 
 
 def json_ready(value: Any) -> Any:
@@ -433,6 +592,10 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
         distortion = _undefined_as_nan(metadata.pop("distortion"))
+        triangles = distortion.pop("triangles")
+        if "distortion_areal" in arrays:
+            areal, is_flipped = arrays.pop("distortion_areal"), arrays.pop("distortion_is_flipped")
+            distortion["triangles"] = Triangles(**triangles, areal=areal, is_flipped=is_flipped)
         return FlatMap(
             distortion=Distortion(
                 raw=Figures(**distortion.pop("raw")),

@@ -22,16 +22,21 @@ from voxflat._grid import Affine, check_affine, given_affine, volume_shape
 from voxflat._readers import (
     ITK_TYPES,
     LPS_TO_RAS,
+    READERS,
+    REMEDY,
     as_array,
     by_ending,
     from_itk,
     from_nibabel,
-    one_line,
+    naming,
     read,
     require,
 )
 
-__all__ = ["Volume", "as_volume", "atomic_path", "check_affine", "read_volume", "write_volume"]
+__all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "atomic_path", "check_affine", "read_volume", "write_volume"]
+
+VOLUME_ENDINGS = tuple(READERS)
+"""How the names of files end that hold volumes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +132,8 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     """
     given = given_affine(spacing, affine)
     is_file = isinstance(obj, str | os.PathLike)
-    remedy = "is the file complete, and what its ending says?" if is_file else "give an array, a path or an image"
-    with _naming(obj if is_file else type(obj).__name__, remedy):
+    remedy = REMEDY if is_file else "give an array, a path or an image"
+    with naming(obj if is_file else type(obj).__name__, remedy):
         data, own, path = _parts(obj)
         if given is not None and own is not None:
             raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
@@ -155,7 +160,7 @@ def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLik
         The format cannot hold the volume, or the file cannot be written.
     """
     path = Path(path)
-    with atomic_path(path) as temporary, _naming(path, "can this format hold it?"):
+    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
         write(temporary, Volume(np.asarray(data), check_affine(affine)))
 
@@ -299,16 +304,3 @@ _WRITERS: dict[str, Callable[[Path, Volume], None]] = {
     ".npy": _write_npy,
     ".npz": _write_npz,
 }
-
-
-@contextmanager
-def _naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever goes wrong with a file or object into one line that begins with its name."""
-    try:
-        yield
-    except (FileNotFoundError, PermissionError, MemoryError):
-        raise
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
-    except Exception as error:
-        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error

@@ -1,6 +1,7 @@
 """The napari plugin: *Layers → Transform → Flatten surface*, the demo cortex, and a reader of saved flat maps.
 
-`volumes` takes layers to volumes and places to voxels; `job` is one flattening; `results` takes a flat map to layers;
-`map_view` shows them. None of these needs Qt, which only the widget (`flatten_surface`) and its parts (`layer_choice`,
-`seed_choice`, `worker`) import. `napari.yaml` names what napari offers.
+`world` says where layers lie, `volumes` and `meshes` take them to RAS+ mm, `seed` takes places to voxels and vertices;
+`sampled` is what a map shows; `job` is one flattening; `results` takes a flat map to layers, `report` to words;
+`map_view` shows the layers. None of these needs Qt, which only the widget (`flatten_surface`) and its parts (`form`,
+`layer_choice`, `label_choice`, `seed_choice`, `map_panel`, `worker`) import. `napari.yaml` names what napari offers.
 """

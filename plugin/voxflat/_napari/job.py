@@ -1,11 +1,17 @@
-"""One flattening: what is asked for, and the way from volumes to layers."""
+"""One flattening: what is asked for, and the way from volumes and meshes to layers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
+
+from numpy.typing import NDArray
 
 from voxflat._errors import Cancelled
-from voxflat._napari.results import FlatLayers, Sampled
+from voxflat._napari.meshes import LayerMesh
+from voxflat._napari.results import FlatLayers
+from voxflat._napari.sampled import Overlay, Shown
+from voxflat._napari.seed import Seed
 from voxflat._napari.volumes import LayerVolume
 from voxflat._prepare import Progress
 from voxflat.api import flatten
@@ -17,24 +23,29 @@ class Job:
 
     Parameters
     ----------
-    surface : LayerVolume
-        The volume whose surface is flattened.
-    label, threshold, seed_point, radius, sources
+    surface : LayerVolume or LayerMesh
+        The volume whose surface is flattened, or the surface itself.
+    method, label, threshold, keep, seed_point, radius, sources
         As in `voxflat.flatten`.
     pixel_size : float or None
         As in `FlatMap.image`, mm.
-    sampled : Sampled or None
+    shown : Sampled, Overlay or None
         What the map shows.
+    values : Overlay or None
+        A mesh's own values, which its flat surface has too.
     """
 
-    surface: LayerVolume
+    surface: LayerVolume | LayerMesh
+    method: str = "voxflat"
     label: int | None = None
     threshold: float | None = None
-    seed_point: tuple[int, int, int] | None = None
+    keep: NDArray[Any] | None = None
+    seed_point: Seed | None = None
     radius: float | None = None
     sources: int | None = None
     pixel_size: float | None = None
-    sampled: Sampled | None = None
+    shown: Shown | None = None
+    values: Overlay | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
         """Flatten.
@@ -53,12 +64,13 @@ class Job:
         InputError, Cancelled
             As in `voxflat.flatten`.
         """
-        _tell(progress, "reading the volume")
-        volume = self.surface.read()
+        _tell(progress, "reading the layer")
         flat_map = flatten(
-            volume,
+            self.surface.read(),
+            method=self.method,
             label=self.label,
             threshold=self.threshold,
+            keep=self.keep,
             seed_point=self.seed_point,
             radius=self.radius,
             sources=self.sources,
@@ -66,7 +78,7 @@ class Job:
         )
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _tell(progress, "drawing the map")
-        return FlatLayers.of(flat_map, self.surface.origin["layer"], self.sampled, self.pixel_size)
+        return FlatLayers.of(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
 
 
 def _tell(progress: Progress, stage: str) -> None:

@@ -83,6 +83,14 @@ class LayerChoice(QComboBox):
         self.blockSignals(False)
         self._tell()
 
+    def reconsider(self) -> None:
+        """Offer the layers anew because other ones suit now, and choose the best unless the user has chosen."""
+        if not self._by_user:
+            self.blockSignals(True)
+            self.setCurrentIndex(-1)
+            self.blockSignals(False)
+        self.refresh()
+
     def release(self) -> None:
         """Stop following the viewer."""
         for event in self._events:

@@ -1,7 +1,8 @@
-"""What came out: the flat map's figures, the way back to the volume, and saving."""
+"""What came out: the flat map's figures, what the user should know, the way back to the surface, and saving."""
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 from napari.utils.notifications import show_error, show_info
@@ -10,7 +11,8 @@ from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushB
 
 from voxflat._errors import VoxflatError
 from voxflat._napari.map_view import MapView
-from voxflat._napari.results import FlatLayers, figures, remarks
+from voxflat._napari.report import figures, warnings
+from voxflat._napari.results import HEAT_MEANING, FlatLayers
 from voxflat.flatmap import FlatMap
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class MapPanel(QWidget):
-    """Shows the latest flat map in the viewer, and its figures.
+    """Shows the latest flat map in the viewer, its figures, and what the user should know of it.
 
     Parameters
     ----------
@@ -36,8 +38,11 @@ class MapPanel(QWidget):
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
-        self._remarks = QLabel()
-        self._remarks.setWordWrap(True)
+        self.warnings = QLabel()
+        self.warnings.setWordWrap(True)
+        self.warnings.setTextFormat(Qt.TextFormat.RichText)
+        colours = QLabel(f"Colours of the distortion: {HEAT_MEANING}.")
+        colours.setWordWrap(True)
         self.toggle = QPushButton()
         self.toggle.clicked.connect(self._on_toggle)
         self.save = QPushButton("Save map…")
@@ -49,7 +54,8 @@ class MapPanel(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addLayout(self._figures)
-        layout.addWidget(self._remarks)
+        layout.addWidget(self.warnings)
+        layout.addWidget(colours)
         layout.addLayout(buttons)
         self.hide()
         viewer.layers.events.removed.connect(self._on_removed)
@@ -68,7 +74,7 @@ class MapPanel(QWidget):
         self._name_toggle()
         self.show()
 
-    def show_volume(self) -> None:
+    def show_surface(self) -> None:
         """Show what was shown before the map, if the map is shown."""
         if self.view.shows_map:
             self._on_toggle()
@@ -86,20 +92,23 @@ class MapPanel(QWidget):
             number.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             self._figures.addWidget(QLabel(name), row, 0)
             self._figures.addWidget(number, row, 1, Qt.AlignmentFlag.AlignRight)
-        self._remarks.setText(remarks(flat_map))
+        told = warnings(flat_map)
+        self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in told))
+        self.warnings.setVisible(bool(told))
         self.setToolTip(f"<pre>{flat_map.distortion.table()}</pre>")
 
     def _on_toggle(self) -> None:
-        (self.view.show_volume if self.view.shows_map else self.view.show_map)()
+        (self.view.show_surface if self.view.shows_map else self.view.show_map)()
         self._name_toggle()
 
     def _name_toggle(self) -> None:
-        self.toggle.setText("Show volume" if self.view.shows_map else "Show map")
+        source = "volume" if self.flat_map is not None and self.flat_map.is_voxels else "surface"
+        self.toggle.setText(f"Show {source}" if self.view.shows_map else "Show map")
         self.toggle.setEnabled(self.view.shows_map or bool(self.view.layers))
 
     def _on_removed(self) -> None:
         if not self.view.layers:
-            self.show_volume()
+            self.show_surface()
             self._name_toggle()
 
     def _on_save(self) -> None:

@@ -1,4 +1,4 @@
-"""What the viewer shows after flattening: the flat map alone, and the way back to the volume."""
+"""What the viewer shows after flattening: the flat map alone, and the way back to the surface."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class MapView:
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
         self._layers: list[Layer] = []
+        self._hidden: list[Layer] = []
         self._before: _State | None = None
 
     @property
@@ -57,11 +58,13 @@ class MapView:
             self._before = _State.of(self._viewer)
         _grid(self._viewer, False)  # in which every change of a layer costs napari a tenth of a second
         self._layers = _add(self._viewer, layers)
+        self._hidden = [layer for layer in self._layers if not layer.visible]
         self.show_map()
 
     def show_map(self) -> None:
-        """Show the flat map, as large as the canvas allows."""
-        viewer, layers = self._viewer, self.layers
+        """Show the flat map, as large as the canvas allows, but for layers that were added hidden."""
+        viewer = self._viewer
+        layers = [layer for layer in self.layers if layer not in self._hidden]
         if self._before is None:
             self._before = _State.of(viewer)
         for layer in viewer.layers:
@@ -73,7 +76,7 @@ class MapView:
         _grid(viewer, len(layers) > 1)
         _frame(viewer, layers)
 
-    def show_volume(self) -> None:
+    def show_surface(self) -> None:
         """Show what was shown before the map."""
         before, self._before = self._before, None
         if before is not None:
@@ -159,6 +162,6 @@ def _add(viewer: Viewer, layers: Sequence[LayerData]) -> list[Layer]:
         layer = Layer.create(data, keywords, kind)
         layer.name_overlay.visible = True
         if hasattr(layer, "colorbar"):
-            layer.colorbar.visible = not layer.rgb
+            layer.colorbar.visible = not getattr(layer, "rgb", False)
         added.append(viewer.add_layer(layer))
     return added

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._flatimage import FlatImage
-from voxflat._napari.volumes import LayerVolume
+from voxflat._napari.sampled import Overlay, Shown
 from voxflat.flatmap import FlatMap, load
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
@@ -24,28 +24,6 @@ _HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
-    """A layer whose values the map is to show.
-
-    Parameters
-    ----------
-    volume : LayerVolume
-        The values, and where they lie.
-    depth : float
-        How far outside the surface to sample, mm.
-    kind : {"image", "labels"}
-        The layer's type.
-    display : mapping
-        Keywords that make the map look as the layer does: colormap, contrast limits, gamma.
-    """
-
-    volume: LayerVolume
-    depth: float = 0.0
-    kind: str = "image"
-    display: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
 class FlatLayers:
     """A flat map and its layers.
 
@@ -54,7 +32,8 @@ class FlatLayers:
     flat_map : FlatMap
         The map.
     layers : list of LayerData
-        The sampled layer, if there is one, and the distortion.
+        Images: what the map shows, if anything, and the distortion. Before them, of a mesh, its flat surface with its
+        own values, if it has some, and with the distortion, both hidden.
     """
 
     flat_map: FlatMap
@@ -62,7 +41,12 @@ class FlatLayers:
 
     @classmethod
     def of(
-        cls, flat_map: FlatMap, name: str, sampled: Sampled | None = None, pixel_size: float | None = None
+        cls,
+        flat_map: FlatMap,
+        name: str,
+        shown: Shown | None = None,
+        values: Overlay | None = None,
+        pixel_size: float | None = None,
     ) -> FlatLayers:
         """Draw a flat map.
 
@@ -72,8 +56,10 @@ class FlatLayers:
             The map.
         name : str
             Name of what was flattened.
-        sampled : Sampled, optional
+        shown : Sampled or Overlay, optional
             What the map is to show.
+        values : Overlay, optional
+            A mesh's own values.
         pixel_size : float, optional
             Side of a pixel, mm.
 
@@ -84,10 +70,18 @@ class FlatLayers:
         Raises
         ------
         InputError
-            If the pixel size or the sampled volume does not fit.
+            If the pixel size or what is to be shown does not fit.
         """
-        shown = [] if sampled is None else [_sampled_layer(flat_map, sampled, pixel_size)]
-        return cls(flat_map, [*shown, _distortion_layer(flat_map, name, pixel_size)])
+        heat = _heat(flat_map)
+        layers = [_distortion_image(flat_map, name, heat, pixel_size)]
+        if shown is not None:
+            layers.insert(0, _shown_image(flat_map, shown, pixel_size))
+        if not flat_map.is_voxels:
+            layers.insert(0, _flat_surface(flat_map, f"{name} flat distortion", heat, HEAT_MEANING))
+            if values is not None:
+                carried = replace(values, values=values.values[flat_map.ids])
+                layers.insert(0, _flat_surface(flat_map, f"{name} flat", carried, values.meaning))
+        return cls(flat_map, layers)
 
 
 def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] | None:
@@ -113,105 +107,89 @@ def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] |
     return (lambda path: FlatLayers.of(load(path), Path(path).stem).layers) if ours else None
 
 
-def figures(flat_map: FlatMap) -> list[tuple[str, str]]:
-    """Return what tells how good a flat map is, as names and values.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-
-    Returns
-    -------
-    list of tuple of 2 str
-    """
-    raw = flat_map.distortion.raw
-    width, height = np.ptp(flat_map.uv, axis=0)
-    euler = flat_map.metadata["topology"]["euler_characteristic"]
-    return [
-        ("relative error", f"{100 * raw.relative_error:.1f} %"),
-        ("   pairs up to 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
-        ("   pairs up to 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
-        ("absolute error", f"{raw.absolute_error:.2f} mm"),
-        ("stress-1", f"{raw.stress_1:.4f}"),
-        ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
-        ("map", f"{width:.0f} × {height:.0f} mm"),
-        ("torn faces", f"{100 * flat_map.metadata['torn_faces']:.1f} %"),
-        ("Euler characteristic (disk: 1)", f"{euler}"),
-    ]
+def _heat(flat_map: FlatMap) -> Overlay:
+    """Return the distortion of the map's points, and how it looks."""
+    errors = flat_map.distortion.per_point
+    return Overlay("distortion", errors, {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(errors))})
 
 
-def remarks(flat_map: FlatMap) -> str:
-    """Return what the colours mean, and what may be wrong with a flat map.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-
-    Returns
-    -------
-    str
-    """
-    return ". ".join([f"Colours of the distortion: {HEAT_MEANING}", *flat_map.metadata["warnings"]]) + "."
-
-
-def _distortion_layer(flat_map: FlatMap, name: str, pixel_size: float | None) -> LayerData:
-    heat = flat_map.heat_map(pixel_size)
+def _distortion_image(flat_map: FlatMap, name: str, heat: Overlay, pixel_size: float | None) -> LayerData:
+    image = flat_map.heat_map(pixel_size)
     keywords = {
         "name": f"{name} distortion",
-        "colormap": "inferno",
-        "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point)),
-        **_placement(flat_map, heat, HEAT_MEANING),
+        **heat.display,
+        **_placement(flat_map, image),
+        **_description(flat_map, HEAT_MEANING),
     }
-    return heat.data, keywords, "image"
+    return image.data, keywords, "image"
 
 
-def _sampled_layer(flat_map: FlatMap, sampled: Sampled, pixel_size: float | None) -> LayerData:
-    name = sampled.volume.origin["layer"]
-    interpolation = "nearest" if sampled.kind == "labels" else "linear"
-    volume = sampled.volume.read()
-    image = flat_map.image(volume, pixel_size, depth=sampled.depth, interpolation=interpolation)
-    place = f"{sampled.depth:g} mm outside the surface" if sampled.depth else "at the surface"
+def _shown_image(flat_map: FlatMap, shown: Shown, pixel_size: float | None) -> LayerData:
+    image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
     keywords = {
-        "name": f"{name} flattened",
-        **sampled.display,
-        **_placement(flat_map, image, f"'{name}', as sampled {place}"),
+        "name": f"{shown.name} flattened",
+        **shown.display,
+        **_placement(flat_map, image),
+        **_description(flat_map, shown.meaning),
     }
-    if sampled.kind == "labels":
+    if shown.kind == "labels":
         data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
     elif image.is_colour:
         keywords["rgb"] = True
     else:
         keywords.setdefault("contrast_limits", _limits(data))
-    return data, keywords, sampled.kind
+    return data, keywords, shown.kind
 
 
-def _placement(flat_map: FlatMap, image: FlatImage, meaning: str) -> dict[str, Any]:
-    """Return the keywords for where a flat image lies, and what it is.
+def _flat_surface(flat_map: FlatMap, name: str, values: Overlay, meaning: str) -> LayerData:
+    """Return the map's triangles in the plane, with values at its points."""
+    keywords = {
+        "name": name,
+        "visible": False,
+        "shading": "none",
+        "contrast_limits": _limits(values.values),
+        **values.display,
+        "features": {"vertex": flat_map.ids, "distortion": flat_map.distortion.per_point},
+        "units": _units(flat_map),
+        **_description(flat_map, meaning),
+    }
+    vertices = np.column_stack([-flat_map.uv[:, 1], flat_map.uv[:, 0]])
+    return (vertices, flat_map.faces, values.values), keywords, "surface"
+
+
+def _placement(flat_map: FlatMap, image: FlatImage) -> dict[str, Any]:
+    """Return the keywords for where a flat image lies.
 
     napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
     """
     u, v = image.origin
+    scale = (image.pixel_size, image.pixel_size)
+    return {"scale": scale, "translate": (-v, u), "units": _units(flat_map)}
+
+
+def _units(flat_map: FlatMap) -> tuple[str, str] | None:
+    """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
+    return None if in_pixels else ("mm", "mm")
+
+
+def _description(flat_map: FlatMap, meaning: str) -> dict[str, Any]:
+    """Return the keywords for what a layer is."""
     return {
-        "scale": (image.pixel_size, image.pixel_size),
-        "translate": (-v, u),
-        # as the surface: napari cannot show pixels beside millimetres
-        "units": None if in_pixels else ("mm", "mm"),
         "metadata": {
             "voxflat": flat_map,
             "parameters": flat_map.metadata,
             "distortion": flat_map.distortion.figures(),
             "colours": meaning,
             "axes": "rows: −v, columns: u, mm",
-        },
+        }
     }
 
 
-def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
+def _limits(values: NDArray[Any]) -> tuple[float, float]:
     """Return contrast limits that show most values apart; napari's own would be NaN."""
+    values = values.astype(np.float64)  # of a mesh they may be bool
     if not np.isfinite(values).any():
         return 0.0, 1.0
     low, high = (float(limit) for limit in np.nanpercentile(values, (1, 99)))

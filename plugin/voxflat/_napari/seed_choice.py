@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from napari.layers import Points
+from napari.layers import Points, Surface
 from napari.utils.notifications import show_warning
 from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
 
 from voxflat._napari.layer_choice import LayerChoice
-from voxflat._napari.seed import MARKER, Voxel, first_voxel, in_units_of, seed_voxel, voxel_at
-from voxflat._napari.volumes import data_to_world
+from voxflat._napari.seed import MARKER, Seed, data_place, describe, seed_along, seed_at, seed_of
+from voxflat._napari.world import data_to_world, in_units_of
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -33,13 +33,13 @@ class SeedChoice(QWidget):
     viewer : Viewer
         The viewer.
     inside : callable
-        Whether values of the surface's layer are foreground: in 3D a click means the first such voxel.
+        Whether values of a volume are foreground: in 3D a click means the first such voxel.
     parent : QWidget, optional
         The widget's parent.
     """
 
     picking = Signal()
-    """A click into the volume is awaited."""
+    """A click on the surface is awaited."""
 
     def __init__(
         self, viewer: Viewer, inside: Callable[[NDArray[Any]], NDArray[Any]], parent: QWidget | None = None
@@ -52,7 +52,7 @@ class SeedChoice(QWidget):
         self._layers = LayerChoice(viewer, _rank)
         self._layers.setPlaceholderText("no points yet: click Pick")
         self._layers.setToolTip(
-            "The Points layer with the seed: its selected point, else its last; the nearest surface voxel is meant"
+            "The Points layer with the seed: its selected point, else its last; the nearest on the surface is meant"
         )
         self.pick = QPushButton("Pick")
         self.pick.setCheckable(True)
@@ -69,41 +69,42 @@ class SeedChoice(QWidget):
         self._follow()
 
     @property
-    def voxel(self) -> Voxel | None:
-        """The seed's voxel in the surface's layer; None if there is none."""
+    def point(self) -> Seed | None:
+        """The seed's voxel, or vertex, of the surface's layer; None if there is none."""
         if self._points is None or self._surface is None or self._surface.ndim != 3:
             return None
-        return seed_voxel(self._points, self._surface)
+        return seed_of(self._points, self._surface)
 
     def set_surface(self, layer: Layer | None) -> None:
-        """Say which layer's voxels are meant.
+        """Say which layer's voxels or vertices are meant.
 
         Parameters
         ----------
-        layer : Image or Labels or None
+        layer : Image, Labels, Surface or None
             The layer.
         """
         self._surface = layer
         self.pick.setEnabled(layer is not None and layer.ndim == 3)
         self._on_changed()
 
-    def set_voxel(self, voxel: Voxel) -> None:
-        """Mark a voxel of the surface's layer, in a Points layer of the viewer's own.
+    def set_point(self, seed: Seed) -> None:
+        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own.
 
         Parameters
         ----------
-        voxel : tuple of 3 ints
+        seed : tuple of 3 ints, or int
             The seed.
         """
         surface = self._surface
         assert surface is not None
+        point = data_place(surface, seed)
         place = {"affine": data_to_world(surface), "units": surface.units}
         if self._points is not None and self._points.name == MARKER["name"] and len(self._points.data) <= 1:
             self._points.affine, self._points.units = place["affine"], place["units"]
-            self._points.data = [voxel]
+            self._points.data = [point]
         else:
             before = set(self._viewer.layers.selection)
-            self._layers.choose(self._viewer.add_points([voxel], **MARKER, **place))
+            self._layers.choose(self._viewer.add_points([point], **MARKER, **place))
             self._viewer.layers.selection = before
         self._on_changed()
 
@@ -132,13 +133,8 @@ class SeedChoice(QWidget):
         return (points.events.data, points.events.highlight, points.events.affine, points.events.units)
 
     def _on_changed(self) -> None:
-        voxel = self.voxel
-        if voxel is not None:
-            self._text.setText(f"voxel {voxel[0]}, {voxel[1]}, {voxel[2]}")
-        elif self._points is None:
-            self._text.setText("")
-        else:
-            self._text.setText("no point inside the volume")
+        known = self._points is not None and self._surface is not None and self._surface.ndim == 3
+        self._text.setText(describe(self._points, self._surface) if known else "")
 
     def _on_pick(self, active: bool) -> None:
         callbacks = self._viewer.mouse_drag_callbacks
@@ -147,6 +143,8 @@ class SeedChoice(QWidget):
             layer = self._viewer.layers.selection.active
             if layer is not None:
                 layer.mode = "pan_zoom"  # a click is to paint nothing
+            if isinstance(self._surface, Surface):
+                self._viewer.dims.ndisplay = 3  # of a mesh, napari's slices show next to nothing
             callbacks.append(self._on_click)
             self._viewer.status = "Click on the surface to set the seed point"
         elif self._on_click in callbacks:
@@ -163,19 +161,19 @@ class SeedChoice(QWidget):
         if self._surface is None or not self._surface.visible:
             show_warning("The surface's layer is hidden: show it, then click on it")
             return
-        voxel = self._clicked(viewer, self._surface, event)
-        if voxel is None:
-            show_warning("There is no surface: click on the foreground")
+        seed = self._clicked(viewer, self._surface, event)
+        if seed is None:
+            show_warning("There is no surface: click on the mesh or the foreground")
             return
         self.pick.setChecked(False)
-        self.set_voxel(voxel)
+        self.set_point(seed)
 
-    def _clicked(self, viewer: Viewer, surface: Layer, event: Any) -> Voxel | None:
+    def _clicked(self, viewer: Viewer, surface: Layer, event: Any) -> Seed | None:
         position = in_units_of(surface, event.position, viewer.layers.units)
         if viewer.dims.ndisplay == 2:
-            return voxel_at(surface, position)
+            return seed_at(surface, position)
         start, end = surface.get_ray_intersections(position, event.view_direction, event.dims_displayed)
-        return None if start is None else first_voxel(surface, start, end, self._inside)
+        return None if start is None else seed_along(surface, start, end, self._inside)
 
 
 def _rank(layer: Layer) -> int | None:

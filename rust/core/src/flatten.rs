@@ -212,7 +212,7 @@ const BASE_BYTES: u64 = 16 << 20;
 /// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64 {
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (2 * 16 + 8) * LINKS * points; // the links, and both directions of them while they are sorted
+    let graph = (8 + 2 * 12 + 8) * LINKS * points; // the links, and both directions of them while they are sorted
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
     let rows = 4 * points * sources.max(REFERENCE_SOURCES as u64);
     let scaling = (4 + 8 + 8) * sources * sources;
@@ -221,7 +221,7 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64
 }
 
 /// Usual number of links of a vertex of the graph of straight links.
-const LINKS: u64 = 30;
+const LINKS: u64 = 52;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph.

@@ -100,6 +100,7 @@ impl Surface {
         let made = PyDict::new(py);
         made.set_item("kind", if mesh.kind == Kind::Sheet { "sheet" } else { "solid" })?;
         made.set_item("split_vertices", mesh.split)?;
+        made.set_item("conflicts", mesh.conflicts)?;
         let voxels = convert::array(py, &mesh.voxels)?;
         Ok((mesh.surface.into(), voxels, made))
     }
@@ -288,8 +289,7 @@ impl Surface {
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
         let inner = Arc::clone(&self.0);
-        let thin =
-            run(py, None, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
+        let thin = run(py, None, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
         Ok((thin.vertices.len(), thin.worst.map(|worst| (worst.vertices[0], worst.thickness))))
     }
 

@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
-const CROSSED: u32 = 3;
+const CROSSED: u32 = 5;
 
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]

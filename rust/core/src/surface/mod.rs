@@ -12,6 +12,7 @@ pub mod nodes;
 mod paths;
 pub mod positions;
 pub mod repair;
+pub mod sheets;
 pub mod surfels;
 pub mod thin;
 pub mod topology;

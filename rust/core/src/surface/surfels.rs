@@ -145,17 +145,25 @@ impl Surfels {
         })
     }
 
-    /// Ends the surface between surfels for which `side` differs.
+    /// The surfels for which `keep` is true; the surface ends where they do.
     ///
     /// # Panics
-    /// If `side` has not one value a surfel.
-    pub fn separate(&mut self, side: &[bool]) {
-        assert_eq!(side.len(), self.len(), "one value a surfel");
-        for edge in 0..self.glue.len() {
-            let other = self.glue[edge];
-            if other != BORDER && side[edge / 4] != side[other as usize / 4] {
-                self.glue[edge] = BORDER;
-            }
+    /// If `keep` has not one value a surfel.
+    pub fn restricted(&self, keep: &[bool]) -> Self {
+        assert_eq!(keep.len(), self.len(), "one value a surfel");
+        let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();
+        let mut number = vec![BORDER; keep.len()];
+        kept.iter().enumerate().for_each(|(n, &s)| number[s as usize] = n as u32);
+        let renamed = |edge: u32| match self.glue[edge as usize] {
+            BORDER => BORDER,
+            other if number[other as usize / 4] == BORDER => BORDER,
+            other => 4 * number[other as usize / 4] + other % 4,
+        };
+        Self {
+            voxel: kept.iter().map(|&s| self.voxel[s as usize]).collect(),
+            direction: kept.iter().map(|&s| self.direction[s as usize]).collect(),
+            glue: kept.iter().flat_map(|&s| 4 * s..4 * s + 4).map(renamed).collect(),
+            first: self.first.iter().map(|&first| kept.partition_point(|&s| s < first) as u32).collect(),
         }
     }
 

@@ -6,6 +6,7 @@ use super::level::Level;
 use super::mesh::Surface;
 use super::nodes::Nodes;
 use super::positions::{self, Neighbours, Places};
+use super::sheets;
 use super::surfels::{Surfels, Touching, moved};
 use super::voxels::VoxelSurface;
 use crate::control::Control;
@@ -15,20 +16,99 @@ use crate::volume::{Affine, Mask};
 /// How far from the surfels' centres to the fitted surface nodes are moved (docs/decisions/0006).
 const SHARE: f64 = 0.5;
 
+/// The same for a sheet one voxel thick, whose voxels' centres scatter about it on both sides.
+const SHEET_SHARE: f64 = 1.0;
+
+/// How often a sheet is fitted; each time evens out more of the steps between voxels.
+const SHEET_FITS: usize = 3;
+
+/// What a label is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// It has an inside; its boundary is the surface.
+    Solid,
+    /// It has background on both sides; it is the surface.
+    Sheet,
+}
+
 /// The surface of a label volume. Its vertices are surface voxels, each seen from one side.
 #[derive(Debug, Clone)]
 pub struct VoxelMesh {
+    /// What the label was taken for.
+    pub kind: Kind,
     /// The surface.
     pub surface: Surface,
     /// The voxel of each vertex.
     pub voxels: Vec<[u32; 3]>,
     /// Vertices that were added because a voxel carries more than one sheet.
     pub split: usize,
-    /// χ of the surfels; that of the surface is the same.
+    /// χ of a solid's surfels; that of the surface is the same.
     pub euler: i64,
+    /// Pairs of neighbouring voxels of a sheet whose sides do not agree: it has one side only, or touches itself.
+    pub conflicts: usize,
 }
 
 impl VoxelMesh {
+    /// The surface of a label, solid or sheet, or what it is recognised to be.
+    ///
+    /// # Errors
+    /// Those of [`VoxelMesh::of_solid`] and [`VoxelMesh::of_sheet`].
+    pub fn of(
+        mask: &Mask,
+        affine: &Affine,
+        kind: Option<Kind>,
+        level: Option<&Level>,
+        control: &Control,
+    ) -> Result<Self> {
+        match kind.unwrap_or_else(|| if sheets::is_sheet(mask) { Kind::Sheet } else { Kind::Solid }) {
+            Kind::Solid => Self::of_solid(mask, affine, level, control),
+            Kind::Sheet => Self::of_sheet(mask, affine, control),
+        }
+    }
+
+    /// One surface with a boundary, through the middle of a sheet, all components of it. In a sheet thicker than a voxel the
+    /// voxels that are seen from the other side only are no vertices.
+    ///
+    /// # Errors
+    /// [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
+    pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
+        let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
+        let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;
+        let side = sheets::side(&voxels, &both, control)?;
+        let surfels = both.restricted(&side.surfels);
+        let depths = sheets::depths(mask, &voxels, &surfels);
+        let spacing = affine.spacing();
+        let middle = |surfel: u32| {
+            let voxel = voxels.voxels()[surfels.voxel(surfel) as usize];
+            let direction = surfels.direction(surfel);
+            let depth = depths[surfel as usize];
+            Vector3::from_fn(|a, _| spacing[a] * (f64::from(voxel[a]) - depth * direction[a] as f64))
+        };
+        let middles: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(middle).collect();
+        let place = |nodes: &Nodes| {
+            let mut thinnest = vec![f64::INFINITY; nodes.voxel.len()];
+            for (&node, &depth) in nodes.of_surfel.iter().zip(&depths) {
+                thinnest[node as usize] = depth.min(thinnest[node as usize]);
+            }
+            let counts = |surfel: usize| depths[surfel] == thinnest[nodes.of_surfel[surfel] as usize];
+            let mut base = vec![(Vector3::zeros(), 0.0); nodes.voxel.len()];
+            for surfel in (0..middles.len()).filter(|&surfel| counts(surfel)) {
+                let (sum, count) = &mut base[nodes.of_surfel[surfel] as usize];
+                *sum += middles[surfel];
+                *count += 1.0;
+            }
+            let base: Vec<Vector3<f64>> = base.into_iter().map(|(sum, count)| sum / count).collect();
+            let mut points = base;
+            for _ in 0..SHEET_FITS {
+                points = fit(&surfels, nodes, &points, spacing, SHEET_SHARE, control)?.points;
+            }
+            Ok(points)
+        };
+        let (nodes, surface) = Nodes::triangulate(&surfels, &middles, place, control)?;
+        let mesh = Self::in_space(&surface, &nodes, &surfels, &voxels)?;
+        Ok(Self { kind: Kind::Sheet, conflicts: side.conflicts, ..mesh })
+    }
+
     /// The boundary of a solid, all components of it. With a level its points lie where the image has that value, as far as it
     /// has it near the mask's border.
     ///
@@ -38,9 +118,7 @@ impl VoxelMesh {
         Self::blended(mask, affine, level, SHARE, control)
     }
 
-    /// The same with another share of the fit, to measure what it does.
-    #[doc(hidden)]
-    pub fn blended(mask: &Mask, affine: &Affine, level: Option<&Level>, share: f64, control: &Control) -> Result<Self> {
+    fn blended(mask: &Mask, affine: &Affine, level: Option<&Level>, share: f64, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
             return Err(Error::ShapeMismatch { shape: mask.shape(), given, needed });
@@ -82,8 +160,10 @@ impl VoxelMesh {
         Ok(Self {
             voxels: surface.ids().iter().map(of_vertex).collect(),
             surface: surface.moved(points)?.into_input(mirrored),
+            kind: Kind::Solid,
             split: nodes.split,
             euler: surfels.euler(),
+            conflicts: 0,
         })
     }
 }

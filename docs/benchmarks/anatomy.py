@@ -1,0 +1,297 @@
+"""Real anatomy as label volumes, from data that nilearn carries: nothing is downloaded.
+
+    python docs/benchmarks/anatomy.py OUTDIR
+
+writes, as NIfTI, the white matter of both hemispheres of fsaverage5 at 1.0, 0.7 and 0.5 mm and of the MNI152 template
+at 1 mm: labels, and beside them how much of each voxel is white matter (`_fraction`, `_probability`). Benchmarks and
+tests import the functions.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+SIDES = ("left", "right")
+SPACINGS = (1.0, 0.7, 0.5)
+
+JITTER = (3.1e-8, 4.7e-8)
+"""Columns lie this far beside their place, voxels: meshes often have vertices and edges on round coordinates."""
+
+BATCH = 1 << 20
+"""Pairs of a triangle and a column that are tested at a time."""
+
+
+def main():
+    """Write the volumes and print how many voxels each has."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("outdir", type=Path)
+    outdir = parser.parse_args().outdir
+    outdir.mkdir(parents=True, exist_ok=True)
+    for side in SIDES:
+        surfaces = fsaverage5(side)
+        for spacing in SPACINGS:
+            start = time.perf_counter()
+            labels, affine, fraction = voxelise(surfaces["white"], surfaces["faces"], spacing)
+            name = f"fsaverage5_{side}_{spacing:.1f}mm"
+            report(name, labels, time.perf_counter() - start)
+            write(outdir / f"{name}.nii.gz", labels, affine)
+            write(outdir / f"{name}_fraction.nii.gz", fraction, affine)
+    for side in SIDES:
+        start = time.perf_counter()
+        labels, affine, probability = mni152_white_matter(side)
+        name = f"mni152_{side}_1.0mm"
+        report(name, labels, time.perf_counter() - start)
+        write(outdir / f"{name}.nii.gz", labels, affine)
+        write(outdir / f"{name}_probability.nii.gz", probability, affine)
+
+
+def report(name, labels, seconds):
+    """Print one line about a volume."""
+    print(f"{name:24}{'x'.join(map(str, labels.shape)):>14}{np.count_nonzero(labels):>11,} voxels{seconds:>7.1f} s")
+
+
+def write(path, volume, affine):
+    """Write a NIfTI volume, mm."""
+    import nibabel
+
+    image = nibabel.Nifti1Image(volume, affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, path)
+
+
+def fsaverage5(side):
+    """Load a hemisphere of fsaverage5: 10,242 vertices, the same in all surfaces.
+
+    Parameters
+    ----------
+    side : {"left", "right"}
+        Hemisphere.
+
+    Returns
+    -------
+    dict
+        ``white``, ``pial`` and ``mid`` (halfway between them): ndarrays of float64, shape (10242, 3), mm, RAS.
+        ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0, outward.
+        ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above). The
+        points of vertices that the map leaves out (the medial wall and the cuts) are NaN.
+        ``sulc``: sulcal depth, ndarray of float64, shape (10242,).
+    """
+    check_side(side)
+    import nibabel
+    from nilearn import datasets  # takes seconds
+
+    files = datasets.fetch_surf_fsaverage("fsaverage5")
+
+    def arrays(kind):
+        return [array.data for array in nibabel.load(files[f"{kind}_{side}"]).darrays]
+
+    (white, faces), (pial, pial_faces), (flat, flat_faces) = arrays("white"), arrays("pial"), arrays("flat")
+    (sulc,) = arrays("sulc")
+    if not np.array_equal(faces, pial_faces):
+        raise ValueError("the white and the pial surface have different faces; use nilearn's own fsaverage5")
+    white, pial, flat = white.astype(float), pial.astype(float), flat.astype(float)
+    flat[np.setdiff1d(np.arange(len(flat)), flat_faces)] = np.nan  # the file has places in space there
+    return {
+        "white": white,
+        "pial": pial,
+        "mid": (white + pial) / 2,
+        "faces": faces.astype(np.int64),
+        "flat": (flat, flat_faces.astype(np.int64)),
+        "sulc": sulc.astype(float),
+    }
+
+
+def mni152_white_matter(side, threshold=0.5):
+    """Load a hemisphere's white matter from the MNI152 template, without cerebellum and brain stem.
+
+    The hemispheres are parted at x = 0 mm; the voxels there belong to neither. The brain stem is cut through at
+    z = -14 mm by taking out the voxels with |x| ≤ 20 mm and -45 < y < 0 mm in that one slice; the lower stem and with
+    it the cerebellum, which no other white matter joins to the hemisphere, are then not in the largest component.
+
+    Parameters
+    ----------
+    side : {"left", "right"}
+        Hemisphere.
+    threshold : float, optional
+        White matter is where its probability is greater.
+
+    Returns
+    -------
+    labels : ndarray of uint8, shape (197, 233, 189)
+        1 in white matter: one component under face adjacency.
+    affine : ndarray of float, shape (4, 4)
+        Voxel indices to mm, RAS; voxels are 1 mm.
+    probability : ndarray of float32
+        The template, and 0 where it is above the threshold but not in `labels`, so that
+        ``labels == (probability > threshold)``.
+    """
+    check_side(side)
+    from nilearn import datasets
+
+    image = datasets.load_mni152_wm_template(resolution=1)
+    probability = np.array(image.dataobj, dtype=np.float32)
+    x, y, z = (
+        offset + step * np.arange(length)
+        for offset, step, length in zip(image.affine[:3, 3], np.diag(image.affine)[:3], probability.shape, strict=True)
+    )
+    white = probability > threshold
+    white[x >= 0 if side == "left" else x <= 0] = False
+    white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
+    labels = largest_component(white)
+    probability[(probability > threshold) & ~labels] = 0
+    return labels.astype(np.uint8), np.array(image.affine, dtype=float), probability
+
+
+def check_side(side):
+    """Refuse what is no hemisphere."""
+    if side not in SIDES:
+        raise ValueError(f"side is {side!r}; give 'left' or 'right'")
+
+
+def voxelise(points, faces, spacing, pad=4, columns=5):
+    """Turn a closed triangle mesh into voxels.
+
+    A place is inside where the winding number is positive: where parts overlap as well, while a part that is turned
+    inside out takes away. Faces may all be outward or all inward. Winding numbers come from the faces that lines along
+    the third axis pass through, `columns`² lines a voxel.
+
+    Parameters
+    ----------
+    points : array_like, shape (N, 3)
+        Vertices, mm.
+    faces : array_like of int, shape (F, 3)
+        Triangles.
+    spacing : float or sequence of three
+        Of the voxels, mm.
+    pad : int, optional
+        Voxels around the mesh.
+    columns : int, optional
+        Lines a voxel along the first and the second axis; odd, so that one passes through the centre.
+
+    Returns
+    -------
+    labels : ndarray of uint8, shape (I, J, K)
+        1 where the voxel's centre is inside, of that the largest component under face adjacency.
+    affine : ndarray of float, shape (4, 4)
+        Voxel indices to mm.
+    fraction : ndarray of float32, shape (I, J, K)
+        Part of each voxel's volume that is inside: exact along the third axis, sampled along the other two. All
+        components.
+    """
+    points, faces = np.asarray(points, dtype=float), np.asarray(faces, dtype=np.int64)
+    spacing = np.broadcast_to(np.asarray(spacing, dtype=float), 3)
+    if columns < 1 or columns % 2 == 0:
+        raise ValueError(f"columns is {columns}; give an odd number, so that a line passes through each voxel's centre")
+    origin = points.min(axis=0) - pad * spacing
+    places = (points - origin) / spacing
+    shape = tuple(np.ceil(places.max(axis=0)).astype(int) + pad + 1)
+
+    a, b, c = places[faces].transpose(1, 0, 2)
+    if np.einsum("ij,ij->", np.cross(a, b), c) < 0:
+        faces = faces[:, ::-1]
+    # columns 0, 1, ... along an axis lie at -1/2 + 1/(2 columns), + 1/columns, ..., where voxel centres are integers
+    fine = np.column_stack([(places[:, :2] - JITTER + 0.5) * columns - 0.5, places[:, 2]])
+    i, j, height, step = transitions(*crossings(fine, faces))
+    voxel = (i // columns, j // columns)
+
+    central = (i % columns == columns // 2) & (j % columns == columns // 2)
+    begins = np.ceil(height[central]).astype(int)
+    inside = np.cumsum(scatter(shape, (voxel[0][central], voxel[1][central], begins), step[central]), axis=2) > 0.5
+
+    # what lies below a height fills its own voxel in part and those below it wholly
+    layer = np.floor(height + 0.5).astype(int)
+    voxel = (*voxel, layer)
+    own = scatter(shape, voxel, -step * (height + 0.5 - layer))
+    whole = scatter(shape, voxel, -step)
+    below = np.cumsum(whole[:, :, ::-1], axis=2)[:, :, ::-1] - whole
+    fraction = np.clip((own + below) / columns**2, 0, 1).astype(np.float32)
+
+    affine = np.diag([*spacing, 1.0])
+    affine[:3, 3] = origin
+    return largest_component(inside).astype(np.uint8), affine, fraction
+
+
+def crossings(points, faces):
+    """Find where lines along the third axis at integer first and second coordinates pass through triangles.
+
+    The side of an edge on which a line lies is computed from the edge's ends in the order of their coordinates, so in
+    the same way for both its triangles: a line near an edge passes through exactly one of them, whatever the rounding.
+
+    Returns
+    -------
+    i, j : ndarrays of int
+        The line.
+    height : ndarray of float
+        Third coordinate.
+    sign : ndarray of int
+        1 where the line, upward, enters a solid with outward faces; -1 where it leaves.
+    """
+    points, rank = np.unique(points, axis=0, return_inverse=True)
+    faces = rank.reshape(-1)[faces]
+    corners = points[faces]
+    low = np.ceil(corners[:, :, :2].min(axis=1)).astype(int)
+    extent = np.floor(corners[:, :, :2].max(axis=1)).astype(int) - low + 1
+    counts = extent.prod(axis=1)
+    a, b, c = corners.transpose(1, 2, 0)
+    turn = cross(b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1])
+    found = []
+    hit = np.flatnonzero((counts > 0) & (turn != 0))
+    batches = np.cumsum(counts[hit]) // BATCH
+    for batch in np.split(hit, np.flatnonzero(np.diff(batches)) + 1):
+        face = np.repeat(batch, counts[batch])
+        number = np.arange(len(face)) - np.repeat(np.cumsum(counts[batch]) - counts[batch], counts[batch])
+        i = low[face, 0] + number // extent[face, 1]
+        j = low[face, 1] + number % extent[face, 1]
+        lefts = np.zeros(len(face), dtype=np.int8)  # of how many edges the line lies to the left
+        for edge in range(3):
+            start, end = faces[face, edge], faces[face, (edge + 1) % 3]
+            first, last = points[np.minimum(start, end)], points[np.maximum(start, end)]
+            left = cross(last[:, 0] - first[:, 0], last[:, 1] - first[:, 1], i - first[:, 0], j - first[:, 1]) > 0
+            lefts += left ^ (start > end)
+        inside = (lefts == 0) | (lefts == 3)
+        face, i, j, sign = face[inside], i[inside], j[inside], np.where(lefts[inside] == 0, 1, -1)
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (corner[:, face] for corner in (a, b, c))
+        u = cross(i - ax, j - ay, cx - ax, cy - ay) / turn[face]
+        v = cross(bx - ax, by - ay, i - ax, j - ay) / turn[face]
+        found.append((i, j, az + u * (bz - az) + v * (cz - az), sign))
+    if not found:
+        raise ValueError("no line passes through the mesh; give a smaller spacing")
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
+
+
+def cross(ax, ay, bx, by):
+    """Cross product in the plane: positive where b lies to the left of a."""
+    return ax * by - ay * bx
+
+
+def transitions(i, j, height, sign):
+    """Keep the crossings at which the winding number becomes positive (step 1) or ceases to be (step -1)."""
+    order = np.lexsort([height, j, i])
+    i, j, height, sign = i[order], j[order], height[order], sign[order]
+    ends = np.append((np.diff(i) != 0) | (np.diff(j) != 0), True)
+    after = np.cumsum(sign)
+    if (after[ends] != 0).any():
+        raise ValueError(f"{np.count_nonzero(after[ends])} lines enter the mesh without leaving it; give a closed mesh")
+    step = (after > 0).astype(int) - (after - sign > 0)
+    kept = step != 0
+    return i[kept], j[kept], height[kept], step[kept]
+
+
+def scatter(shape, voxel, values):
+    """Sum values into the voxels of a volume."""
+    return np.bincount(np.ravel_multi_index(voxel, shape), values, np.prod(shape)).reshape(shape)
+
+
+def largest_component(mask):
+    """Keep the largest component under face adjacency."""
+    components, _ = ndimage.label(mask)
+    sizes = np.bincount(components.ravel())
+    sizes[0] = 0
+    return (components == sizes.argmax()) & mask
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,314 @@
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
+
+from voxflat._errors import InputError
+from voxflat.meshes import (
+    Mesh,
+    Patch,
+    holds_mesh,
+    patch_border,
+    patch_faces,
+    read_mesh,
+    read_overlay,
+    read_patch,
+    read_region,
+    write_mesh,
+    write_patch,
+)
+
+# --------------------------------------------------------------------------------------- overlays
+
+
+def overlays(folder, values):
+    """Write the same values in all formats."""
+    values = values.astype(np.float32)
+    nib.freesurfer.write_morph_data(folder / "lh.curv", values)
+    gifti(folder / "s.shape.gii", [(values, "shape")])
+    nib.save(nib.MGHImage(values[:, None, None], np.eye(4)), folder / "s.mgh")
+    nib.save(nib.MGHImage(values[:, None, None], np.eye(4)), folder / "s.mgz")
+    np.save(folder / "s.npy", values.astype(">f4"))
+    np.savetxt(folder / "s.txt", values, "%.9g")
+    return sorted(folder.iterdir())
+
+
+def test_overlays(tmp_path):
+    values = np.random.default_rng(3).normal(size=42).astype(np.float32)
+    for path in overlays(tmp_path, values):
+        read = read_overlay(path, 42)
+        np.testing.assert_array_equal(read.astype(np.float32), values)
+        assert read.dtype.isnative
+        refuses(path, "has 42 values; the surface has 43 points", read_overlay, 43)
+        whole = path.read_bytes()
+        for length in (len(whole) // 2, len(whole) - (24 if path.suffix in (".mgh", ".txt") else 2)):
+            path.write_bytes(whole[:length])  # MGH ends in 20 bytes that matter not, text in digits
+            refuses(path, "", read_overlay, 42)
+
+
+def test_overlays_with_several_maps(tmp_path):
+    maps = np.arange(12, dtype=np.float32).reshape(4, 3)
+    gifti(tmp_path / "s.func.gii", [(column, "time_series") for column in maps.T.copy()])
+    nib.save(nib.MGHImage(maps[:, None, None, :], np.eye(4)), tmp_path / "s.mgz")
+    np.save(tmp_path / "s.npy", maps)
+    for name in ("s.func.gii", "s.mgz", "s.npy"):
+        np.testing.assert_array_equal(read_overlay(tmp_path / name, 4), maps)
+        refuses(tmp_path / name, "has 3 maps: give a file with one", read_region, 4)
+
+
+def test_older_freesurfer_values(tmp_path):
+    (tmp_path / "lh.curv").write_bytes(b"\0\0\x03\0\0\x01" + struct.pack(">3h", -100, 0, 250))
+    np.testing.assert_array_equal(read_overlay(tmp_path / "lh.curv", 3), [-1, 0, 2.5])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("s.npy", b"hello", "is no NumPy array"),
+        ("lh.curv", b"hello", "none of the files of values"),
+        ("lh.white", b"\xff\xff\xfehello", "holds no values at points, but FreeSurfer surface"),
+        ("s.mgh", b"hello", "is no MGH file"),
+        (
+            "s.mgh",
+            struct.pack(">6i", 1, 5, 1, 1, 1, 3),
+            "has the shape .5, 1, 1, 1. by its header, but ends after 24 of",
+        ),
+        ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "values at N points have"),
+        ("s.mgz", b"\x1f\x8bhello", "complete"),
+        ("lh.annot", b"\xff\xff\xff\xf0", "which is damaged"),
+        ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not name the points in their order"),
+        ("s.txt", b"1\n2\nthree\n", "three"),
+        ("lh.curv", b"\xff\xff\xff" + struct.pack(">3i", 5, 0, 1), "5 values by its header, but ends after 15 of 35"),
+    ],
+)
+def test_bad_overlays(tmp_path, name, content, message, capfd):
+    (tmp_path / name).write_bytes(content)
+    refuses(tmp_path / name, message, read_overlay, 3)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_array_of_objects_is_not_unpickled(tmp_path):
+    np.save(tmp_path / "s.npy", np.array([print], dtype=object), allow_pickle=True)
+    refuses(tmp_path / "s.npy", "", read_overlay, 1)
+    np.save(tmp_path / "s.npy", np.zeros(3, complex))
+    refuses(tmp_path / "s.npy", r"values are complex128 of shape \(3,\)", read_overlay, 3)
+
+
+# ---------------------------------------------------------------------------------------- regions
+
+
+def annotation(path):
+    labels = np.array([0, 1, 1, 2, -1, 2])
+    table = np.array([[25, 5, 25, 0], [25, 100, 40, 0], [125, 100, 160, 0]])
+    nib.freesurfer.write_annot(path, labels, table, ["unknown", "bankssts", "Größe"])
+    return labels
+
+
+def test_annotations(tmp_path):
+    path = tmp_path / "lh.aparc.annot"
+    labels = annotation(path)
+    np.testing.assert_array_equal(read_overlay(path, 6), labels)
+    np.testing.assert_array_equal(read_region(path, 6, name="bankssts"), labels == 1)
+    np.testing.assert_array_equal(read_region(path, 6, name="Größe"), labels == 2)
+    with pytest.raises(InputError, match="name='wall' is none of its labels: unknown, bankssts, Größe"):
+        read_region(path, 6, name="wall")
+    refuses(path, "name=None is none of its labels", read_region, 6)
+    refuses(path, "has 6 values; the surface has 7 points", read_overlay, 7)
+    whole = path.read_bytes()
+    stray = bytearray(whole)
+    stray[8:12] = struct.pack(">i", 77)  # a colour that is not in the table
+    path.write_bytes(stray)
+    assert read_overlay(path, 6)[0] == -1
+    for length in range(0, len(whole) - 1, 7):
+        path.write_bytes(whole[:length])
+        refuses(path, "", read_overlay, 6)
+
+
+def test_gifti_labels(tmp_path):
+    def change(image):
+        for key, name in [(0, "???"), (7, "Medial_wall"), (9, "V1")]:
+            label = nib.gifti.GiftiLabel(key, 1, 0, 0, 1)
+            label.label = name
+            image.labeltable.labels.append(label)
+
+    keys = np.array([0, 7, 9, 7], dtype=np.int32)
+    path = gifti(tmp_path / "s.label.gii", [(keys, "label")], change)
+    np.testing.assert_array_equal(read_region(path, 4), keys != 0)
+    np.testing.assert_array_equal(read_region(path, 4, name="Medial_wall"), keys == 7)
+    np.testing.assert_array_equal(read_overlay(path, 4), keys)
+    with pytest.raises(InputError, match=r"name='V2' is none of its labels: \?\?\?, Medial_wall, V1"):
+        read_region(path, 4, name="V2")
+
+
+def test_values_as_regions(tmp_path):
+    values = np.array([0, 1, -2, np.nan, 0.5])
+    for path in overlays(tmp_path, values):
+        np.testing.assert_array_equal(read_region(path, 5), [False, True, True, False, True])
+        with pytest.raises(InputError, match=r"none of its labels|has no named labels"):
+            read_region(path, 5, name="V1")
+    np.save(tmp_path / "mask.npy", values > 0)
+    np.testing.assert_array_equal(read_region(tmp_path / "mask.npy", 5), values > 0)
+
+
+LABEL = "#!ascii label  , from subject bert vox2ras=TkReg\n{}\n{}"
+
+
+@pytest.mark.parametrize(
+    ("number", "rows", "message"),
+    [
+        ("2", "4 0 0 0 0\n", "names 1 points, by its header 2"),
+        ("1", "4 0 0 0 0\n5 0 0 0 0\n", "names 2 points, by its header 1"),
+        ("two", "4 0 0 0 0\n", "second line must be the number"),
+        ("1", "9 0 0 0 0\n", "line 3 names point 9; the surface has the points 0 to 5"),
+        ("2", "1 0 0 0 0\n-1 0 0 0 0\n", "line 4 names point -1"),
+        ("1", "1.5 0 0 0 0\n", "line 3 names point 1.5"),
+        ("1", "one 0 0 0 0\n", "one"),
+    ],
+)
+def test_bad_labels(tmp_path, number, rows, message):
+    (tmp_path / "lh.V1.label").write_text(LABEL.format(number, rows))
+    refuses(tmp_path / "lh.V1.label", message, read_region, 6)
+
+
+def test_labels(tmp_path):
+    path = tmp_path / "lh.V1.label"
+    path.write_text(LABEL.format(2, "4  -1.0  0.5 3 0.0\n0 0 0 0 1\n"))
+    np.testing.assert_array_equal(read_region(path, 6), [True, False, False, False, True, False])
+    np.testing.assert_array_equal(nib.freesurfer.read_label(path), [4, 0])
+    refuses(path, "has no named labels", lambda file: read_region(file, 6, name="V1"))
+    path.write_text(LABEL.format(0, ""))
+    assert not read_region(path, 6).any()
+
+
+def test_surfaces_as_regions(tmp_path):
+    part = Mesh(grid().points, grid().faces[:2])
+    for name in FORMATS:
+        write_mesh(tmp_path / name, part)
+        assert set(np.flatnonzero(read_region(tmp_path / name, 16))) == set(part.faces.ravel())
+        refuses(tmp_path / name, "has 16 values; the surface has 17 points", read_region, 17)
+        refuses(tmp_path / name, "holds a surface|holds no values at points|no array|values", read_overlay, 16)
+        assert holds_mesh(tmp_path / name)
+
+
+# ---------------------------------------------------------------------------------------- patches
+
+
+def oracle(data):
+    """Parse a patch in the way of pycortex: entry by entry, numbers from 1, those of the border below 0."""
+    version, count = struct.unpack_from(">2i", data)
+    entries = [struct.unpack_from(">i3f", data, 8 + 16 * i) for i in range(count)]
+    assert version == -1
+    assert len(data) == 8 + 16 * count
+    return [(abs(k) - 1, k < 0, (x, y, z)) for k, x, y, z in entries]
+
+
+@st.composite
+def patches(draw):
+    vertices = draw(st.lists(st.integers(0, 2**31 - 2), min_size=1, max_size=20, unique=True))
+    k = len(vertices)
+    points = draw(npst.arrays(np.float32, (k, 3), elements=st.floats(-1e6, 1e6, width=32)))
+    return Patch(np.array(vertices), points, draw(npst.arrays(np.bool_, k)))
+
+
+@fast
+@given(patch=patches())
+def test_patch_round_trip(tmp_path, patch):
+    path = tmp_path / "lh.cortex.patch.flat"
+    write_patch(path, patch)
+    data = path.read_bytes()
+    read = read_patch(path)
+    assert (read.vertices.dtype, read.points.dtype, read.border.dtype) == (np.int64, np.float64, np.bool_)
+    for one, other in [(read.vertices, patch.vertices), (read.points, patch.points), (read.border, patch.border)]:
+        np.testing.assert_array_equal(one, other)
+    expected = [(v, b, tuple(p)) for v, b, p in zip(read.vertices, read.border, read.points.tolist(), strict=True)]
+    assert oracle(data) == expected
+    write_patch(path, read)
+    assert path.read_bytes() == data
+
+
+def entries(*rows):
+    return struct.pack(">2i", -1, len(rows)) + b"".join(struct.pack(">i3f", *row) for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "is empty"),
+        (b"\xff\xff\xff", "begins with ff ff ff instead"),
+        (b"#!ascii version of patch", "begins with 23 21 61 73"),
+        (struct.pack(">2i", 5, 1), "it is no binary patch file"),
+        (struct.pack(">2i", -1, -7), "-7 points by its header, which is damaged"),
+        (struct.pack(">2i", -1, 2**31 - 1), "but ends after 8 of"),
+        (entries((1, 0, 0, 0))[:-1], "has 1 points by its header, but ends after 23 of 24 bytes"),
+        (entries((1, 0, 0, 0)) + b"\0", "but 1 bytes more"),
+        (entries((1, 0, 0, 0), (0, 0, 0, 0)), "entry 1 names vertex 0; patch files count from 1"),
+        (entries((1, 0, 0, 0), (-1, 0, 0, 0)), "entry 1 of the patch is vertex 0, which it has already"),
+        (entries((1, 0, 0, 0), (2, 0, float("nan"), 0)), r"entry 1 of the patch lies at \[0.0, nan, 0.0\]"),
+        (entries(), "has one whole number or more"),
+    ],
+)
+def test_bad_patches(tmp_path, data, message):
+    (tmp_path / "lh.patch.3d").write_bytes(data)
+    refuses(tmp_path / "lh.patch.3d", message, read_patch)
+    refuses(tmp_path / "lh.patch.3d", "", read_region, 9)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        (([0, -1], np.zeros((2, 3)), [True, False]), "entry 1 of the patch is vertex -1: they count from 0"),
+        (([0.0], np.zeros((1, 3)), [True]), "float64"),
+        (([0], np.zeros((2, 3)), [True]), r"give \(1, 3\) and \(1,\)"),
+        (([3, 0, 3], np.zeros((3, 3)), [True] * 3), "entry 2 of the patch is vertex 3, which it has already"),
+    ],
+)
+def test_bad_patch_arrays(arrays, message):
+    with pytest.raises(InputError, match=message):
+        Patch(*(np.asarray(array) for array in arrays))
+
+
+def test_patches_that_cannot_be_written(tmp_path):
+    far = Patch(np.array([2**31 - 1]), np.zeros((1, 3)), np.array([True]))
+    refuses(tmp_path / "p", "vertex 2147483647 is above", write_patch, far)
+    assert not any(tmp_path.iterdir())
+
+
+def test_faces_and_border_of_a_patch():
+    """Without the corner of a grid of 5 by 5: its old edge and what was next to the corner are the border."""
+    mesh = grid(5)
+    vertices = np.arange(24, 0, -1)  # all but point 0, backwards
+    faces = patch_faces(mesh.faces, vertices, 25)
+    kept = mesh.faces[(mesh.faces != 0).all(axis=1)]
+    np.testing.assert_array_equal(vertices[faces], kept)
+    border = set(vertices[patch_border(mesh.faces, vertices, 25)])
+    assert border == {i * 5 + j for i in range(5) for j in range(5) if i in (0, 4) or j in (0, 4)} - {0}
+    inner = np.array([5 * i + j for i in (1, 2, 3) for j in (1, 2, 3)])
+    assert set(inner[patch_border(mesh.faces, inner, 25)]) == set(inner) - {12}
+    assert patch_border(mesh.faces, [3, 17], 25).all()
+    assert patch_faces(mesh.faces, [3, 17], 25).shape == (0, 3)
+    assert not patch_border(sphere().faces, np.arange(42), 42).any()
+    for function in (patch_faces, patch_border):
+        with pytest.raises(InputError, match="entry 1 of the patch is vertex 25; the surface has 25 points"):
+            function(mesh.faces, [0, 25], 25)
+        with pytest.raises(InputError, match=r"face 0 is \[0, 5, 1\]; the surface has the points 0 to 3"):
+            function(mesh.faces, [0], 4)
+
+
+def test_a_patch_of_fsaverage5(tmp_path):
+    white, flat = read_mesh(fsaverage5("white_left")), read_mesh(fsaverage5("flat_left"))
+    vertices = np.unique(flat.faces)
+    border = patch_border(white.faces, vertices, 10242)
+    path = tmp_path / "lh.flat.patch.3d"
+    write_patch(path, Patch(vertices, white.points[vertices], border))
+    patch = read_patch(path)
+    np.testing.assert_array_equal(read_region(path, 10242), read_region(fsaverage5("flat_left"), 10242))
+    refuses(path, "names point 10241; the surface has the points 0 to 9999", read_region, 10000)
+    mesh = Mesh(patch.points, patch_faces(white.faces, patch.vertices, 10242))
+    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
+    pairs, counts = np.unique(edges, axis=0, return_counts=True)
+    assert set(np.unique(pairs[counts == 1])) <= set(np.flatnonzero(patch.border))
+    assert 0 < border.sum() < 0.1 * len(border)
