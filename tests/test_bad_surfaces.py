@@ -149,7 +149,7 @@ def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
     assert cut["reason"] == "closed sphere"
     assert cut["length"] > 30
     assert len(flat) == sphere.n_points + len(cut["ids"]) - 2
-    assert any("it was cut open along 1 paths" in record.getMessage() for record in caplog.records)
+    assert any("it was cut open along 1 path," in record.getMessage() for record in caplog.records)
 
 
 def test_metres_are_suspected():

@@ -158,6 +158,48 @@ class TestFromVoxels:
         assert voxflat.path(volume, (30, 10, 5), (29, 10, 6), geodesic="chain").length < 2
 
 
+class TestSheets:
+    @pytest.mark.parametrize("traversed", [False, True])
+    def test_the_papers_curled_sheet_is_unrolled(self, traversed):
+        """One surface with a boundary, not a pillow; its flat map is as long and wide as the sheet was."""
+        from scipy.spatial.transform import Rotation
+
+        volume = shapes.curled_sheet(rotation=Rotation.random(rng=4), traversed=traversed)
+        flat = voxflat.flatten(volume, sources=150)
+        assert flat.metadata["sheet"]
+        assert flat.metadata["automatic_cuts"] == []
+        assert flat.distortion.raw.relative_error < 0.005
+        assert flat.distortion.triangles.areal_median < 0.1
+        centred = flat.uv - flat.uv.mean(axis=0)
+        sides = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
+        np.testing.assert_allclose(sides, [88, 44], atol=2.5)
+        assert flat.distortion.triangles.flipped <= 3
+
+    def test_a_level_sheet_has_every_voxel_once(self):
+        surface = voxflat.surface(shapes.sheet((20, 30)))
+        assert surface.metadata["sheet"]
+        assert (len(surface), len(surface.faces)) == (600, 2 * 19 * 29)
+        assert np.linalg.norm(surface.points - surface.ids, axis=1).max() < 1e-6
+        pillow = voxflat.surface(shapes.sheet((20, 30)), sheet=False)
+        assert pillow.core.topology()["euler"] == 2
+
+    def test_a_sheet_on_a_slope_may_be_a_strip_of_edges(self):
+        i, _, k = np.indices((20, 20, 20))
+        surface = voxflat.surface((i + k == 19).astype(np.uint8))  # neighbours touch along edges alone
+        topology = surface.core.topology()
+        assert (topology["euler"], len(topology["components"])) == (1, 1)
+        np.testing.assert_allclose(surface.points[:, [0, 2]].sum(axis=1), 19, atol=1e-6)
+
+    def test_a_closed_organ_is_cut_open(self):
+        i, j, k = np.indices((60, 44, 34)) - np.array([30, 22, 17])[:, None, None, None]
+        kidney = ((i / 26) ** 2 + ((j - 0.012 * i**2) / 15) ** 2 + (k / 12) ** 2 < 1).astype(np.uint8)
+        flat = voxflat.flatten(kidney, sources=200)
+        (cut,) = flat.metadata["automatic_cuts"]
+        assert cut["reason"] == "closed sphere"
+        assert len(np.unique(flat.ids, axis=0)) == len(np.unique(voxflat.surface(kidney).ids, axis=0))
+        assert flat.distortion.raw.relative_error < 0.35
+
+
 class TestDistances:
     def test_links_are_paths_on_the_surface(self):
         """Never shorter than through the air, never longer than along edges; symmetric; the triangle inequality."""

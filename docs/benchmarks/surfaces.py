@@ -122,7 +122,8 @@ def workbench():
                 apart = np.abs(voxflat.measure(paths[0], paths[1], sources=1).triangles.areal - theirs)
                 within = 100 * np.mean(apart < 1e-4)
                 print(
-                    f"  fsaverage5 {side}, {name}: {within:.2f} % of {len(used)} within 1e-4, greatest {apart.max():.0e}"
+                    f"  fsaverage5 {side}, {name}: {within:.2f} % of {len(used)} within 1e-4, "
+                    f"greatest {apart.max():.0e}"
                 )
 
 

@@ -60,8 +60,8 @@ class Check:
     handles : tuple of dict
         Its handles: ``length`` (mm) of a short loop around each, and its ``centre`` (RAS+ mm).
     thin : dict or None
-        Places where the solid is thinner than ``thickness`` (1.2 voxels; of a mesh its median edge), mm: how many ``points``
-        lie there, and the ``worst`` thickness and its ``place`` (RAS+ mm).
+        Places where the solid is thinner than ``thickness`` (1.2 voxels; of a mesh its median edge), mm: how many
+        ``points`` lie there, and the ``worst`` thickness and its ``place`` (RAS+ mm).
     automatic_cuts : tuple of dict
         What it would be cut open along: ``length`` (mm), ``reason``, ``ids``.
     can_flatten : bool

@@ -274,9 +274,10 @@ def _open(
     own = len(faces)
     core, cuts = part.core.open_to_disk(progress)
     total = sum(cut["length"] for cut in cuts)
+    paths = "1 path" if len(cuts) == 1 else f"{len(cuts)} paths"
     remark = (
         f"the surface is no disk ({topology['handles']} handles, {topology['loops']} boundary loops): it was cut open "
-        f"along {len(cuts)} paths, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
+        f"along {paths}, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
     )
     for cut in cuts:
         cut["ids"] = part.ids[cut.pop("vertices")].tolist()

@@ -43,8 +43,8 @@ def measure(
         The surface, as in `flatten`.
     flat : path, FlatMap, Mesh, (places, faces), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
-        the same order, a map of voxflat (.npz), or places in the plane, mm. Its triangles, or those of the surface with a
-        place for all corners, are judged; a third coordinate must be constant.
+        the same order, a map of voxflat (.npz), or places in the plane, mm. Its triangles, or those of the surface with
+        a place for all corners, are judged; a third coordinate must be constant.
     sources : int
         How many random points distances are measured from.
 

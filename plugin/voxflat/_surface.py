@@ -456,12 +456,10 @@ def _of_volume(
     metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
     metadata["sheet"] = metadata.pop("kind") == "sheet"
     metadata["kind"] = "voxels"
-    if metadata["sheet"]:
-        remarks.append("the foreground is a sheet one voxel thick; one surface is made of it, at its middle")
     if metadata["conflicts"]:
         remarks.append(
-            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or has "
-            "one side only, like a Möbius strip"
+            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or "
+            "has one side only, like a Möbius strip"
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
         remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")

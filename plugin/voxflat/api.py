@@ -181,7 +181,7 @@ def _voxflat(cut: Cutout, how: _How) -> FlatMap:
     distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
-            f"{distortion.triangles.flipped} of {len(part.faces)} triangles are turned over in the map: it folds there"
+            f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
     metadata = {"method": "voxflat", **cut.metadata, **_told(how, chosen, result, need, warnings)}
     return FlatMap(

@@ -150,8 +150,8 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
     return "\n".join(
         [
             "Right central cortex of the MNI152 template, white matter > 0.5",
-            f"{repair['handles']} handles of the whole white matter were repaired: {len(repair['cut'])} voxels removed, "
-            f"{len(repair['filled'])} added",
+            f"{repair['handles']} handles of the whole white matter were repaired: {len(repair['cut'])} voxels "
+            f"removed, {len(repair['filled'])} added",
             f"a patch of {len(flat_map)} of {metadata['surface_points']} vertices, "
             f"within {metadata['radius']:g} mm of voxel {tuple(metadata['seed_point'])}",
             f"flattened in {seconds:.2f} s from {metadata['sources']} sources, {width:.0f} x {height:.0f} mm",

@@ -121,8 +121,9 @@ pub enum Error {
     EmptyDisk { vertex: usize, radius: f64 },
 
     #[error(
-        "the disk of {radius} mm ({own:.0} mm²) encloses a piece of {area:.0} mm² around {at:?} mm that reaches farther, \
-         such as a gyrus with a narrow neck: choose another seed point, or another radius"
+        "the disk of {radius} mm ({own:.0} mm²) encloses a piece of {area:.0} mm² around ({:.0}, {:.0}, {:.0}) mm that \
+         reaches farther, such as a gyrus with a narrow neck: choose another seed point, or another radius",
+        at[0], at[1], at[2]
     )]
     DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
 
