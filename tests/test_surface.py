@@ -459,6 +459,21 @@ class TestFiles:
 
 
 class TestPatches:
+    def test_own_cuts_come_first_and_the_rest_is_automatic(self, white, tmp_path):
+        seam = voxflat.path(white, 100, 5000, geodesic="edges").ids
+        np.savetxt(tmp_path / "seam.txt", seam, fmt="%d")
+        write_mesh(tmp_path / "lh.white", Mesh(*white))
+        away = np.linalg.norm(white[0][:, None] - white[0][seam][None], axis=2).min(axis=1)
+        np.save(tmp_path / "wall.npy", np.linalg.norm(white[0] - white[0][away.argmax()], axis=1) < 15)
+        arguments = ["flatten", "lh.white", "--drop", "wall.npy", "--cut", "seam.txt", "--sources", "60", "-o", "m.npz"]
+        arguments = [str(tmp_path / part) if "." in part else part for part in arguments]
+        result = CliRunner().invoke(cli.main, arguments)
+        assert result.exit_code == 0, result.output
+        flat = voxflat.load(tmp_path / "m.npz")
+        assert flat.metadata["cuts"] == [seam.tolist()]
+        ids, counts = np.unique(flat.ids, return_counts=True)
+        assert np.isin(seam[1:-1], ids[counts > 1]).all()
+
     def test_dropping_is_the_opposite_of_keeping(self, white):
         chosen = white[0][:, 2] > 20
         kept, dropped = (voxflat.surface(white) for _ in range(2))

@@ -87,7 +87,7 @@ def cut_out(
     if to_disk:
         part, faces, told = _close_holes(part, progress)
         remarks += told
-        if cuts is None:
+        if cuts is None or cut_paths:
             part, faces, opened, told = _open(part, faces, progress)
             remarks += told
     metadata = {

@@ -90,8 +90,8 @@ def flatten(
         Radius of the geodesic disk around `seed_point`, mm along the surface.
     cuts : list of paths, optional
         Paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the surface is cut
-        before; `voxflat.path` finds them. By default a surface that is no disk is cut open automatically, and says so;
-        ``[]`` forbids that.
+        before; `voxflat.path` finds them. What is still no disk is cut open automatically, and that is said; ``[]``
+        forbids it.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
         400, "grossmann2002": 1000, or all points if there are fewer.
