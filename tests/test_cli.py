@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 import voxflat
-from voxflat import _picture, cli
+from voxflat import _options, _picture, cli
 from voxflat._flatimage import FlatImage
 from voxflat.io import read_volume, write_volume
 
@@ -129,7 +129,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
     options += " --drop d.nii --method grossmann2002"
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
-    assert given.pop("cuts") is None
+    assert [given.pop(name) for name in ("cuts", "polygon")] == [None, None]
     assert given == {
         "method": "grossmann2002",
         "drop": Path("d.nii"),
@@ -153,7 +153,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
     ("text", "size"), [("1000", 1000), ("4G", 2**32), ("1.5k", 1536), ("512MiB", 2**29), ("2 TB", 2**41), ("0", 0)]
 )
 def test_memory_sizes(text, size):
-    assert cli._bytes(None, None, text) == size
+    assert _options._bytes(None, None, text) == size
 
 
 def test_keep_rows(shared, tmp_path):
@@ -390,7 +390,7 @@ def test_demo_without_its_packages_says_what_to_install(monkeypatch):
 # --------------------------------------------------------------------------- usage, errors, interruption
 
 
-@pytest.mark.parametrize("command", [[], ["flatten"], ["check"], ["image"], ["demo"]])
+@pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
 def test_help(command):
     for flag in ("-h", "--help"):
         result = run(*command, flag)

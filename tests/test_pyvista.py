@@ -227,8 +227,12 @@ def test_keep_is_an_array_of_the_mesh():
     assert flat.n_points == mesh["right"].sum()
     mask = mesh.voxflat(keep=np.asarray(mesh["right"]), sources=40)
     np.testing.assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
+    rest = mesh.voxflat(drop="right", sources=40)
+    assert not rest.point_data["right"].any()
     with pytest.raises(InputError, match="the patch holds no triangle"):
         mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
+    with pytest.raises(InputError, match=r"'misspelt' is neither an array of the points .*right.* nor a file"):
+        mesh.voxflat(drop="misspelt")
 
 
 def test_arrays_of_both_sides_of_a_cut():

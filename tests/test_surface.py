@@ -495,3 +495,17 @@ class TestPatches:
         ring = voxflat.check(white, keep=np.abs(white[0][:, 2] - 20) < 15)
         assert ring.boundary
         assert str(len(ring.boundary)) in ring.table()
+
+
+def test_a_sheet_of_grey_matter_becomes_a_map():
+    """The middle of grey matter as LayNii makes it: one voxel thick where it can be, folded, with pinholes."""
+    sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)
+    assert sheet.metadata["sheet"]
+    assert sheet.core.topology()["components"][0]["faces"] > 0.999 * len(sheet.faces)
+    flat = voxflat.flatten(sheet, seed_point=(53, 49, 57), radius=30.0)
+    assert len(flat) > 2000
+    assert [53, 49, 57] in flat.ids.tolist()
+    reach = np.linalg.norm(flat.uv - flat.uv[(flat.ids == [53, 49, 57]).all(axis=1)][0], axis=1)
+    assert 24 < reach.max() < 36
+    assert flat.distortion.best_scale.relative_error < 0.07
+    assert flat.distortion.triangles.flipped_share < 0.01

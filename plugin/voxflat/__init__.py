@@ -7,11 +7,13 @@ saved map; `measure` judges any map, of whatever tool.
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
+from voxflat._distortion import Distortion, Figures, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import measure
+from voxflat._path import Path, path
 from voxflat._surface import Surface, surface
-from voxflat.api import DistanceRows, Path, flatten, geodesic, path
-from voxflat.flatmap import Distortion, Figures, FlatMap, Triangles, load
+from voxflat.api import DistanceRows, flatten, geodesic
+from voxflat.flatmap import FlatMap, load
 
 __all__ = [
     "Cancelled",

@@ -157,6 +157,7 @@ def check(
     drop: object | None = None,
     seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    polygon: ArrayLike | None = None,
     cuts: object | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -165,7 +166,8 @@ def check(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, cuts, memory_limit, progress
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, memory_limit, \
+progress
         As in `flatten`.
 
     Returns
@@ -183,6 +185,7 @@ def check(
         "drop": drop,
         "seed_point": seed_point,
         "radius": radius,
+        "polygon": polygon,
         "cuts": cuts,
     }
     if isinstance(surface, Surface):

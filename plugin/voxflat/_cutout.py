@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
 from voxflat._prepare import Progress, keep_mask
@@ -41,6 +41,7 @@ def cut_out(
     drop: object | None = None,
     seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    polygon: ArrayLike | None = None,
     cuts: object | None = None,
     progress: Progress | None = None,
     to_disk: bool = True,
@@ -51,7 +52,7 @@ def cut_out(
     ----------
     whole : Surface
         The surface.
-    keep, drop, seed_point, radius, cuts, progress
+    keep, drop, seed_point, radius, polygon, cuts, progress
         As in `voxflat.flatten`.
     to_disk : bool
         Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
@@ -65,6 +66,8 @@ def cut_out(
         raise InputError(f"{given} is given without {missing}; give both or neither")
     if radius is not None and not isinstance(radius, Real):
         raise InputError(f"the radius is {radius!r}; give a number")
+    if polygon is not None and seed_point is not None:
+        raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
     remarks = list(whole.remarks)
     part = whole
     region = _region(whole, keep, drop)
@@ -79,7 +82,10 @@ def cut_out(
         part = part.with_core(core)
         if filled:
             remarks.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
-    part, told = _one_piece(part, region is not None or seed_id is not None)
+    if polygon is not None:
+        core, _ = part.core.polygon(part.find(polygon, "the polygon's corners"), progress)
+        part = part.with_core(core)
+    part, told = _one_piece(part, region is not None or seed_id is not None or polygon is not None)
     remarks += told
     part, cut_paths = _cut(part, cuts)
     faces = part.faces
@@ -97,6 +103,7 @@ def cut_out(
         "seed_point": None if seed_point is None else np.asarray(seed_point).tolist(),
         "seed_found": seed_id,
         "radius": None if radius is None else float(radius),
+        "polygon": None if polygon is None else np.asarray(polygon).tolist(),
         "cuts": cut_paths,
         "automatic_cuts": opened,
         "surface_points": len(whole),
@@ -112,6 +119,9 @@ def _region(whole: Surface, keep: object | None, drop: object | None) -> NDArray
     """Return which triangles belong to the patch: those given, or those all of whose corners are to be kept."""
     if keep is None and drop is None:
         return None
+    for name, region in (("keep", keep), ("drop", drop)):
+        if isinstance(region, str | os.PathLike) and not os.path.exists(region):
+            raise InputError(f"the region to {name}: there is no file {os.fspath(region)}")
     faces = whole.faces
     kept: NDArray[np.bool_] = np.ones(len(faces), dtype=np.bool_)
     if keep is not None:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat._distortion import Distortion, Figures, Triangles
 from voxflat._errors import InputError
 from voxflat._prepare import Progress, checked_seed, checked_threads
 from voxflat._surface import Surface, as_mesh
 from voxflat._surface import surface as _surface
-from voxflat.flatmap import Distortion, Figures, FlatMap, Triangles, load
+from voxflat.flatmap import FlatMap, load
 from voxflat.meshes import Mesh, is_patch, read_patch
 
 __all__ = ["measure"]

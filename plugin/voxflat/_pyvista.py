@@ -10,6 +10,7 @@ keeps LPS coordinates, as ITK's do, has to be turned first (origin and the first
 from __future__ import annotations
 
 import json
+import os
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,9 @@ class VoxflatAccessor:
                     flat.point_data[name] = self._mesh.point_data[name][flat_map.ids]
         return flat
 
-    def flatten(self, scalars: str | None = None, *, keep: object | None = None, **options: Any) -> FlatMap:
+    def flatten(
+        self, scalars: str | None = None, *, keep: object | None = None, drop: object | None = None, **options: Any
+    ) -> FlatMap:
         """Flatten the mesh, or a surface of the image.
 
         Parameters
@@ -127,6 +130,8 @@ class VoxflatAccessor:
         keep : str, pyvista.ImageData, ndarray, path, image object or Volume, optional
             A mask of what to flatten: the name of another array of this dataset, another image, or what
             `voxflat.flatten` takes.
+        drop : as `keep`, optional
+            What not to flatten, such as the medial wall.
         **options
             For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)``, of a mesh the
             number of a point, and ``radius=45.0`` (mm) cut out a patch. These and all others are the keyword arguments
@@ -148,14 +153,23 @@ class VoxflatAccessor:
         if isinstance(self._mesh, pv.PolyData):
             if scalars is not None:
                 raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
-            if isinstance(keep, str) and keep in self._mesh.point_data:
-                keep = np.asarray(self._mesh.point_data[keep]) != 0
-            return flatten(self._mesh, keep=keep, **options)
-        if isinstance(keep, pv.DataSet):
-            keep = VoxflatAccessor(keep).volume()
-        elif isinstance(keep, str) and keep in self._mesh.array_names:
-            keep = self.volume(keep)
-        return flatten(self.volume(scalars), keep=keep, **options)
+            return flatten(self._mesh, keep=self._region(keep), drop=self._region(drop), **options)
+        return flatten(self.volume(scalars), keep=self._region(keep), drop=self._region(drop), **options)
+
+    def _region(self, region: object) -> object:
+        """Return a region as `voxflat.flatten` takes it."""
+        if isinstance(region, pv.DataSet):
+            return VoxflatAccessor(region).volume()
+        if not isinstance(region, str):
+            return region
+        is_mesh = isinstance(self._mesh, pv.PolyData)
+        names = self._mesh.point_data.keys() if is_mesh else self._mesh.array_names
+        if region in names:
+            return np.asarray(self._mesh.point_data[region]) != 0 if is_mesh else self.volume(region)
+        if not os.path.exists(region):
+            there = ", ".join(names) or "none"
+            raise InputError(f"{region!r} is neither an array of the points (there are: {there}) nor a file")
+        return region
 
     def volume(self, scalars: str | None = None) -> Volume:
         """Return an array of the image as a volume with its affine, without a copy.

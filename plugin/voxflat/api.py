@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat._cutout import Cutout, cut_out
+from voxflat._distortion import Distortion, Figures, Triangles
 from voxflat._errors import InputError
 from voxflat._prepare import (
     Prepared,
@@ -25,16 +26,14 @@ from voxflat._prepare import (
     log,
     prepare,
     sources_on,
-    voxel_indices,
 )
-from voxflat._surface import Surface
 from voxflat._surface import surface as _surface
-from voxflat.flatmap import Distortion, Figures, FlatMap, Triangles
+from voxflat.flatmap import FlatMap
 
 _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
 
-__all__ = ["DistanceRows", "Path", "flatten", "geodesic", "path"]
+__all__ = ["DistanceRows", "flatten", "geodesic"]
 
 
 def flatten(
@@ -49,6 +48,7 @@ def flatten(
     drop: object | None = None,
     seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    polygon: ArrayLike | None = None,
     cuts: object | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str = "farthest",
@@ -88,6 +88,9 @@ def flatten(
         Voxel indices, or for meshes the number of a vertex; the surface within `radius` of it is flattened.
     radius : float, optional
         Radius of the geodesic disk around `seed_point`, mm along the surface.
+    polygon : array_like of voxel indices (k, 3) or vertex numbers (k,), optional
+        Corners; what is flattened is the smaller side of the closed path along edges that is shortest from each to the
+        next.
     cuts : list of paths, optional
         Paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the surface is cut
         before; `voxflat.path` finds them. What is still no disk is cut open automatically, and that is said; ``[]``
@@ -125,10 +128,9 @@ def flatten(
     """
     how = _How(sources, sampling, checked_seed(seed), keep_rows, checked_threads(threads), memory_limit, progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    patch: dict[str, Any] = {"keep": keep, "drop": drop, "seed_point": seed_point, "radius": radius, "cuts": cuts}
+    patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     if method == "grossmann2002":
-        _refuse(method, drop=drop, cuts=cuts)
-        del patch["drop"], patch["cuts"]
+        _refuse(method, drop=drop, polygon=polygon, cuts=cuts)
         prepared = prepare(
             surface,
             **place,
@@ -142,7 +144,8 @@ def flatten(
         raise InputError(f"method is {method!r}; give 'voxflat' or 'grossmann2002'")
     _refuse(method, link_lengths=link_lengths)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
-    return _voxflat(cut_out(whole, **patch, progress=progress), how)
+    cut = cut_out(whole, **patch, drop=drop, polygon=polygon, cuts=cuts, progress=progress)
+    return _voxflat(cut, how)
 
 
 @dataclass(frozen=True)
@@ -325,6 +328,7 @@ def geodesic(
     drop: object | None = None,
     seed_point: Sequence[int] | int | None = None,
     radius: float | None = None,
+    polygon: ArrayLike | None = None,
     cuts: object | None = None,
     sampling: str = "farthest",
     link_lengths: str | None = None,
@@ -337,8 +341,8 @@ def geodesic(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, cuts, sampling, link_lengths, seed, \
-threads, memory_limit, progress
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sampling, link_lengths, \
+seed, threads, memory_limit, progress
         As in `flatten`. Without a patch the surface is the largest component; it may be closed.
     sources : int or array_like
         How many sources to choose, or which: voxel indices (m, 3), or vertex numbers (m,).
@@ -360,7 +364,7 @@ threads, memory_limit, progress
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     few = "take fewer sources or a smaller patch"
     if geodesic == "chain":
-        _refuse(geodesic, drop=drop, cuts=cuts)
+        _refuse(geodesic, drop=drop, polygon=polygon, cuts=cuts)
         prepared = prepare(
             surface,
             **place,
@@ -378,84 +382,8 @@ threads, memory_limit, progress
         raise InputError(f"geodesic is {geodesic!r}; give 'graph' or 'chain'")
     _refuse(geodesic, link_lengths=link_lengths)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-    part = cut_out(whole, **patch, drop=drop, cuts=cuts, progress=progress, to_disk=False).part
+    patch |= {"drop": drop, "polygon": polygon, "cuts": cuts}
+    part = cut_out(whole, **patch, progress=progress, to_disk=False).part
     chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=_LANDMARKS)
     check_memory(4 * len(chosen) * len(part), memory_limit, few)
     return DistanceRows(part.core.rows(chosen, threads, progress), part.ids, part.points, chosen.astype(np.int64))
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """A shortest path over a surface.
-
-    Parameters
-    ----------
-    ids : ndarray of int64, shape (k, 3) or (k,)
-        The voxels, or the vertices, that it passes, both ends included.
-    points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm.
-    length : float
-        mm.
-    """
-
-    ids: NDArray[np.int64]
-    points: NDArray[np.float64]
-    length: float
-
-
-def path(
-    surface: object,
-    a: Sequence[int] | int,
-    b: Sequence[int] | int,
-    *,
-    geodesic: str = "graph",
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    link_lengths: str | None = None,
-    memory_limit: int | None = None,
-) -> Path:
-    """Find a shortest path between two points of a surface (Grossmann et al. 2002, figure 3).
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, link_lengths, memory_limit
-        As in `flatten`.
-    a, b : sequence of 3 ints, or int
-        The ends: voxel indices, or vertex numbers of a mesh.
-    geodesic : {"graph", "edges", "chain"}
-        "graph" and "chain" as in `voxflat.geodesic`. "edges" runs along edges from neighbour to neighbour, as cuts do.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If an end is not on the surface, or the ends lie in different components.
-    """
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    whole: Surface | Prepared
-    if geodesic == "chain":
-        whole = prepare(surface, **place, link_lengths=link_lengths or "chain-code", memory_limit=memory_limit)
-        core: Any = whole.whole
-        start, end = (int(vertex) for vertex in core.find(voxel_indices([a, b], "the ends")))
-        ids, find = core.voxels, core.path
-    elif geodesic in ("graph", "edges"):
-        _refuse(geodesic, link_lengths=link_lengths)
-        whole = _surface(surface, **place, memory_limit=memory_limit)
-        core = whole.core
-        start, end = (int(vertex) for vertex in whole.find([a, b], "the ends"))
-        ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
-    else:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'edges' or 'chain'")
-    try:
-        vertices, length = find(start, end)
-    except InputError:
-        raise InputError(
-            f"no path leads from {np.asarray(a).tolist()} to {np.asarray(b).tolist()}: they lie in different "
-            "components of the surface; choose both ends in one"
-        ) from None
-    return Path(ids[vertices].astype(np.int64), core.points[vertices], float(length))

@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `measure`, `image` and `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `measure`, `image` and `demo`.
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -6,211 +6,30 @@ Exit status: 0 success; 1 the input cannot be used, the work failed or was cance
 from __future__ import annotations
 
 import json
-import logging
-import re
-import sys
 import tempfile
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 import numpy as np
-from tqdm import tqdm
 
 import voxflat
-from voxflat._errors import Cancelled, InputError
-from voxflat._prepare import Progress, log
-from voxflat.flatmap import MAP_ENDINGS, FlatMap, json_ready
-from voxflat.io import write_volume
+from voxflat import _options
+from voxflat._console import Bars, Program, bars
+from voxflat._distortion import json_ready
+from voxflat._errors import InputError
+from voxflat._options import FILE
+from voxflat._prepare import log
+from voxflat.flatmap import MAP_ENDINGS, FlatMap
+from voxflat.io import atomic_path, write_volume
 
 __all__ = ["main"]
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-
-_DEBUG = "voxflat.debug"
-
-
-# ------------------------------------------------------------------------------------ errors, exit status
-
-
-class _Failure(click.ClickException):
-    """Ends the program with one line on stderr and exit status 1."""
-
-    def show(self, file: Any = None) -> None:
-        click.echo(f"voxflat: {self.message}", file=file, err=True)
-
-
-class _Program(click.Group):
-    """A group of commands that turns whatever goes wrong into a `_Failure`."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
-            raise  # click deals with these
-        except (KeyboardInterrupt, Cancelled):
-            raise _Failure("cancelled") from None
-        except Exception as error:
-            if ctx.meta.get(_DEBUG):
-                traceback.print_exc()
-            raise _Failure(f"error: {_one_line(error)}") from error
-
-
-def _one_line(error: Exception) -> str:
-    if isinstance(error, voxflat.VoxflatError):
-        text = str(error)
-    elif isinstance(error, MemoryError):
-        text = "memory ran out; take a smaller patch or fewer sources"
-    elif isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    else:
-        text = f"{type(error).__name__}: {error} (not foreseen: please report it with the output of --debug)"
-    return " ".join(text.split())
-
-
-# ---------------------------------------------------------------------------------------------- options
-
-
-def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
-    """Return a callback that takes an option's text as three numbers between commas."""
-
-    def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-        try:
-            numbers = None if value is None else tuple(kind(part) for part in value.split(","))
-        except ValueError:
-            numbers = ()
-        if numbers is not None and len(numbers) != 3:
-            raise click.BadParameter(f"{value!r} must be three numbers between commas, like {example}.")
-        return numbers
-
-    return convert
-
-
-def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Take an option's text as an amount of memory."""
-    if value is None:
-        return None
-    match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
-    if match is None:
-        raise click.BadParameter(
-            f"{value!r} is no amount of memory; give bytes, or a number with K, M, G or T, like 4G."
-        )
-    return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
-
-
-def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
-    """Take an option's text as voxel indices, or as the number of a vertex."""
-    if value is not None and "," not in value:
-        try:
-            return int(value)
-        except ValueError:
-            raise click.BadParameter(f"{value!r} must be I,J,K, or the number of a vertex.") from None
-    indices = _three(int, "136,112,127")(ctx, param, value)
-    return None if indices is None else tuple(int(index) for index in indices)
-
-
-def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | None:
-    """Take files of vertex lists as cuts: in each line a vertex number, or three voxel indices."""
-    if not value:
-        return None
-    paths = []
-    for file in value:
-        try:
-            path = np.loadtxt(file, dtype=np.int64, ndmin=1)
-        except (OSError, ValueError) as error:
-            raise click.BadParameter(f"{file} is no list of vertices: {error}") from None
-        paths.append(path)
-    return paths
-
-
-def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    ctx.meta[_DEBUG] = value
-
-
-_FILE = click.Path(path_type=Path)
-
-_input = click.argument("input_", metavar="INPUT", type=_FILE)
-_debug = click.option(
-    "--debug", is_flag=True, expose_value=False, callback=_set_debug, help="Show where in the program an error arose."
-)
-_as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
-
-
-def _selection(command: _Command) -> _Command:
-    """Add the options that say what is flattened."""
-    options = [
-        click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
-        click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
-        click.option(
-            "--keep",
-            type=_FILE,
-            metavar="MASK",
-            help="Flatten only this: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
-        ),
-        click.option(
-            "--drop", type=_FILE, metavar="MASK", help="Leave this out, such as the medial wall; as for --keep."
-        ),
-        click.option(
-            "--seed-point",
-            metavar="I,J,K|V",
-            callback=_place,
-            help="Flatten a disk around this voxel (indices), or around this vertex of a mesh; counted from 0.",
-        ),
-        click.option("--radius", type=float, metavar="MM", help="Radius of that disk, mm along the surface."),
-        click.option(
-            "--cut",
-            "cuts",
-            type=_FILE,
-            metavar="FILE",
-            multiple=True,
-            callback=_paths,
-            help="Cut along the neighbouring vertices listed in this file; may be given again.",
-        ),
-        click.option(
-            "--spacing",
-            metavar="X,Y,Z",
-            callback=_three(float, "0.5,0.5,0.5"),
-            help="Voxel size in mm, for files that hold none (.npy).  [default: 1,1,1]",
-        ),
-        click.option(
-            "--memory-limit",
-            metavar="SIZE",
-            callback=_bytes,
-            help="Refuse to start what may need more memory, in bytes or like 4G.  [default: what is free]",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def _making(command: _Command) -> _Command:
-    """Add the options that say how a surface is made."""
-    options = [
-        click.option(
-            "--pial", type=_FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."
-        ),
-        click.option("--probability", type=_FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
-        click.option(
-            "--repair",
-            type=click.Choice(["voxels", "cuts"]),
-            help="Rid the surface of handles by changing the fewest voxels, or by cutting them open.",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-# ------------------------------------------------------------------------------------------ the commands
-
 
 @click.group(
-    cls=_Program,
+    cls=Program,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="A first try: voxflat demo.  Help on a command: voxflat flatten --help.",
 )
@@ -229,11 +48,11 @@ Examples:
   voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
 """
 )
-@_input
+@_options.input_
 @click.option(
     "-o",
     "--output",
-    type=_FILE,
+    type=FILE,
     required=True,
     metavar="OUT",
     help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .vtp, .ply and .obj the flat surface.",
@@ -244,8 +63,10 @@ Examples:
     default="voxflat",
     help="Over the triangles of a surface, or after the paper over the voxels of a volume.",
 )
-@_making
-@_selection
+@_options.making
+@_options.volume
+@_options.region
+@_options.memory_limit
 @click.option(
     "--sources",
     type=int,
@@ -264,11 +85,11 @@ Examples:
     help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
 )
 @click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same map.")
-@click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+@_options.threads
 @click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
-@_as_json
+@_options.as_json
 @click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
-@_debug
+@_options.debug
 def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: Any) -> None:
     """Flatten a surface.
 
@@ -278,15 +99,9 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
     and that is said.
     """
     _check_output(output, MAP_ENDINGS, (input_, options["keep"], options["drop"]))
-    making = {name: options.pop(name) for name in ("pial", "probability", "repair")}
-    with _bars(quiet) as bars:
-        source: Any = input_
-        if any(making.values()):
-            if options["method"] != "voxflat":
-                raise InputError("--pial, --probability and --repair are for the method voxflat; leave them out")
-            place = {name: options.pop(name) for name in ("label", "threshold", "spacing")}
-            source = _surface(input_, making, place, options, bars)
-        flat_map = voxflat.flatten(source, progress=bars.progress, **options)
+    with bars(quiet) as shown:
+        source = _source(input_, options, shown)
+        flat_map = voxflat.flatten(source, progress=shown.progress, **options)
     flat_map.save(output)
     if as_json:
         _print_json({"output": str(output), **flat_map.description()})
@@ -294,10 +109,24 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
         click.echo(_summary(flat_map, output))
 
 
-def _surface(input_: Path, making: dict[str, Any], place: dict[str, Any], options: dict[str, Any], bars: Any) -> Any:
-    making = {**making, "repair": making["repair"] or False}
-    limit = options.get("memory_limit")
-    return voxflat.surface(input_, **making, **place, memory_limit=limit, progress=bars.progress)
+_MAKING = ("pial", "probability", "repair")
+_VOLUME = ("label", "threshold", "spacing")
+
+
+def _source(input_: Path, options: dict[str, Any], shown: Bars) -> Any:
+    """Return what a command works on: the input, or the surface made of it if its options say how."""
+    making = {name: options.pop(name) for name in _MAKING}
+    if not any(making.values()):
+        return input_
+    if options.get("method", "voxflat") != "voxflat":
+        raise InputError("--pial, --probability and --repair are for the method voxflat; leave them out")
+    making |= {name: options.pop(name) for name in _VOLUME}
+    return _surface(input_, making, options.get("memory_limit"), shown)
+
+
+def _surface(input_: Path, making: dict[str, Any], memory_limit: int | None, shown: Bars) -> voxflat.Surface:
+    making["repair"] = making["repair"] or False
+    return voxflat.surface(input_, **making, memory_limit=memory_limit, progress=shown.progress)
 
 
 @main.command(
@@ -305,20 +134,24 @@ def _surface(input_: Path, making: dict[str, Any], place: dict[str, Any], option
 Examples:
   voxflat check labels.nii.gz
   voxflat check wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45
+  voxflat check lh.white --pial lh.pial --drop lh.Medial_wall.label
 """
 )
-@_input
-@_selection
-@_as_json
-@_debug
+@_options.input_
+@_options.volume
+@_options.making
+@_options.region
+@_options.memory_limit
+@_options.as_json
+@_options.debug
 def check(input_: Path, as_json: bool, **options: Any) -> None:
     """Say whether a surface can be flattened.
 
     It lists what INPUT, a volume or a mesh, holds: components, boundary loops, handles, defects; what each remedy would
     change; and gives advice. The exit status is 0 if its surface can be flattened, and 1 if not.
     """
-    with _bars() as bars:
-        findings = voxflat.check(input_, progress=bars.progress, **options)
+    with bars() as shown:
+        findings = voxflat.check(_source(input_, options, shown), progress=shown.progress, **options)
     if as_json:
         _print_json(json_ready(asdict(findings)))
     else:
@@ -334,30 +167,28 @@ Examples:
   voxflat surface labels.nii.gz --label 3 --repair voxels --repaired repaired.nii.gz -o label3.vtp
 """
 )
-@_input
+@_options.input_
 @click.option(
     "-o",
     "--output",
-    type=_FILE,
+    type=FILE,
     required=True,
     metavar="OUT",
     help="The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
 )
-@click.option("--label", type=int, help="Foreground is this label.  [default: the only one]")
-@click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit.")
-@_making
-@click.option("--repaired", type=_FILE, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
-@_debug
-def surface(
-    input_: Path, output: Path, label: int | None, threshold: float | None, repaired: Path | None, **making: Any
-) -> None:
+@_options.volume
+@_options.making
+@click.option("--repaired", type=FILE, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
+@_options.memory_limit
+@_options.debug
+def surface(input_: Path, output: Path, repaired: Path | None, memory_limit: int | None, **making: Any) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
     Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
     """
     _check_output(output, (), (input_,))
-    with _bars() as bars:
-        made = _surface(input_, making, {"label": label, "threshold": threshold}, {}, bars)
+    with bars() as shown:
+        made = _surface(input_, making, memory_limit, shown)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
@@ -372,29 +203,71 @@ def surface(
 @main.command(
     epilog="""\b
 Examples:
+  voxflat path lh.white 1204 8811 9032 --geodesic edges -o cut.txt
+  voxflat path wm.nii.gz 136,112,127 136,90,130 --threshold 0.5
+"""
+)
+@_options.input_
+@click.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=_options.places)
+@click.option("-o", "--output", type=FILE, metavar="OUT", help="Write what it passes, one in each line, for --cut.")
+@click.option(
+    "--geodesic",
+    type=click.Choice(["graph", "edges", "chain"]),
+    default="graph",
+    help="Straight links over the surface, along edges as cuts run, or the paper's links between voxels.",
+)
+@_options.volume
+@_options.making
+@_options.memory_limit
+@_options.as_json
+@_options.debug
+def path(input_: Path, stops: list[Any], output: Path | None, as_json: bool, **options: Any) -> None:
+    """Find the shortest path through points of a surface.
+
+    It prints the path's length and, with -o, writes the vertices (or voxel indices) that it passes.
+    """
+    if len(stops) < 2:
+        raise click.UsageError("Give at least two stops.")
+    if output is not None:
+        _check_output(output, (), (input_,))
+    with bars() as shown:
+        found = voxflat.path(_source(input_, options, shown), *stops, **options)
+    if output is not None:
+        with atomic_path(output) as beside:
+            np.savetxt(beside, found.ids, fmt="%d")
+    if as_json:
+        _print_json({"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()})
+    else:
+        saved = "" if output is None else f"\nsaved as {output}"
+        click.echo(f"{found.length:.3f} mm through {len(found.ids)} points{saved}")
+
+
+@main.command(
+    epilog="""\b
+Examples:
   voxflat measure lh.white lh.cortex.patch.flat
   voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json
 """
 )
-@click.argument("surface_", metavar="SURFACE", type=_FILE)
-@click.argument("flat", metavar="FLAT", type=_FILE)
-@click.option("--label", type=int, help="For volumes: foreground is this label.")
-@click.option("--threshold", type=float, help="For volumes: foreground is what is greater.")
+@click.argument("surface_", metavar="SURFACE", type=FILE)
+@click.argument("flat", metavar="FLAT", type=FILE)
+@_options.volume
+@_options.making
 @click.option(
     "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
 )
 @click.option("--seed", type=int, default=0, help="Seed of their choice.")
-@click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
-@_as_json
-@_debug
+@_options.threads
+@_options.as_json
+@_options.debug
 def measure(surface_: Path, flat: Path, as_json: bool, **options: Any) -> None:
     """Judge a flat map of any tool.
 
     FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, or a map that voxflat flatten made. The
     figures are defined in the documentation; distances are measured on SURFACE, cut as the map is.
     """
-    with _bars() as bars:
-        distortion = voxflat.measure(surface_, flat, progress=bars.progress, **options)
+    with bars() as shown:
+        distortion = voxflat.measure(_source(surface_, options, shown), flat, progress=shown.progress, **options)
     if as_json:
         _print_json(distortion.figures())
     else:
@@ -409,13 +282,13 @@ Examples:
   voxflat image map.npz --heat-map -o distortion.png
 """
 )
-@click.argument("map_", metavar="MAP", type=_FILE)
-@click.option("--volume", type=_FILE, metavar="V", help="The volume to show; its affine says where it lies.")
+@click.argument("map_", metavar="MAP", type=FILE)
+@click.option("--volume", type=FILE, metavar="V", help="The volume to show; its affine says where it lies.")
 @click.option("--heat-map", is_flag=True, help="Show instead how much distances are distorted, point by point.")
 @click.option(
     "-o",
     "--output",
-    type=_FILE,
+    type=FILE,
     required=True,
     metavar="OUT",
     help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
@@ -432,7 +305,7 @@ Examples:
     type=click.Choice(["linear", "nearest"]),
     help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
 )
-@_debug
+@_options.debug
 def image(
     map_: Path,
     volume: Path | None,
@@ -475,12 +348,12 @@ def image(
 @click.option(
     "-o",
     "--output",
-    type=_FILE,
+    type=FILE,
     default=Path("voxflat-demo"),
     metavar="DIR",
     help="A directory for the results; made if it is missing.",
 )
-@_debug
+@_options.debug
 def demo(output: Path) -> None:
     """Flatten a patch of human cortex.
 
@@ -490,8 +363,8 @@ def demo(output: Path) -> None:
     try:
         from voxflat.demo import run
 
-        with _bars() as bars:
-            run(output, progress=bars.progress, tell=bars.tell)
+        with bars() as shown:
+            run(output, progress=shown.progress, tell=shown.tell)
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise
@@ -515,60 +388,6 @@ def _check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | No
             pass
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
-
-
-class _Bars:
-    """Progress on stderr, one bar a stage; it disappears when its stage is over."""
-
-    def __init__(self, hidden: bool) -> None:
-        # one object from the start, so that there is always one to close, wherever Ctrl-C strikes
-        self._bar = tqdm(
-            desc="reading",
-            total=1,
-            bar_format="{l_bar}{bar}| {elapsed}<{remaining}",
-            leave=False,
-            dynamic_ncols=True,
-            file=sys.stderr,
-            disable=hidden,
-        )
-        self._stage = ""
-        self.progress: Progress | None = None if hidden else self._show
-        self.close = self._bar.close
-
-    def _show(self, stage: str, done: int, total: int) -> None:
-        if stage != self._stage:
-            self._stage = stage
-            self._bar.set_description(stage, refresh=False)
-            self._bar.reset(total)
-        self._bar.update(done - self._bar.n)
-
-    def tell(self, text: str) -> None:
-        """Print a line where no bar is."""
-        self._bar.clear()
-        click.echo(text)
-
-
-class _Notes(logging.Handler):
-    """Print what the package logs, the memory that it needs and warnings, on stderr above the bars."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        kind = "warning: " if record.levelno >= logging.WARNING else ""
-        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=sys.stderr)
-
-
-@contextmanager
-def _bars(quiet: bool = False) -> Iterator[_Bars]:
-    bars = _Bars(hidden=quiet or not sys.stderr.isatty())
-    notes = logging.NullHandler() if quiet else _Notes()
-    level = log.level
-    log.addHandler(notes)
-    log.setLevel(logging.INFO)
-    try:
-        yield bars
-    finally:
-        log.removeHandler(notes)
-        log.setLevel(level)
-        bars.close()
 
 
 # ------------------------------------------------------------------------------------ what is said afterwards

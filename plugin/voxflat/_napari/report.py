@@ -6,7 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from voxflat.flatmap import FlatMap, Triangles
+from voxflat._distortion import Triangles
+from voxflat.flatmap import FlatMap
 
 Row: TypeAlias = tuple[str, str]
 """A figure's name and its value."""

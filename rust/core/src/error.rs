@@ -127,6 +127,15 @@ pub enum Error {
     )]
     DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
 
+    #[error("a polygon has at least 3 corners; {corners} are given")]
+    FewCorners { corners: usize },
+
+    #[error(
+        "the shortest paths between the {corners} corners of the polygon enclose nothing: they do not cut the surface in two, \
+         because they run around a handle or along one line; choose other corners, or more of them"
+    )]
+    NotEnclosing { corners: usize },
+
     #[error("the mesh has no triangle ({points} points): give triangles of three vertex indices each")]
     NoFaces { points: usize },
 

@@ -165,6 +165,21 @@ impl Surface {
         Ok((part.into(), filled))
     }
 
+    /// The smaller side of the closed shortest path along edges through vertices, and the vertices of that path.
+    #[pyo3(signature = (corners, progress=None))]
+    fn polygon<'py>(
+        &self,
+        py: Python<'py>,
+        corners: PyReadonlyArray1<'py, u32>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Self, Bound<'py, PyArray1<u32>>)> {
+        let corners: Vec<u32> = corners.as_array().iter().copied().collect();
+        let inner = Arc::clone(&self.0);
+        let polygon = move |control: &Control| patch::polygon(&inner.surface, &corners, control);
+        let (part, path) = run(py, Some(1), progress.as_ref(), polygon)?;
+        Ok((part.into(), path.into_pyarray(py)))
+    }
+
     /// The component with the most faces.
     fn largest_piece(&self) -> Self {
         patch::largest_piece(&self.0.surface).into()

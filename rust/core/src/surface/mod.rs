@@ -16,6 +16,7 @@ pub mod sheets;
 pub mod surfels;
 pub mod thin;
 pub mod topology;
+pub mod triangles;
 pub mod voxelmesh;
 pub mod voxels;
 

@@ -1,75 +1,12 @@
-//! The part of a surface that is flattened: a real surface is rarely a disk.
+//! Geodesic disks of a surface.
 
-use crate::adjacency::{Graph, Links};
+use super::{NONE, pieces};
+use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
+use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
-use crate::surface::{Surface, VoxelSurface};
-use crate::volume::Mask;
-
-/// Which part of a surface to take.
-#[derive(Debug, Clone, Default)]
-pub struct Patch<'a> {
-    /// Keep the surface voxels that are foreground here; of the volume's shape.
-    pub keep: Option<&'a Mask>,
-    /// Keep the geodesic disk around a point.
-    pub disk: Option<Disk>,
-}
-
-/// A geodesic disk: all points within `radius` mm, along the surface, of the surface voxel nearest to `seed_point`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disk {
-    /// Voxel indices.
-    pub seed_point: [i64; 3],
-    /// In mm.
-    pub radius: f64,
-}
-
-/// The mask's part of a surface.
-///
-/// # Errors
-/// [`Error::ShapeMismatch`], [`Error::EmptyPatch`].
-pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
-    if mask.shape() != surface.shape() {
-        let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
-        return Err(Error::ShapeMismatch { shape: surface.shape(), given, needed });
-    }
-    let kept: Vec<bool> = surface.voxels().iter().map(|v| mask.is_inside(v.map(i64::from))).collect();
-    if !kept.contains(&true) {
-        return Err(Error::EmptyPatch { points: surface.len() });
-    }
-    Ok(surface.subset(&kept))
-}
-
-/// A geodesic disk of a surface with its graph. The seed point is the nearest surface voxel to the one that is asked for.
-///
-/// # Errors
-/// [`Error::RadiusNotPositive`], [`Error::SeedOffSurface`], [`Error::Cancelled`].
-pub fn geodesic_disk(surface: &VoxelSurface, graph: &Graph, disk: Disk, control: &Control) -> Result<VoxelSurface> {
-    let Disk { seed_point, radius } = disk;
-    if !(radius > 0.0 && radius.is_finite()) {
-        return Err(Error::RadiusNotPositive { radius });
-    }
-    let (seed, distance) = surface.nearest(seed_point);
-    if distance > radius {
-        return Err(Error::SeedOffSurface { voxel: seed_point, nearest: surface.voxels()[seed], distance, radius });
-    }
-    let beyond = (radius as f32).next_up();
-    let mut reached = vec![beyond; surface.len()];
-    reached[seed] = 0.0;
-    Search::new(graph).lower(graph, &[seed as u32], &mut reached, control)?;
-    let inside: Vec<bool> = reached.iter().map(|&distance| distance < beyond).collect();
-    Ok(surface.subset(&inside))
-}
-
-/// The largest connected component.
-pub fn largest_component(surface: &VoxelSurface, graph: &Graph) -> VoxelSurface {
-    let components = graph.components();
-    let largest = components.largest();
-    let inside: Vec<bool> = components.labels.iter().map(|&label| Some(label) == largest).collect();
-    surface.subset(&inside)
-}
 
 /// The largest piece of the rest, as a share of the disk's area, that a geodesic disk takes in when it encloses it: a bump
 /// higher than the radius reaches. What is larger is a gyrus that nobody asked for.
@@ -131,48 +68,6 @@ pub fn disk(
         }
     }
     Ok((surface.part(&keep), filled))
-}
-
-/// The component with the largest area; the whole surface if it has but one.
-pub fn largest_piece(surface: &Surface) -> Surface {
-    let (labels, count) = surface.components();
-    let mut area = vec![0.0; count];
-    labels.iter().zip(surface.areas()).for_each(|(&label, face)| area[label as usize] += face);
-    let largest = (0..count).rev().max_by(|&a, &b| area[a].total_cmp(&area[b])).unwrap_or(0) as u32;
-    surface.part(&labels.iter().map(|&label| label == largest).collect::<Vec<_>>())
-}
-
-/// Stands for the piece of a face that belongs to none.
-const NONE: u32 = u32::MAX;
-
-struct Pieces {
-    labels: Vec<u32>,
-    count: usize,
-}
-
-/// The connected pieces of the faces that a rule allows.
-fn pieces(surface: &Surface, allowed: impl Fn(usize) -> bool) -> Pieces {
-    let mut labels = vec![NONE; surface.faces().len()];
-    let mut count = 0;
-    let mut stack = Vec::new();
-    for start in 0..labels.len() {
-        if labels[start] != NONE || !allowed(start) {
-            continue;
-        }
-        labels[start] = count;
-        stack.push(start);
-        while let Some(face) = stack.pop() {
-            for &twin in &surface.twins()[3 * face..3 * face + 3] {
-                let next = twin as usize / 3;
-                if twin != BORDER && labels[next] == NONE && allowed(next) {
-                    labels[next] = count;
-                    stack.push(next);
-                }
-            }
-        }
-        count += 1;
-    }
-    Pieces { labels, count: count as usize }
 }
 
 #[cfg(test)]
@@ -237,7 +132,7 @@ mod tests {
         let two = shapes::surface((points, faces));
         let (part, filled) = disk_of(&two, 0, 1.0).unwrap();
         assert_eq!((filled, euler(&part)), (0, 1));
-        assert_eq!(largest_piece(&two).len(), count);
+        assert_eq!(crate::patch::largest_piece(&two).len(), count);
     }
 
     #[test]

@@ -1,0 +1,311 @@
+use super::*;
+use nalgebra::{Matrix2, Rotation3, Vector2};
+use proptest::prelude::*;
+use std::f64::consts::{SQRT_2, TAU};
+
+/// A rectangle of w × h squares, each cut in two.
+fn grid(w: u32, h: u32) -> (Vec<[f64; 2]>, Vec<[u32; 3]>) {
+    let uv = (0..(w + 1) * (h + 1)).map(|n| [f64::from(n % (w + 1)), f64::from(n / (w + 1))]).collect();
+    let square = |n: u32| {
+        let corner = n / w * (w + 1) + n % w;
+        let [a, b, c, d] = [corner, corner + 1, corner + w + 1, corner + w + 2];
+        if n.is_multiple_of(3) { [[a, b, c], [b, d, c]] } else { [[a, b, d], [a, d, c]] }
+    };
+    (uv, (0..w * h).flat_map(square).collect())
+}
+
+fn in_space(uv: &[[f64; 2]], height: impl Fn(f64, f64) -> f64) -> Vec<Vector3<f64>> {
+    uv.iter().map(|&[x, y]| Vector3::new(x, y, height(x, y))).collect()
+}
+
+fn measured(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> FaceDistortion {
+    measure_faces(points, faces, uv, &Control::default()).unwrap()
+}
+
+/// A flat surface, mapped by a matrix and turned anywhere in space.
+fn mapped(matrix: Matrix2<f64>) -> FaceDistortion {
+    let (uv, faces) = grid(6, 4);
+    let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
+    let points: Vec<_> = in_space(&uv, |_, _| 0.0).iter().map(|p| turn * p + Vector3::new(30.0, -70.0, 5.0)).collect();
+    let image: Vec<[f64; 2]> = uv.iter().map(|&p| (matrix * Vector2::from(p)).into()).collect();
+    measured(&points, &faces, &image)
+}
+
+fn all_are(values: &[f64], expected: f64) -> bool {
+    values.iter().all(|value| (value - expected).abs() < 1e-9 * expected.abs().max(1.0))
+}
+
+fn is_perfect(distortion: &FaceDistortion) -> bool {
+    all_are(&distortion.areal.values, 0.0)
+        && distortion.edge.max < 1e-12
+        && all_are(distortion.stretch.as_flattened(), 1.0)
+        && all_are(&distortion.quasi_conformal.values, 1.0)
+        && all_are(&distortion.isometric.values, 1.0)
+        && all_are(&distortion.symmetric_dirichlet.values, 2.0)
+        && all_are(&distortion.angle.values, 0.0)
+        && (distortion.flipped.count, distortion.flipped.collapsed) == (0, 0)
+        && distortion.flipped.area_share.is_sign_positive()
+}
+
+#[test]
+fn an_isometry_is_perfect() {
+    let identity = mapped(Matrix2::identity());
+    assert!(is_perfect(&identity));
+    assert_eq!((identity.edges, identity.edge.undefined, identity.areal.summary.undefined), (6 * 5 + 7 * 4 + 24, 0, 0));
+    let (sin, cos) = 0.7f64.sin_cos();
+    assert!(is_perfect(&mapped(Matrix2::new(cos, -sin, sin, cos))));
+    assert!(is_perfect(&mapped(Matrix2::new(cos, sin, sin, -cos)))); // all of them mirrored: none is the minority
+}
+
+#[test]
+fn a_cylinder_unrolls_isometrically() {
+    let (uv, faces) = grid(20, 8);
+    let step = TAU / 24.0;
+    let chord = 2.0 * 10.0 * (0.5 * step).sin();
+    let roll = |&[x, y]: &[f64; 2]| Vector3::new(10.0 * (x * step).cos(), 10.0 * (x * step).sin(), 1.5 * y);
+    let points: Vec<_> = uv.iter().map(roll).collect();
+    let unrolled: Vec<_> = uv.iter().map(|[x, y]| [chord * x, 1.5 * y]).collect();
+    assert!(is_perfect(&measured(&points, &faces, &unrolled)));
+}
+
+#[test]
+fn a_similarity_changes_lengths_only() {
+    for s in [0.25, 3.0] {
+        let distortion = mapped(Matrix2::identity() * s);
+        assert!(all_are(&distortion.areal.values, 2.0 * s.log2()));
+        assert!((distortion.areal.summary.median - 2.0 * s.log2().abs()).abs() < 1e-9);
+        assert!((distortion.edge.mean - (s - 1.0).abs()).abs() < 1e-9);
+        assert!(all_are(&distortion.quasi_conformal.values, 1.0) && all_are(&distortion.angle.values, 0.0));
+        assert!(all_are(&distortion.isometric.values, s.max(1.0 / s)));
+        assert!(all_are(&distortion.symmetric_dirichlet.values, s * s + 1.0 / (s * s)));
+    }
+}
+
+#[test]
+fn a_stretch_and_a_shear_have_their_singular_values() {
+    let (a, b) = (3.0f64, 0.4f64);
+    let (sin, cos) = 1.2f64.sin_cos();
+    let stretched = mapped(Matrix2::new(cos, -sin, sin, cos) * Matrix2::new(a, 0.0, 0.0, b));
+    assert!(stretched.stretch.iter().all(|s| all_are(&[s[0] - a, s[1] - b], 0.0)));
+    assert!(all_are(&stretched.areal.values, (a * b).log2()));
+    assert!(all_are(&stretched.quasi_conformal.values, a / b) && all_are(&stretched.isometric.values, a));
+    let energy = 0.5 * (a * a + b * b + 1.0 / (a * a) + 1.0 / (b * b));
+    assert!(all_are(&stretched.symmetric_dirichlet.values, energy));
+    // half of the inner corners of the squares' halves are 45° and become atan(b/a) and its complement
+    let lean = 45.0 - (b / a).atan().to_degrees();
+    assert!(all_are(&stretched.angle.values, 2.0 * lean / 3.0));
+    // unit shear: σ1 is the golden ratio
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let sheared = mapped(Matrix2::new(1.0, 1.0, 0.0, 1.0));
+    assert!(sheared.stretch.iter().all(|s| all_are(&[s[0] - golden, s[1] - 1.0 / golden], 0.0)));
+    assert!(all_are(&sheared.areal.values, 0.0) && all_are(&sheared.quasi_conformal.values, golden * golden));
+    assert!(all_are(&sheared.symmetric_dirichlet.values, golden * golden + 1.0 / (golden * golden)));
+}
+
+#[test]
+fn edges_count_once() {
+    // two triangles of a unit square, the diagonal of which is made twice as long
+    let points = in_space(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], |_, _| 0.0);
+    let uv = [[0.0, 0.0], [1.0, 0.0], [2.0, 2.0], [0.0, 1.0]];
+    let distortion = measured(&points, &[[0, 1, 2], [0, 2, 3]], &uv);
+    let expected = (1.0 + 2.0 * (5f64.sqrt() - 1.0)) / 5.0;
+    assert!((distortion.edge.mean - expected).abs() < 1e-12 && distortion.edges == 5);
+    assert!((distortion.edge.max - (5f64.sqrt() - 1.0)).abs() < 1e-12);
+}
+
+#[test]
+fn flipped_triangles_are_the_minority() {
+    let (uv, faces) = grid(3, 3);
+    let points = in_space(&uv, |_, _| 0.0);
+    let mut folded = uv.clone();
+    folded[0] = [0.9, 0.9]; // beyond the opposite side of its one triangle
+    for mirror in [1.0, -1.0] {
+        let uv: Vec<_> = folded.iter().map(|&[x, y]| [mirror * x, y]).collect();
+        let flipped = measured(&points, &faces, &uv).flipped;
+        assert_eq!((flipped.count, flipped.collapsed), (1, 0));
+        assert!((flipped.area_share - 1.0 / 18.0).abs() < 1e-12);
+        assert_eq!(flipped.per_face.iter().position(|&is| is), Some(0));
+    }
+}
+
+#[test]
+fn what_is_undefined_is_nan_and_counted() {
+    let (uv, faces) = grid(3, 3);
+    let points = in_space(&uv, |_, _| 0.0);
+    let mut flat = uv.clone();
+    flat[0] = [0.5, 0.5]; // on the opposite side of its one triangle
+    let collapsed = measured(&points, &faces, &flat);
+    assert_eq!((collapsed.flipped.count, collapsed.flipped.collapsed), (0, 1));
+    assert!(collapsed.areal.values[0].is_nan() && collapsed.areal.summary.undefined == 1);
+    assert_eq!(collapsed.stretch[0][1], 0.0);
+    for measure in [&collapsed.quasi_conformal, &collapsed.angle, &collapsed.isometric, &collapsed.symmetric_dirichlet]
+    {
+        assert!(measure.values[0].is_nan() && measure.values[1..].iter().all(|value| value.is_finite()));
+        assert!(measure.summary.undefined == 1 && measure.summary.max.is_finite());
+    }
+    // the other way round, with corners on a line that rounding bends
+    let line = [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.0, 0.5]];
+    let whole = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
+    let torn = measured(&in_space(&line, |x, _| x), &[[0, 1, 2], [0, 2, 3]], &whole);
+    assert!(torn.stretch[0].iter().all(|s| s.is_nan()) && torn.areal.values[1].is_nan());
+    assert!(torn.areal.values[0].is_finite() && torn.flipped.collapsed == 0);
+    // an edge of 0 mm, and a vertex without place
+    let twice = [[0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [7.0, 7.0]];
+    let doubled = measured(
+        &in_space(&twice, |_, _| 0.0),
+        &[[0, 1, 2], [0, 2, 3]],
+        &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [f64::NAN, 1.0], [7.0, 7.0]],
+    );
+    assert_eq!((doubled.edges, doubled.edge.undefined), (5, 3));
+    assert!(doubled.areal.values.iter().all(|value| value.is_nan()) && doubled.areal.summary.mean.is_nan());
+    assert_eq!(doubled.flipped.collapsed, 0);
+    let nothing = measured(&[], &[], &[]);
+    assert!(nothing.edge.mean.is_nan() && nothing.isometric.summary.p95.is_nan());
+    assert!(nothing.flipped.area_share.is_nan());
+}
+
+#[test]
+fn summaries_weigh_by_area() {
+    // a small triangle that keeps its size beside a large one that is stretched
+    let points = in_space(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-9.0, 0.0]], |_, _| 0.0);
+    let uv = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-18.0, 0.0]];
+    let distortion = measured(&points, &[[0, 1, 2], [0, 2, 3]], &uv);
+    let Summary { mean, median, p95, max, undefined } = distortion.isometric.summary;
+    assert!((mean - 1.9).abs() < 1e-12 && undefined == 0);
+    assert!(all_are(&[median, p95, max], 2.0));
+    let counted = Summary::of(&[4.0, f64::NAN, 1.0, 3.0, 2.0], |_| 1.0);
+    assert_eq!(counted, Summary { mean: 2.5, median: 2.0, p95: 4.0, max: 4.0, undefined: 1 });
+}
+
+#[test]
+fn a_small_stretch_keeps_its_digits() {
+    let (s, scale) = (1e-9, 1e-6);
+    let points = in_space(&[[0.0, 0.0], [1.0, 0.0], [0.3, 0.8]], |_, _| 0.0);
+    let uv = [[0.0, 0.0], [scale, 0.0], [0.3 * scale, 0.8 * scale * s]];
+    let stretch = measured(&points, &[[0, 1, 2]], &uv).stretch[0];
+    assert!((stretch[0] / scale - 1.0).abs() < 1e-12 && (stretch[1] / scale / s - 1.0).abs() < 1e-6);
+}
+
+/// What `wb_command -surface-distortion` computes, with its f32.
+fn workbench(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Vec<f32> {
+    let areas = |points: Vec<[f32; 3]>| {
+        let mut sums = vec![0f32; points.len()];
+        for face in faces {
+            let squared = |m: usize, n: usize| {
+                let [p, q] = [points[face[m] as usize], points[face[n] as usize]];
+                f64::from((0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>())
+            };
+            let (a, b, c) = (squared(0, 1), squared(1, 2), squared(2, 0));
+            let area = (0.25 * (4.0 * a * c - (a - b + c).powi(2)).abs().sqrt()) as f32;
+            face.iter().for_each(|&vertex| sums[vertex as usize] += area / 3.0);
+        }
+        sums
+    };
+    let surface = areas(points.iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect());
+    let flat = areas(uv.iter().map(|&[x, y]| [x as f32, y as f32, 0.0]).collect());
+    flat.iter().zip(surface).map(|(flat, surface)| (flat / surface).ln() / 2f32.ln()).collect()
+}
+
+#[test]
+fn areal_distortion_is_workbenchs() {
+    let (uv, faces) = grid(40, 30);
+    let points = in_space(&uv, |x, y| 3.0 * (0.4 * x).sin() * (0.3 * y).cos() - 40.0);
+    let moved: Vec<_> = uv.iter().map(|&[x, y]| [1.1 * x + 0.3 * y.sin() - 60.0, 0.9 * y + 0.2 * x.cos()]).collect();
+    let ours = measured(&points, &faces, &moved).areal;
+    for (ours, theirs) in ours.values.iter().zip(workbench(&points, &faces, &moved)) {
+        assert!((ours - f64::from(theirs)).abs() < 1e-4, "{ours} {theirs}");
+    }
+    assert!(ours.summary.p95 > 0.3);
+}
+
+#[test]
+fn vertices_share_out_the_area_of_the_faces() {
+    let (uv, faces) = grid(30, 20);
+    let points = in_space(&uv, |x, y| (0.5 * x).sin() + (0.7 * y).cos());
+    let place = |v: u32| Vector3::new(uv[v as usize][0], uv[v as usize][1], 0.0);
+    let triangle = |face: &[u32; 3]| Triangle::of(face.map(|v| points[v as usize]), face.map(place)).surface;
+    let areas: Vec<f64> = faces.iter().map(triangle).collect();
+    let shares: f64 = vertex_areas(uv.len(), &faces, areas.iter().copied()).iter().sum();
+    let whole: f64 = areas.iter().sum();
+    assert!((shares - whole).abs() < 1e-9 && whole > 600.0);
+}
+
+proptest! {
+    #[test]
+    fn singular_values_are_those_of_the_jacobian(
+        corners in prop::array::uniform3(prop::array::uniform3(-5.0..5.0f64)),
+        places in prop::array::uniform3(prop::array::uniform2(-5.0..5.0f64)),
+    ) {
+        let p = corners.map(Vector3::from);
+        let normal = (p[1] - p[0]).cross(&(p[2] - p[0]));
+        prop_assume!(normal.norm() > 0.1);
+        let x = (p[2] - p[0]).normalize();
+        let y = normal.normalize().cross(&x);
+        let flat = |v: Vector3<f64>| Vector2::new(v.dot(&x), v.dot(&y));
+        let before = Matrix2::from_columns(&[flat(p[1] - p[0]), flat(p[2] - p[0])]);
+        let u = places.map(Vector2::from);
+        let jacobian = Matrix2::from_columns(&[u[1] - u[0], u[2] - u[0]]) * before.try_inverse().unwrap();
+        let expected = jacobian.svd(false, false).singular_values;
+        let stretch = measured(&p, &[[0, 1, 2]], &places).stretch[0];
+        prop_assert!(stretch[0] >= stretch[1]);
+        for k in 0..2 {
+            prop_assert!((stretch[k] - expected[k]).abs() < 1e-9 * expected[0], "{stretch:?} {expected}");
+        }
+    }
+
+    #[test]
+    fn numbering_and_rigid_motion_do_not_matter(seed in 0u32..1000, angle in 0.0..TAU) {
+        let (flat, faces) = grid(5, 4);
+        let jitter = |n: usize, k: u32| 0.3 * f64::from((n as u32 * 37 + k * 11 + seed) % 97).sin();
+        let points = in_space(&flat, |x, y| (x + f64::from(seed)).sin() + 0.5 * y.cos());
+        let uv: Vec<_> = flat.iter().enumerate().map(|(n, p)| [p[0] + jitter(n, 0), p[1] + jitter(n, 1)]).collect();
+        let first = measured(&points, &faces, &uv);
+        let last = points.len() - 1;
+        let turn = Rotation3::from_euler_angles(angle, 0.5, -angle);
+        let points: Vec<_> = points.iter().rev().map(|p| turn * p + Vector3::new(9.0, -4.0, 1.0)).collect();
+        let (sin, cos) = angle.sin_cos();
+        let uv: Vec<_> = uv.iter().rev().map(|[x, y]| [cos * x - sin * y + 3.0, sin * x + cos * y]).collect();
+        let faces: Vec<_> = faces.iter().rev().map(|&[a, b, c]| [b, c, a].map(|v| last as u32 - v)).collect();
+        let second = measured(&points, &faces, &uv);
+        prop_assert_eq!(first.flipped.count, second.flipped.count);
+        for (a, b) in [
+            (first.areal.summary, second.areal.summary),
+            (first.edge, second.edge),
+            (first.angle.summary, second.angle.summary),
+        ] {
+            prop_assert!((a.mean - b.mean).abs() < 1e-9 && (a.max - b.max).abs() < 1e-9);
+        }
+        for (a, b) in first.areal.values.iter().zip(second.areal.values.iter().rev()) {
+            prop_assert!((a - b).abs() < 1e-8);
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let (uv, faces) = grid(120, 90);
+    let points = in_space(&uv, |x, y| 2.0 * (0.3 * x).sin() * (0.2 * y).sin());
+    let uv: Vec<_> = uv.iter().map(|&[x, y]| [x + (SQRT_2 * y).sin(), y + 0.8 * (SQRT_2 * x).cos()]).collect();
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let distortion = pool.install(|| measured(&points, &faces, &uv));
+        assert!(distortion.flipped.count > 0);
+        format!("{distortion:?}") // shortest digits that read back to the same bits
+    };
+    let one = with(1);
+    assert!(one == with(2) && one == with(7));
+}
+
+#[test]
+fn wrong_corners_are_refused_and_cancelling_is_obeyed() {
+    let (uv, faces) = grid(2, 2);
+    let points = in_space(&uv, |_, _| 0.0);
+    let control = Control::default();
+    let beyond = measure_faces(&points, &[[0, 1, 9]], &uv, &control);
+    assert_eq!(beyond, Err(Error::NoSuchPoint { vertex: 9, points: 9 }));
+    measure_faces(&points, &faces, &uv, &control).unwrap();
+    let progress = control.progress();
+    assert_eq!((progress.stage, progress.done), ("measuring triangles", progress.total));
+    control.cancel();
+    assert_eq!(measure_faces(&points, &faces, &uv, &control), Err(Error::Cancelled));
+}
