@@ -139,7 +139,7 @@ struct Window {
 
 /// Lists what the origin of a half-edge sees through the face on its left: the edge itself, the face's other edge where
 /// nothing lies beyond, and vertices beyond up to `most` edges.
-fn unfold(surface: &Surface, half_edge: u32, most: u32, seen: &mut Vec<Arc>) {
+pub(super) fn unfold(surface: &Surface, half_edge: u32, most: u32, seen: &mut Vec<Arc>) {
     let point = |v: u32| surface.points()[v as usize];
     let vertex = surface.origin(half_edge);
     let (a, b) = (surface.target(half_edge), surface.origin(previous(half_edge)));

@@ -2,6 +2,7 @@
 
 pub mod chain;
 pub mod graph;
+pub mod marching;
 pub mod shortest;
 
 use crate::control::Control;
