@@ -28,8 +28,8 @@ def repair(
     probability: NDArray[np.float32] | None = None,
     progress: _Progress | None = None,
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]: ...
-
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
+
 @final
 class Surface:
     @staticmethod

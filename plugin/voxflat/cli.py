@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `measure`, `image` and `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `measure`, `rows`, `image` and `demo`.
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -206,6 +206,17 @@ def _making(command: _Command) -> _Command:
     return command
 
 
+def _store(required: bool) -> Callable[[_Command], _Command]:
+    """Return the option that names a store of distance rows."""
+    return click.option(
+        "--store",
+        type=_FILE,
+        metavar="DIR",
+        required=required,
+        help="Keep the distances from all sources in this directory, new or of an interrupted run, which is resumed.",
+    )
+
+
 # ------------------------------------------------------------------------------------------ the commands
 
 
@@ -266,6 +277,7 @@ Examples:
 @click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same map.")
 @click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
 @click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
+@_store(required=False)
 @_as_json
 @click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
 @_debug
@@ -399,6 +411,63 @@ def measure(surface_: Path, flat: Path, as_json: bool, **options: Any) -> None:
         _print_json(distortion.figures())
     else:
         click.echo(distortion.table())
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows
+  voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json
+"""
+)
+@_input
+@_store(required=True)
+@click.option(
+    "--geodesic",
+    type=click.Choice(["graph", "chain"]),
+    default="graph",
+    help="Over the triangles of a surface, or by chain codes over the voxels of a volume.",
+)
+@_making
+@_selection
+@click.option("--sources", type=int, required=True, metavar="M", help="How many points distances are measured from.")
+@click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "random"]),
+    default="farthest",
+    help="How sources are chosen: evenly, each farthest from the others, or at random.",
+)
+@click.option(
+    "--link-lengths",
+    type=click.Choice(["chain-code", "euclidean"]),
+    help="chain: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
+)
+@click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same rows.")
+@click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+@_as_json
+@click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+@_debug
+def rows(input_: Path, sources: int, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Measure distances into a store on disk.
+
+    DIR gets the geodesic distances from M sources to all points of a surface: rows.npy, float32, mm, which NumPy can
+    map into memory, and voxflat.open_rows opens. Only a little of it is ever in memory. Give the same command again to
+    resume what was interrupted.
+    """
+    making = {name: options.pop(name) for name in ("pial", "probability", "repair")}
+    with _bars(quiet) as bars:
+        source: Any = input_
+        if any(making.values()):
+            if options["geodesic"] != "graph":
+                raise InputError("--pial, --probability and --repair are for --geodesic graph; leave them out")
+            place = {name: options.pop(name) for name in ("label", "threshold", "spacing")}
+            source = _surface(input_, making, place, options, bars)
+        measured = voxflat.geodesic(source, sources, progress=bars.progress, **options)
+    if as_json:
+        _print_json({"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes})
+    elif not quiet:
+        size = f"{measured.nbytes / 2**20:.0f} MiB"
+        click.echo(f"{measured.shape[0]} x {measured.shape[1]} distances, {size}\nsaved in {measured.store}")
 
 
 @main.command(

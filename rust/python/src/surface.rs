@@ -447,15 +447,22 @@ impl Surface {
     ) -> PyResult<Bound<'py, PyDict>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
         let inner = Arc::clone(&self.0);
-        let map = run(py, threads, progress.as_ref(), move |control| {
+        let (map, found) = run(py, threads, progress.as_ref(), move |control| {
             let (surface, graph) = (&inner.surface, &*inner.graph(control)?);
             let Some((directory, identity)) = store else {
-                return flatten::voxflat(surface, graph, &given, seed, control);
+                return Ok((flatten::voxflat(surface, graph, &given, seed, control)?, None));
             };
-            let rows_from = |sources: &[u32]| Store::compute(&directory, &identity, graph, sources, control);
-            flatten::voxflat_by_rows(surface, graph, &given, rows_from, seed, control)
+            let mut found = None;
+            let rows_from = |sources: &[u32]| {
+                let store = Store::compute(&directory, &identity, graph, sources, control)?;
+                found = Some(store.found());
+                Ok(store)
+            };
+            Ok((flatten::voxflat_by_rows(surface, graph, &given, rows_from, seed, control)?, found))
         })?;
-        convert::map_dict(py, map)
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
+        Ok(dict)
     }
 }
 
