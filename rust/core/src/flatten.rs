@@ -233,7 +233,7 @@ const BASE_BYTES: u64 = 16 << 20;
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
     let in_flight = store::memory_need(points, sources, threads);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (8 + 2 * 12 + 8) * LINKS * points; // the links, and both directions of them while they are sorted
+    let graph = (2 * 12 + 8) * LINKS * points; // the links as both ends see them, in a list that may grow; then sorted
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
     let reference = 4 * points * REFERENCE_SOURCES as u64;
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
