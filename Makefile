@@ -8,7 +8,7 @@ UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test lint test-rust test-python bench bench-surfaces paper-grossmann pictures docs format clean
+.PHONY: help setup demo test lint test-rust test-python bench bench-surfaces bench-store soak paper-grossmann pictures docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -44,6 +44,12 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
+
+bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
+	$(RUN) python docs/benchmarks/store.py
+
+soak: setup ## kill a run into a store 20 times and resume it: the same bits
+	$(RUN) python docs/benchmarks/store_soak.py
 
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py

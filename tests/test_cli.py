@@ -128,6 +128,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
     options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
     options += " --drop d.nii --method grossmann2002"
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
+    options += " --store rows"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
     assert [given.pop(name) for name in ("cuts", "polygon")] == [None, None]
     assert given == {
@@ -146,6 +147,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         "threads": 2,
         "memory_limit": 4 * 2**30,
         "keep_rows": True,
+        "store": Path("rows"),
     }
 
 

@@ -1,8 +1,8 @@
 """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
 
 The way through: `surface` makes a `Surface` of a label volume or a mesh; `flatten` takes it, or either of them, to a
-`FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give the distances alone; `load` reads a
-saved map; `measure` judges any map, of whatever tool.
+`FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give the distances alone; `open_rows` opens
+distances on disk; `load` reads a saved map; `measure` judges any map, of whatever tool.
 """
 
 from voxflat._check import Check, check
@@ -12,8 +12,9 @@ from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import measure
 from voxflat._path import Path, path
 from voxflat._surface import Surface, surface
-from voxflat.api import DistanceRows, flatten, geodesic
+from voxflat.api import flatten, geodesic
 from voxflat.flatmap import FlatMap, load
+from voxflat.rows import DistanceRows, open_rows
 
 __all__ = [
     "Cancelled",
@@ -33,6 +34,7 @@ __all__ = [
     "geodesic",
     "load",
     "measure",
+    "open_rows",
     "path",
     "surface",
 ]

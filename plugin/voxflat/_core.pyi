@@ -1,12 +1,13 @@
 """The compiled core: arguments are checked by `voxflat.api`, which is what to call."""
 
 from collections.abc import Callable
+from os import PathLike
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Surface", "VoxelSurface", "__version__", "chain_weights", "defects", "draw", "repair"]
+__all__ = ["Surface", "VoxelSurface", "__version__", "chain_weights", "defects", "draw", "repair", "store_memory_need"]
 
 __version__: str
 
@@ -27,6 +28,7 @@ def repair(
     probability: NDArray[np.float32] | None = None,
     progress: _Progress | None = None,
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]: ...
+def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
 
 @final
 class Surface:
@@ -74,7 +76,7 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> dict[str, Any]: ...
-    def memory_need(self, sources: int, threads: int) -> int: ...
+    def memory_need(self, sources: int, threads: int, stored: bool = False) -> int: ...
     def links(self, progress: _Progress | None = None) -> int: ...
     def choose_sources(
         self, sampling: str, count: int, seed: int, progress: _Progress | None = None
@@ -82,6 +84,15 @@ class Surface:
     def rows(
         self, sources: NDArray[np.uint32], threads: int | None = None, progress: _Progress | None = None
     ) -> NDArray[np.float32]: ...
+    def links_hash(self, progress: _Progress | None = None) -> int: ...
+    def store_rows(
+        self,
+        directory: str | PathLike[str],
+        identity: str,
+        sources: NDArray[np.uint32],
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> tuple[int, int]: ...
     def path(self, source: int, target: int) -> tuple[NDArray[np.uint32], float]: ...
     def edge_path(self, source: int, target: int) -> tuple[NDArray[np.uint32], float]: ...
     def voxflat(
@@ -90,6 +101,7 @@ class Surface:
         seed: int,
         threads: int | None = None,
         progress: _Progress | None = None,
+        store: tuple[str | PathLike[str], str] | None = None,
     ) -> dict[str, Any]: ...
 
 @final
@@ -128,6 +140,15 @@ class VoxelSurface:
     def rows(
         self, sources: NDArray[np.uint32], threads: int | None = None, progress: _Progress | None = None
     ) -> NDArray[np.float32]: ...
+    def links_hash(self, progress: _Progress | None = None) -> int: ...
+    def store_rows(
+        self,
+        directory: str | PathLike[str],
+        identity: str,
+        sources: NDArray[np.uint32],
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> tuple[int, int]: ...
     def path(self, source: int, target: int) -> tuple[NDArray[np.uint32], float]: ...
     def memory_need(self, sources: int, threads: int) -> int: ...
     def grossmann2002(

@@ -13,7 +13,22 @@ import numpy as np
 
 from voxflat._console import DEBUG
 
-__all__ = ["FILE", "as_json", "debug", "input_", "making", "memory_limit", "places", "region", "threads", "volume"]
+__all__ = [
+    "FILE",
+    "as_json",
+    "debug",
+    "input_",
+    "making",
+    "memory_limit",
+    "places",
+    "quiet",
+    "region",
+    "sampling",
+    "seed",
+    "store",
+    "threads",
+    "volume",
+]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -97,6 +112,16 @@ debug = click.option(
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
 threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+seed = click.option(
+    "--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same result."
+)
+sampling = click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "random"]),
+    default="farthest",
+    help="How sources are chosen: evenly, each farthest from the others, or at random.",
+)
 memory_limit = click.option(
     "--memory-limit",
     metavar="SIZE",
@@ -172,3 +197,14 @@ region = _group(
     ),
 )
 """Which part of the surface is worked on."""
+
+
+def store(*, required: bool) -> Callable[[_Command], _Command]:
+    """Return the option that names a store of distance rows."""
+    return click.option(
+        "--store",
+        type=FILE,
+        metavar="DIR",
+        required=required,
+        help="Keep the distances from all sources in this directory, new or of an interrupted run, which is resumed.",
+    )

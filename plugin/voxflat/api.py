@@ -27,13 +27,15 @@ from voxflat._prepare import (
     prepare,
     sources_on,
 )
+from voxflat._store import Store, prepare_store
 from voxflat._surface import surface as _surface
 from voxflat.flatmap import FlatMap
+from voxflat.rows import DistanceRows, open_rows
 
 _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
 
-__all__ = ["DistanceRows", "flatten", "geodesic"]
+__all__ = ["flatten", "geodesic"]
 
 
 def flatten(
@@ -55,6 +57,7 @@ def flatten(
     link_lengths: str | None = None,
     seed: int = 0,
     keep_rows: bool = False,
+    store: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -107,6 +110,9 @@ def flatten(
         Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
     keep_rows : bool
         Keep the distances from all sources to all points in `FlatMap.rows`.
+    store : path, optional
+        A directory to keep them in, on disk instead of in memory; `FlatMap.rows` is then a memory map. If the work is
+        interrupted, the same call goes on where it was. `voxflat.open_rows` opens it.
     threads : int, optional
         By default one a core.
     memory_limit : int, optional
@@ -126,7 +132,8 @@ def flatten(
     Cancelled
         If `progress` returned False.
     """
-    how = _How(sources, sampling, checked_seed(seed), keep_rows, checked_threads(threads), memory_limit, progress)
+    seed, threads = checked_seed(seed), checked_threads(threads)
+    how = _How(sources, sampling, seed, keep_rows, store, threads, memory_limit, progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     if method == "grossmann2002":
@@ -156,13 +163,17 @@ class _How:
     sampling: str
     seed: int
     keep_rows: bool
+    store: str | os.PathLike[str] | None
     threads: int | None
     memory_limit: int | None
     progress: Progress | None
 
     def check_memory(self, need: int, sources: int, points: int) -> int:
         """Return the memory needed in all, if it is there."""
-        need += 4 * sources * points if self.keep_rows else 0
+        if self.store is not None:
+            need += _core.store_memory_need(points, sources, self.threads or os.cpu_count() or 1)
+        elif self.keep_rows:
+            need += 4 * sources * points
         check_memory(need, self.memory_limit, "take a smaller patch or fewer sources")
         log.info("up to %s of memory are needed", amount(need))
         return need
@@ -177,8 +188,14 @@ def _refuse(method: str, **options: object) -> None:
 def _voxflat(cut: Cutout, how: _How) -> FlatMap:
     part = cut.part
     chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LANDMARKS)
-    need = how.check_memory(part.core.memory_need(len(chosen), how.threads or os.cpu_count() or 1), 0, 0)
-    result = part.core.voxflat(chosen, how.seed, how.threads, how.progress)
+    threads = how.threads or os.cpu_count() or 1
+    need = how.check_memory(part.core.memory_need(len(chosen), threads, how.store is not None), 0, 0)
+    store = None
+    if how.store is not None:
+        store = prepare_store(how.store, part.core, part.ids, chosen, geodesic="graph", progress=how.progress)
+    result = part.core.voxflat(chosen, how.seed, how.threads, how.progress, None if store is None else store.key)
+    if store is not None:
+        store.tell(result["found"])
     torn = np.zeros(len(cut.faces), dtype=np.bool_)
     warnings = list(cut.remarks)
     distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
@@ -187,6 +204,11 @@ def _voxflat(cut: Cutout, how: _How) -> FlatMap:
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
     metadata = {"method": "voxflat", **cut.metadata, **_told(how, chosen, result, need, warnings)}
+    rows = None
+    if store is not None:
+        metadata["store"], rows = str(store.path), open_rows(store.path).rows
+    elif how.keep_rows:
+        rows = part.core.rows(chosen, how.threads, how.progress)
     return FlatMap(
         uv=result["uv"],
         points=part.points,
@@ -198,7 +220,7 @@ def _voxflat(cut: Cutout, how: _How) -> FlatMap:
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
         metadata=metadata,
-        rows=part.core.rows(chosen, how.threads, how.progress) if how.keep_rows else None,
+        rows=rows,
     )
 
 
@@ -207,6 +229,13 @@ def _grossmann2002(prepared: Prepared, how: _How) -> FlatMap:
     part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
     chosen = choose_sources(prepared, how.sources, how.sampling, how.seed, how.progress, fewest=3)
     need = how.check_memory(part.memory_need(len(chosen), how.threads or os.cpu_count() or 1), len(chosen), len(part))
+    ids = part.voxels.astype(np.int64)
+    store = None
+    if how.store is not None:
+        lengths = prepared.metadata["link_lengths"]
+        store = prepare_store(
+            how.store, part, ids, chosen, geodesic="chain", link_lengths=lengths, progress=how.progress
+        )
     result = part.grossmann2002(chosen, how.seed, how.threads, how.progress)
     topology = part.topology(how.progress)
     faces, torn = part.map_faces(result["uv"], how.progress)
@@ -218,18 +247,23 @@ def _grossmann2002(prepared: Prepared, how: _How) -> FlatMap:
         "topology": topology,
         "torn_faces": float(torn.mean()),
     }
+    rows = None
+    if store is not None:
+        metadata["store"], rows = str(store.path), _stored(store, part, chosen, how.threads, how.progress).rows
+    elif how.keep_rows:
+        rows = part.rows(chosen, how.threads, how.progress)
     return FlatMap(
         uv=result["uv"],
         points=part.points,
         normals=result["normals"],
-        ids=part.voxels.astype(np.int64),
+        ids=ids,
         faces=faces,
         torn=torn,
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
         distortion=_distortion(result["distortion"], None),
         metadata=metadata,
-        rows=part.rows(chosen, how.threads, how.progress) if how.keep_rows else None,
+        rows=rows,
     )
 
 
@@ -278,43 +312,6 @@ def _grossmann2002_warnings(prepared: Prepared, topology: dict[str, Any], torn: 
     return warnings
 
 
-@dataclass(frozen=True, eq=False)
-class DistanceRows:
-    """Geodesic distances from sources to all points of a surface; converts to an array.
-
-    Parameters
-    ----------
-    rows : ndarray of float32, shape (m, N)
-        Distances, mm.
-    ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices, or vertex numbers, of the points.
-    points : ndarray of float64, shape (N, 3)
-        The points, RAS+ mm.
-    sources : ndarray of int64, shape (m,)
-        The sources, as numbers into the points.
-    """
-
-    rows: NDArray[np.float32]
-    ids: NDArray[np.int64]
-    points: NDArray[np.float64]
-    sources: NDArray[np.int64]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of sources and of points."""
-        return (self.rows.shape[0], self.rows.shape[1])
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.rows[index]
-
-    def __len__(self) -> int:
-        """Return the number of sources."""
-        return len(self.rows)
-
-
 def geodesic(
     surface: object,
     sources: int | ArrayLike,
@@ -333,6 +330,7 @@ def geodesic(
     sampling: str = "farthest",
     link_lengths: str | None = None,
     seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -349,10 +347,14 @@ seed, threads, memory_limit, progress
     geodesic : {"graph", "chain"}
         "graph": straight links over the triangles of the surface. "chain": chain-code lengths over the 26-neighbour
         graph of a volume's surface voxels.
+    store : path, optional
+        A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
+        call goes on where it was.
 
     Returns
     -------
     DistanceRows
+        Of a store as `voxflat.open_rows` opens it.
 
     Raises
     ------
@@ -362,7 +364,6 @@ seed, threads, memory_limit, progress
     seed, threads = checked_seed(seed), checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
-    few = "take fewer sources or a smaller patch"
     if geodesic == "chain":
         _refuse(geodesic, drop=drop, polygon=polygon, cuts=cuts)
         prepared = prepare(
@@ -375,9 +376,8 @@ seed, threads, memory_limit, progress
         )
         voxels = prepared.part
         chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
-        check_memory(4 * len(chosen) * len(voxels), memory_limit, few)
-        rows = voxels.rows(chosen, threads, progress)
-        return DistanceRows(rows, voxels.voxels.astype(np.int64), voxels.points, chosen.astype(np.int64))
+        what = {"geodesic": geodesic, "link_lengths": prepared.metadata["link_lengths"]}
+        return _rows(voxels, voxels.voxels.astype(np.int64), chosen, what, store, threads, memory_limit, progress)
     if geodesic != "graph":
         raise InputError(f"geodesic is {geodesic!r}; give 'graph' or 'chain'")
     _refuse(geodesic, link_lengths=link_lengths)
@@ -385,5 +385,38 @@ seed, threads, memory_limit, progress
     patch |= {"drop": drop, "polygon": polygon, "cuts": cuts}
     part = cut_out(whole, **patch, progress=progress, to_disk=False).part
     chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=_LANDMARKS)
-    check_memory(4 * len(chosen) * len(part), memory_limit, few)
-    return DistanceRows(part.core.rows(chosen, threads, progress), part.ids, part.points, chosen.astype(np.int64))
+    return _rows(part.core, part.ids, chosen, {"geodesic": geodesic}, store, threads, memory_limit, progress)
+
+
+def _rows(
+    core: _core.Surface | _core.VoxelSurface,
+    ids: NDArray[np.int64],
+    chosen: NDArray[np.uint32],
+    what: dict[str, Any],
+    store: str | os.PathLike[str] | None,
+    threads: int | None,
+    memory_limit: int | None,
+    progress: Progress | None,
+) -> DistanceRows:
+    """Compute rows in memory, or in a store."""
+    few = "take fewer sources or a smaller patch"
+    if store is None:
+        check_memory(4 * len(chosen) * len(core), memory_limit, few + ", or give a store")
+        return DistanceRows(core.rows(chosen, threads, progress), ids, core.points, chosen.astype(np.int64))
+    need = _core.store_memory_need(len(core), len(chosen), threads or os.cpu_count() or 1)
+    check_memory(need, memory_limit, "take fewer threads")
+    log.info("up to %s of memory are needed for rows in the making", amount(need))
+    prepared = prepare_store(store, core, ids, chosen, **what, progress=progress)
+    return _stored(prepared, core, chosen, threads, progress)
+
+
+def _stored(
+    store: Store,
+    core: _core.Surface | _core.VoxelSurface,
+    chosen: NDArray[np.uint32],
+    threads: int | None,
+    progress: Progress | None,
+) -> DistanceRows:
+    """Compute what a store lacks, and open it."""
+    store.tell(core.store_rows(*store.key, chosen, threads, progress))
+    return open_rows(store.path)

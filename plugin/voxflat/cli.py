@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `measure`, `image` and `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `rows`, `measure`, `image` and `demo`.
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -73,22 +73,18 @@ Examples:
     metavar="N",
     help="How many points distances are measured from.  [default: 400; grossmann2002: 1000]",
 )
-@click.option(
-    "--sampling",
-    type=click.Choice(["farthest", "random"]),
-    default="farthest",
-    help="How sources are chosen: evenly, each farthest from the others, or at random.",
-)
+@_options.sampling
 @click.option(
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),
     help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
 )
-@click.option("--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same map.")
+@_options.seed
 @_options.threads
 @click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
+@_options.store(required=False)
 @_options.as_json
-@click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+@_options.quiet
 @_options.debug
 def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: Any) -> None:
     """Flatten a surface.
@@ -118,8 +114,8 @@ def _source(input_: Path, options: dict[str, Any], shown: Bars) -> Any:
     making = {name: options.pop(name) for name in _MAKING}
     if not any(making.values()):
         return input_
-    if options.get("method", "voxflat") != "voxflat":
-        raise InputError("--pial, --probability and --repair are for the method voxflat; leave them out")
+    if options.get("method") == "grossmann2002" or options.get("geodesic") == "chain":
+        raise InputError("--pial, --probability and --repair are for surfaces of triangles; leave them out")
     making |= {name: options.pop(name) for name in _VOLUME}
     return _surface(input_, making, options.get("memory_limit"), shown)
 
@@ -256,7 +252,7 @@ Examples:
 @click.option(
     "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
 )
-@click.option("--seed", type=int, default=0, help="Seed of their choice.")
+@_options.seed
 @_options.threads
 @_options.as_json
 @_options.debug
@@ -272,6 +268,54 @@ def measure(surface_: Path, flat: Path, as_json: bool, **options: Any) -> None:
         _print_json(distortion.figures())
     else:
         click.echo(distortion.table())
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows
+  voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json
+"""
+)
+@_options.input_
+@_options.store(required=True)
+@click.option(
+    "--geodesic",
+    type=click.Choice(["graph", "chain"]),
+    default="graph",
+    help="Over the triangles of a surface, or by chain codes over the voxels of a volume.",
+)
+@_options.making
+@_options.volume
+@_options.region
+@_options.memory_limit
+@click.option("--sources", type=int, required=True, metavar="M", help="How many points distances are measured from.")
+@_options.sampling
+@click.option(
+    "--link-lengths",
+    type=click.Choice(["chain-code", "euclidean"]),
+    help="chain: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
+)
+@_options.seed
+@_options.threads
+@_options.as_json
+@_options.quiet
+@_options.debug
+def rows(input_: Path, sources: int, as_json: bool, quiet: bool, **options: Any) -> None:
+    """Measure distances into a store on disk.
+
+    DIR gets the geodesic distances from M sources to all points of a surface: rows.npy, float32, mm, which NumPy can
+    map into memory, and voxflat.open_rows opens. Only a little of it is ever in memory. Give the same command again to
+    resume what was interrupted.
+    """
+    with bars(quiet) as shown:
+        source = _source(input_, options, shown)
+        measured = voxflat.geodesic(source, sources, progress=shown.progress, **options)
+    if as_json:
+        _print_json({"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes})
+    elif not quiet:
+        size = f"{measured.nbytes / 2**20:.0f} MiB"
+        click.echo(f"{measured.shape[0]} x {measured.shape[1]} distances, {size}\nsaved in {measured.store}")
 
 
 @main.command(

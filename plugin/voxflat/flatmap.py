@@ -54,7 +54,8 @@ class FlatMap:
     metadata : dict
         Parameters, affine, versions, checksum of the input, topology.
     rows : ndarray of float32, shape (m, N), or None
-        Geodesic distances from the sources, mm, if they were asked for.
+        Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
+        there: `save` leaves them out.
     """
 
     uv: NDArray[np.float64]
@@ -311,7 +312,7 @@ class FlatMap:
         if self.distortion.triangles is not None:
             arrays["distortion_areal"] = self.distortion.triangles.areal
             arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
-        if self.rows is not None:
+        if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = self.rows
         text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
         with atomic_path(path) as temporary, temporary.open("wb") as file:

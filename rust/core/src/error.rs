@@ -190,6 +190,27 @@ pub enum Error {
     )]
     SeveralComponents { count: usize, sizes: String },
 
+    #[error(
+        "cannot {doing} {path}: {reason}; finished rows are kept: see that the place is writable and has room, then run the \
+         same again"
+    )]
+    StoreFailed { doing: &'static str, path: String, reason: String },
+
+    #[error("the store {path} is in use by {holder}: wait until that ends, or choose another directory")]
+    StoreInUse { path: String, holder: String },
+
+    #[error(
+        "{path} is no journal of these rows: it is damaged, or of another surface, other sources or another version; choose \
+         another directory, or delete this store"
+    )]
+    StoreForeign { path: String },
+
+    #[error(
+        "the rows {first} to {last} of {path} do not agree with their checksum: measure again with the same store, and they \
+         are computed anew"
+    )]
+    StoreDamaged { path: String, first: usize, last: usize },
+
     #[error("cancelled")]
     Cancelled,
 }

@@ -13,8 +13,9 @@ use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
 use crate::place::landmark;
 use crate::place::radial::RadialFunctions;
-use crate::rows::DistanceRows;
+use crate::rows::{DistanceRows, Rows};
 use crate::sources::{self, FEWEST_SOURCES, Sources};
+use crate::store;
 use crate::surface::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
@@ -136,16 +137,34 @@ pub fn voxflat(
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
+    let rows_from = |sources: &[u32]| DistanceRows::compute(graph, sources, control);
+    voxflat_by_rows(surface, graph, sources, rows_from, seed, control)
+}
+
+/// [`voxflat`] with distance rows from elsewhere, a [`Store`](crate::store::Store) for example: `rows_from` gets the sources.
+///
+/// # Errors
+/// As [`voxflat`], and those of `rows_from`.
+pub fn voxflat_by_rows<R: Rows>(
+    surface: &Surface,
+    graph: &GeodesicGraph,
+    sources: &Sources,
+    rows_from: impl FnOnce(&[u32]) -> Result<R>,
+    seed: u64,
+    control: &Control,
+) -> Result<FlatMap> {
     check_disk(surface)?;
     let sources = sources.choose(graph, control)?;
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let rows = DistanceRows::compute(graph, &sources, control)?;
+    let rows = rows_from(&sources)?;
     control.begin("scaling", 1);
-    let scaling = classical_scaling(&rows.among())?;
+    let among = rows.among(control)?;
+    let scaling = classical_scaling(&among)?;
     control.check()?;
-    let mut uv = landmark::place(&rows, &scaling.places, control)?;
+    let mut uv = landmark::place(&rows, &among, &scaling.places, control)?;
+    drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
@@ -209,12 +228,15 @@ fn place_rest(
 /// What is needed whatever the size: threads, buffers, the allocator's reserve.
 const BASE_BYTES: u64 = 16 << 20;
 
-/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
-pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64 {
+/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices; with
+/// rows in memory, or in a store.
+pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
+    let in_flight = store::memory_need(points, sources, threads);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (8 + 2 * 12 + 8) * LINKS * points; // the links, and both directions of them while they are sorted
+    let graph = (2 * 12 + 8) * LINKS * points; // the links as both ends see them, in a list that may grow; then sorted
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
-    let rows = 4 * points * sources.max(REFERENCE_SOURCES as u64);
+    let reference = 4 * points * REFERENCE_SOURCES as u64;
+    let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
     let scaling = (4 + 8 + 8) * sources * sources;
     let workers = threads * (4 + 16) * points;
     BASE_BYTES + graph + surface + workers + rows + scaling

@@ -12,6 +12,7 @@
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
 //! | [`rows`] | sources → distance rows | many sources in parallel |
+//! | [`store`] | | distance rows on disk |
 //! | [`embed`] | distance rows → embedding | classical scaling |
 //! | [`place`] | embedding → every point | radial functions, landmark placement |
 //! | [`orient`] | | the map's up and its handedness |
@@ -37,6 +38,7 @@ pub mod place;
 pub mod raster;
 pub mod rows;
 pub mod sources;
+pub mod store;
 pub mod surface;
 pub mod volume;
 

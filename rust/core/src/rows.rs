@@ -1,10 +1,48 @@
-//! Distance rows: the distances from many sources, computed in parallel.
+//! Distance rows: the distances from many sources, computed in parallel. In memory here, on disk in [`crate::store`].
 
 use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
+
+/// Distance rows, wherever they are kept.
+pub trait Rows {
+    /// The vertices from which distances were measured.
+    fn sources(&self) -> &[u32];
+
+    /// Length of a row.
+    fn columns(&self) -> usize;
+
+    /// How many rows are visited at a time.
+    fn block_rows(&self) -> usize;
+
+    /// Passes all rows on, in the order of the sources: `visit(n, rows)` gets whole rows from the n-th on, one after the
+    /// other.
+    ///
+    /// # Errors
+    /// Those of `visit`, and of reading.
+    fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
+
+    /// The columns of the sources only.
+    ///
+    /// # Errors
+    /// Those of reading.
+    ///
+    /// # Panics
+    /// If the rows do not reach to every source.
+    fn among(&self, control: &Control) -> Result<DistanceRows> {
+        let sources = self.sources();
+        let mut data = Vec::with_capacity(sources.len() * sources.len());
+        self.visit(control, &mut |_, rows| {
+            for row in rows.chunks(self.columns().max(1)) {
+                data.extend(sources.iter().map(|&column| row[column as usize]));
+            }
+            Ok(())
+        })?;
+        Ok(DistanceRows::new(sources.to_vec(), sources.len(), data))
+    }
+}
 
 /// Distances from sources to columns, in mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,15 +108,6 @@ impl DistanceRows {
         &self.sources
     }
 
-    /// The columns of the sources only.
-    ///
-    /// # Panics
-    /// If the rows do not reach to every source.
-    pub fn among(&self) -> Self {
-        let of_row = |n| self.sources.iter().map(move |&column| self.row(n)[column as usize]);
-        Self::new(self.sources.clone(), self.sources.len(), (0..self.sources.len()).flat_map(of_row).collect())
-    }
-
     /// Length of a row.
     pub fn columns(&self) -> usize {
         self.columns
@@ -95,7 +124,26 @@ impl DistanceRows {
     }
 }
 
-fn reachable(row: &[f32], source: u32) -> Result<()> {
+impl Rows for DistanceRows {
+    fn sources(&self) -> &[u32] {
+        &self.sources
+    }
+
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn block_rows(&self) -> usize {
+        self.sources.len()
+    }
+
+    fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
+        visit(0, &self.data)
+    }
+}
+
+/// Fails where a distance is infinite.
+pub(crate) fn reachable(row: &[f32], source: u32) -> Result<()> {
     match row.iter().position(|distance| distance.is_infinite()) {
         Some(vertex) => Err(Error::Unreachable { source_vertex: source as usize, vertex }),
         None => Ok(()),

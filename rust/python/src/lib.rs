@@ -8,6 +8,12 @@ mod work;
 
 use pyo3::prelude::*;
 
+/// The memory in bytes that computing a store of so many rows and columns needs at most beside the graph.
+#[pyfunction]
+fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
+    voxflat::store::memory_need(columns, rows, threads)
+}
+
 /// The compiled core of voxflat.
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -17,6 +23,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
     module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
+    module.add_function(wrap_pyfunction!(store_memory_need, module)?)?;
     module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Surfaces of triangles and what is done with them.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use ndarray::Array3;
@@ -17,6 +18,7 @@ use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
+use voxflat::store::{self, Store};
 use voxflat::surface::Surface as CoreSurface;
 use voxflat::surface::cuts::{self, Reason};
 use voxflat::surface::holes::{fill_holes, small_holes};
@@ -346,9 +348,37 @@ impl Surface {
         convert::distortion_dict(py, distortion)
     }
 
-    /// The memory in bytes that flattening needs at most.
-    fn memory_need(&self, sources: usize, threads: usize) -> u64 {
-        flatten::surface_memory_need(self.0.surface.len(), sources, threads)
+    /// The memory in bytes that flattening needs at most, with rows in memory or in a store.
+    #[pyo3(signature = (sources, threads, stored=false))]
+    fn memory_need(&self, sources: usize, threads: usize, stored: bool) -> u64 {
+        flatten::surface_memory_need(self.0.surface.len(), sources, threads, stored)
+    }
+
+    /// A hash of the links, on which alone distances depend.
+    #[pyo3(signature = (progress=None))]
+    fn links_hash(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+        let inner = Arc::clone(&self.0);
+        run(py, None, progress.as_ref(), move |control| store::fingerprint(&*inner.graph(control)?, control))
+    }
+
+    /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
+    #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
+    fn store_rows(
+        &self,
+        py: Python<'_>,
+        directory: PathBuf,
+        identity: String,
+        sources: PyReadonlyArray1<'_, u32>,
+        threads: Option<usize>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, usize)> {
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let found = run(py, threads, progress.as_ref(), move |control| {
+            Ok(Store::compute(&directory, &identity, &*inner.graph(control)?, &sources, control)?.found())
+        })?;
+        Ok((found.rows, found.damaged))
     }
 
     /// Number of links of the graph, each counted from both ends.
@@ -419,8 +449,8 @@ impl Surface {
         Ok((path.into_pyarray(py), length))
     }
 
-    /// Flattens from sources (vertices).
-    #[pyo3(signature = (sources, seed, threads=None, progress=None))]
+    /// Flattens from sources (vertices), by rows in memory or in a store: its directory and identity.
+    #[pyo3(signature = (sources, seed, threads=None, progress=None, store=None))]
     fn voxflat<'py>(
         &self,
         py: Python<'py>,
@@ -428,13 +458,26 @@ impl Surface {
         seed: u64,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
+        store: Option<(PathBuf, String)>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
         let inner = Arc::clone(&self.0);
-        let map = run(py, threads, progress.as_ref(), move |control| {
-            flatten::voxflat(&inner.surface, &*inner.graph(control)?, &given, seed, control)
+        let (map, found) = run(py, threads, progress.as_ref(), move |control| {
+            let (surface, graph) = (&inner.surface, &*inner.graph(control)?);
+            let Some((directory, identity)) = store else {
+                return Ok((flatten::voxflat(surface, graph, &given, seed, control)?, None));
+            };
+            let mut found = None;
+            let rows_from = |sources: &[u32]| {
+                let store = Store::compute(&directory, &identity, graph, sources, control)?;
+                found = Some(store.found());
+                Ok(store)
+            };
+            Ok((flatten::voxflat_by_rows(surface, graph, &given, rows_from, seed, control)?, found))
         })?;
-        convert::map_dict(py, map)
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
+        Ok(dict)
     }
 }
 

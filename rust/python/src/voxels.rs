@@ -1,5 +1,6 @@
 //! Voxel surfaces and what is done with them.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
@@ -14,6 +15,7 @@ use voxflat::patch::{Disk, Patch};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
+use voxflat::store::{self, Store};
 use voxflat::surface::VoxelSurface as CoreSurface;
 use voxflat::surface::cubes::CubeTopology;
 use voxflat::volume::Affine;
@@ -183,6 +185,33 @@ impl VoxelSurface {
         let rows =
             run(py, threads, progress.as_ref(), move |control| DistanceRows::compute(&inner.graph, &sources, control))?;
         convert::table(py, rows.into_data(), self.0.surface.len())
+    }
+
+    /// A hash of the links, on which alone distances depend.
+    #[pyo3(signature = (progress=None))]
+    fn links_hash(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), progress.as_ref(), move |control| store::fingerprint(&inner.graph, control))
+    }
+
+    /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
+    #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
+    fn store_rows(
+        &self,
+        py: Python<'_>,
+        directory: PathBuf,
+        identity: String,
+        sources: PyReadonlyArray1<'_, u32>,
+        threads: Option<usize>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, usize)> {
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let found = run(py, threads, progress.as_ref(), move |control| {
+            Ok(Store::compute(&directory, &identity, &inner.graph, &sources, control)?.found())
+        })?;
+        Ok((found.rows, found.damaged))
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.

@@ -16,6 +16,9 @@ use crate::surface::mesh::{BORDER, Surface, next, previous};
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
 const CROSSED: u32 = 5;
 
+/// Vertices whose links are found together, before they are packed.
+const TOGETHER: usize = 1 << 16;
+
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {
@@ -47,30 +50,40 @@ impl GeodesicGraph {
             }
             Ok(seen)
         };
-        let seen: Vec<Vec<Arc>> = (0..surface.len() as u32).into_par_iter().map(of_vertex).collect::<Result<_>>()?;
-        control.check()?;
         // both ends see each other, but rounding may differ: of all lines between two vertices the shortest counts
-        let mut links: Vec<(u32, Arc)> = Vec::with_capacity(2 * seen.iter().map(Vec::len).sum::<usize>());
-        for (vertex, arcs) in (0..).zip(seen) {
-            for arc in arcs {
-                links.push((vertex, arc));
-                links.push((arc.to, Arc { to: vertex, ..arc }));
+        let mut links: Vec<(u32, u32, f32)> = Vec::new(); // from the lower vertex to the higher
+        for first in (0..surface.len() as u32).step_by(TOGETHER) {
+            let vertices = first..(first + TOGETHER as u32).min(surface.len() as u32);
+            let seen: Vec<Vec<Arc>> = vertices.clone().into_par_iter().map(of_vertex).collect::<Result<_>>()?;
+            for (vertex, arcs) in vertices.zip(seen) {
+                links.extend(arcs.iter().map(|arc| (vertex.min(arc.to), vertex.max(arc.to), arc.length)));
             }
         }
-        let key = |&(from, arc): &(u32, Arc)| (from, arc.to, arc.length.to_bits()); // lengths are not negative
-        links.par_sort_unstable_by_key(key);
-        links.dedup_by_key(|&mut (from, arc)| (from, arc.to));
+        links.par_sort_unstable_by_key(|&(a, b, length)| (a, b, length.to_bits())); // lengths are not negative
+        links.dedup_by_key(|&mut (a, b, _)| (a, b));
         control.check()?;
         let mut starts = vec![0u32; surface.len() + 1];
-        links.iter().for_each(|&(from, _)| starts[from as usize + 1] += 1);
+        for &(a, b, _) in &links {
+            starts[a as usize + 1] += 1;
+            starts[b as usize + 1] += 1;
+        }
         let most_links = starts.iter().copied().max().unwrap_or(0) as usize;
         for vertex in 0..surface.len() {
             starts[vertex + 1] += starts[vertex];
         }
-        let lengths = || links.iter().map(|&(_, arc)| arc.length);
+        // links are sorted, so each vertex meets its lower neighbours first, then its higher ones, both in their order
+        let mut arcs = vec![Arc { to: 0, length: 0.0 }; 2 * links.len()];
+        let mut free = starts.clone();
+        for &(a, b, length) in &links {
+            for (from, to) in [(a, b), (b, a)] {
+                arcs[free[from as usize] as usize] = Arc { to, length };
+                free[from as usize] += 1;
+            }
+        }
+        let lengths = || links.iter().map(|&(_, _, length)| length);
         let longest = lengths().fold(0.0, f32::max);
         let extremes = [lengths().fold(longest, f32::min), longest];
-        Ok(Self { starts, arcs: links.into_iter().map(|(_, arc)| arc).collect(), most_links, extremes })
+        Ok(Self { starts, arcs, most_links, extremes })
     }
 
     /// Number of links, each counted from both of its ends.

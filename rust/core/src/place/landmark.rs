@@ -10,47 +10,57 @@ use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::rows::DistanceRows;
+use crate::rows::{DistanceRows, Rows};
 
 /// Points that are placed between two looks at the clock.
 const BATCH: usize = 1024;
 
-/// The places of all points (mm), from rows of distances to all of them and the places of the sources.
+/// The places of all points (mm), from rows of distances to all of them, the sources' distances among themselves, and the
+/// places of the sources. Rows are visited once, in their order.
 ///
 /// # Errors
-/// [`Error::NotPlanar`] if the sources lie on a line, [`Error::Cancelled`].
+/// [`Error::NotPlanar`] if the sources lie on a line, [`Error::Cancelled`], and those of reading rows.
 ///
 /// # Panics
 /// If there is not one place a source.
-pub fn place(rows: &DistanceRows, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
-    let sources = rows.sources();
-    assert_eq!(places.len(), sources.len(), "one place a source");
-    let count = sources.len() as f64;
-    let centre = places.iter().map(|&p| Vector2::from(p)).sum::<Vector2<f64>>() / count;
-    let centred: Vec<Vector2<f64>> = places.iter().map(|&p| Vector2::from(p) - centre).collect();
-    let gram: Matrix2<f64> = centred.iter().map(|p| p * p.transpose()).sum();
-    let inverse = gram.try_inverse().ok_or(Error::NotPlanar { positive: 1 })?;
-    let weights: Vec<Vector2<f64>> = centred.iter().map(|p| inverse * p * -0.5).collect();
-    let squared = |i: usize, j: u32| f64::from(rows.row(i)[j as usize]).powi(2);
-    let means: Vec<f64> =
-        (0..sources.len()).map(|i| sources.iter().map(|&j| squared(i, j)).sum::<f64>() / count).collect();
-
-    control.begin("placing the rest", rows.columns().div_ceil(BATCH) as u64);
-    let mut uv = vec![[0.0; 2]; rows.columns()];
-    uv.par_chunks_mut(BATCH).enumerate().try_for_each(|(batch, uv)| {
-        control.check()?;
-        let mut sums = vec![centre; uv.len()];
-        for (i, (weight, mean)) in weights.iter().zip(&means).enumerate() {
-            let row = &rows.row(i)[batch * BATCH..][..uv.len()];
-            for (sum, &distance) in sums.iter_mut().zip(row) {
-                *sum += weight * (f64::from(distance).powi(2) - mean);
+pub fn place(rows: &impl Rows, among: &DistanceRows, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {
+    let terms = Terms::new(among, places)?;
+    let (columns, count) = (rows.columns(), rows.sources().len());
+    control.begin("placing the rest", (count.div_ceil(rows.block_rows()) * columns.div_ceil(BATCH)) as u64);
+    let mut uv = vec![terms.centre; columns];
+    rows.visit(control, &mut |first, block| {
+        uv.par_chunks_mut(BATCH).enumerate().try_for_each(|(batch, sums)| {
+            control.check()?;
+            for (row, (weight, mean)) in block.chunks(columns).zip(&terms.of_source[first..]) {
+                for (sum, &distance) in sums.iter_mut().zip(&row[batch * BATCH..]) {
+                    *sum += weight * (f64::from(distance).powi(2) - mean);
+                }
             }
-        }
-        uv.iter_mut().zip(sums).for_each(|(place, sum)| *place = sum.into());
-        control.advance();
-        Ok(())
+            control.advance();
+            Ok(())
+        })
     })?;
-    Ok(uv)
+    Ok(uv.into_iter().map(Into::into).collect())
+}
+
+/// x(p) = centre + Σᵢ weightᵢ (δᵢ²(p) − μᵢ).
+struct Terms {
+    centre: Vector2<f64>,
+    of_source: Vec<(Vector2<f64>, f64)>,
+}
+
+impl Terms {
+    fn new(among: &DistanceRows, places: &[[f64; 2]]) -> Result<Self> {
+        assert_eq!(places.len(), among.sources().len(), "one place a source");
+        let count = places.len() as f64;
+        let centre = places.iter().map(|&p| Vector2::from(p)).sum::<Vector2<f64>>() / count;
+        let centred: Vec<Vector2<f64>> = places.iter().map(|&p| Vector2::from(p) - centre).collect();
+        let gram: Matrix2<f64> = centred.iter().map(|p| p * p.transpose()).sum();
+        let inverse = gram.try_inverse().ok_or(Error::NotPlanar { positive: 1 })?;
+        let mean = |i: usize| among.row(i).iter().map(|&distance| f64::from(distance).powi(2)).sum::<f64>() / count;
+        let of_source = centred.iter().enumerate().map(|(i, p)| (inverse * p * -0.5, mean(i))).collect();
+        Ok(Self { centre, of_source })
+    }
 }
 
 #[cfg(test)]
@@ -71,7 +81,9 @@ mod tests {
         fn points_of_the_plane_are_placed_exactly(points in prop::collection::vec(prop::array::uniform2(-50.0..50.0f64), 20..3000)) {
             let sources = [0, 3, 5, 11, 19];
             let places = sources.map(|s: u32| points[s as usize]);
-            let placed = place(&rows_of(&points, &sources), &places, &Control::default());
+            let rows = rows_of(&points, &sources);
+            let control = Control::default();
+            let placed = place(&rows, &rows.among(&control).unwrap(), &places, &control);
             let spread: f64 = places.iter().flat_map(|p| places.map(|q| ((p[0] - places[0][0]) * (q[1] - places[0][1]) - (p[1] - places[0][1]) * (q[0] - places[0][0])).abs())).fold(0.0, f64::max);
             prop_assume!(spread > 500.0); // sources nearly on a line say little across it
             for (a, b) in placed.unwrap().iter().zip(&points) {
@@ -83,7 +95,8 @@ mod tests {
     #[test]
     fn sources_on_a_line_are_refused() {
         let points = [[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]];
-        let refused = place(&rows_of(&points, &[0, 1, 2]), &points, &Control::default());
+        let rows = rows_of(&points, &[0, 1, 2]);
+        let refused = place(&rows, &rows, &points, &Control::default());
         assert_eq!(refused.unwrap_err(), Error::NotPlanar { positive: 1 });
     }
 }

@@ -1,0 +1,110 @@
+"""Kill a run again and again, and resume it: the rows must be those of a run that nothing disturbed, bit by bit.
+
+    make soak
+
+Each run is killed (kill -9) at a random moment, between its start and its end, with a random number of threads. At
+every third kill some of the table and the last line of the journal are lost as well, as by a failing power supply.
+"""
+
+import argparse
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import voxflat
+
+SIDE, SOURCES = 150, 1200
+KILLS = 20
+OPTIONS = {"sampling": "random", "geodesic": "graph"}
+
+
+def main():
+    """Kill, resume, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=KILLS)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--run", type=Path, help="only one run, into this store")
+    parser.add_argument("--threads", type=int, default=1)
+    options = parser.parse_args()
+    if options.run:
+        voxflat.geodesic(sheet(), SOURCES, store=options.run, threads=options.threads, **OPTIONS)
+        return
+    expected = voxflat.geodesic(sheet(), SOURCES, **OPTIONS)
+    random.seed(options.seed)
+    kills, restarts = 0, 0
+    with tempfile.TemporaryDirectory() as directory:
+        store, whole = Path(directory) / "store0", None
+        while kills < options.kills:
+            start = time.monotonic()
+            limit = random.uniform(0, whole) if whole else None
+            if run(store, limit):
+                whole = whole or time.monotonic() - start  # the first run tells how long one takes
+                check(store, expected)
+                restarts += 1
+                store = Path(directory) / f"store{restarts}"
+                continue
+            kills += 1
+            if kills % 3 == 0:
+                tear(store)
+            print(f"kill {kills:2} after {limit:4.1f} s: {finished(store)} of {-(-SOURCES // 16)} blocks finished")
+        run(store, None)
+        check(store, expected)
+        print(f"{kills} kills, {restarts + 1} stores: all rows are those of an uninterrupted run, bit by bit")
+
+
+def sheet():
+    """Return a bumpy sheet."""
+    i, j = np.indices((SIDE, SIDE))
+    height = np.round(4 + 3 * np.sin(i / 15) * np.sin(j / 15)).astype(int)
+    volume = np.zeros((SIDE, SIDE, 10), dtype=bool)
+    volume[i, j, height] = True
+    return volume
+
+
+def run(store, limit):
+    """Run for so long (s); return whether the run came to its end."""
+    threads = random.randint(1, 3)
+    process = subprocess.Popen([sys.executable, __file__, "--run", store, "--threads", str(threads)])
+    try:
+        if process.wait(limit):
+            raise SystemExit(f"a run failed with status {process.returncode}")
+        return True
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return False
+
+
+def tear(store):
+    """Lose some of what was written last."""
+    journal, table = store / "journal.jsonl", store / "rows.npy"
+    if journal.exists() and len(lines := journal.read_bytes().splitlines(keepends=True)) > 1:
+        os.truncate(journal, journal.stat().st_size - len(lines[-1]) // 2)
+    if table.exists():
+        with table.open("r+b") as file:
+            file.seek(random.randrange(128, table.stat().st_size - 4096))
+            file.write(bytes(4096))
+
+
+def finished(store):
+    """Return how many blocks the journal knows."""
+    journal = store / "journal.jsonl"
+    return journal.read_text().count("crc32") if journal.exists() else 0
+
+
+def check(store, expected):
+    """Compare a store with an undisturbed run."""
+    rows = voxflat.open_rows(store)
+    rows.verify()
+    if rows.rows.tobytes() != expected.rows.tobytes():
+        raise SystemExit(f"{store} differs from an uninterrupted run")
+
+
+if __name__ == "__main__":
+    main()

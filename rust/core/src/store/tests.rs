@@ -1,0 +1,277 @@
+//! A store is interrupted, damaged, shared; its rows are those of an uninterrupted run nevertheless.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::*;
+use crate::adjacency::Graph;
+use crate::flatten::chain_graph;
+use crate::geodesic::chain::LinkLengths;
+use crate::rows::DistanceRows;
+use crate::surface::VoxelSurface;
+use crate::volume::{Affine, Mask};
+use proptest::prelude::*;
+
+/// A new directory that goes when it is dropped.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    pub fn new(name: &str) -> Self {
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("voxflat-{name}-{}-{count}", std::process::id()));
+        fs::create_dir(&path).unwrap();
+        Self(path)
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self, name: &str) -> Vec<u8> {
+        fs::read(self.0.join(name)).unwrap()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).unwrap();
+    }
+}
+
+const COMPLETE: &[u8] = b"{\"complete\": true}\n";
+
+const ROWS: usize = 3 * MOST_ROWS + 5;
+
+fn sheet() -> Graph {
+    let mask = Mask::from_fn([9, 8, 1], |_| true).unwrap();
+    let control = Control::default();
+    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+    chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+}
+
+fn sources() -> Vec<u32> {
+    (0..ROWS as u32).map(|n| (n * 7 + 3) % 72).collect()
+}
+
+/// A solver that fails after so many rows, and counts them.
+struct Counting<'a>(&'a Graph, AtomicUsize, usize);
+
+impl<'a> Counting<'a> {
+    fn until(graph: &'a Graph, last: usize) -> Self {
+        Self(graph, AtomicUsize::new(0), last)
+    }
+
+    fn rows(&self) -> usize {
+        self.1.load(Ordering::Relaxed)
+    }
+}
+
+impl Solver for Counting<'_> {
+    type Scratch = <Graph as Solver>::Scratch;
+
+    fn scratch(&self) -> Self::Scratch {
+        self.0.scratch()
+    }
+
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
+        if self.1.fetch_add(1, Ordering::Relaxed) >= self.2 {
+            return Err(Error::Cancelled);
+        }
+        self.0.row(source, row, scratch, control)
+    }
+}
+
+fn compute<S: Solver>(folder: &Folder, solver: &S) -> Result<Store> {
+    Store::compute(folder.path(), "a1", solver, &sources(), &Control::default())
+}
+
+fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+fn all_rows(store: &impl Rows) -> Vec<f32> {
+    let mut data = Vec::new();
+    let mut collect = |first: usize, rows: &[f32]| {
+        assert_eq!(first * store.columns(), data.len());
+        data.extend_from_slice(rows);
+        Ok(())
+    };
+    store.visit(&Control::default(), &mut collect).unwrap();
+    data
+}
+
+#[test]
+fn a_store_holds_the_rows_that_memory_would() {
+    let graph = sheet();
+    let control = Control::default();
+    let expected = DistanceRows::compute(&graph, &sources(), &control).unwrap();
+    let folder = Folder::new("same");
+    let store = compute(&folder, &graph).unwrap();
+    assert_eq!(store.found(), Found { rows: 0, damaged: 0 });
+    assert_eq!(store.among(&control).unwrap(), expected.among(&control).unwrap());
+    assert_eq!(all_rows(&store), expected.into_data());
+    let bytes: Vec<u8> = all_rows(&store).iter().flat_map(|value| value.to_le_bytes()).collect();
+    assert!(folder.bytes("rows.npy").ends_with(&bytes));
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let graph = sheet();
+    let of = |threads| {
+        let folder = Folder::new("threads");
+        with_threads(threads, || compute(&folder, &graph).map(drop)).unwrap();
+        folder.bytes("rows.npy")
+    };
+    assert!(of(1) == of(2) && of(1) == of(7));
+}
+
+#[test]
+fn a_complete_store_is_read_and_not_touched() {
+    let graph = sheet();
+    let folder = Folder::new("complete");
+    drop(compute(&folder, &graph).unwrap());
+    let (table, journal) = (folder.bytes("rows.npy"), folder.bytes("journal.jsonl"));
+    assert!(journal.ends_with(COMPLETE));
+    let counting = Counting::until(&graph, 0);
+    let again = compute(&folder, &counting).unwrap();
+    assert_eq!((again.found(), counting.rows()), (Found { rows: ROWS, damaged: 0 }, 0));
+    assert!((table, journal) == (folder.bytes("rows.npy"), folder.bytes("journal.jsonl")));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn interrupted_runs_go_on_where_they_were(stops in prop::collection::vec(0..ROWS, 1..6), threads in 1usize..4) {
+        let graph = sheet();
+        let folder = Folder::new("stops");
+        let mut finished = 0;
+        for stop in stops {
+            let counting = Counting::until(&graph, stop);
+            let outcome = with_threads(threads, || compute(&folder, &counting));
+            match outcome {
+                Ok(store) => prop_assert!(store.found().rows == finished && counting.rows() == ROWS - finished),
+                Err(error) => {
+                    prop_assert_eq!(error, Error::Cancelled);
+                    prop_assert!(!folder.bytes("journal.jsonl").ends_with(COMPLETE));
+                }
+            }
+            let lines = String::from_utf8(folder.bytes("journal.jsonl")).unwrap();
+            let blocks = lines.matches("crc32").count();
+            let now = (blocks * MOST_ROWS).min(ROWS); // the last block is lower
+            // no more than a block a thread is lost
+            prop_assert!(now >= finished && now + threads * MOST_ROWS >= finished + stop.min(ROWS - finished));
+            finished = if lines.contains("\"block\": 3") { now.min((blocks - 1) * MOST_ROWS + 5) } else { now };
+        }
+        let store = compute(&folder, &graph).unwrap();
+        prop_assert_eq!(store.found(), Found { rows: finished, damaged: 0 });
+        let expected = DistanceRows::compute(&graph, &sources(), &Control::default()).unwrap();
+        prop_assert_eq!(all_rows(&store), expected.into_data());
+    }
+
+    #[test]
+    fn whatever_is_damaged_is_computed_again(at in any::<prop::sample::Index>(), flip in 1u8..=255, cut in prop::option::of(any::<prop::sample::Index>())) {
+        let graph = sheet();
+        let folder = Folder::new("damage");
+        drop(compute(&folder, &graph).unwrap());
+        let sound = folder.bytes("rows.npy");
+        let mut bytes = sound.clone();
+        bytes[at.index(sound.len())] ^= flip;
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(sound.len()));
+        }
+        fs::write(folder.path().join("rows.npy"), &bytes).unwrap();
+        let store = compute(&folder, &graph).unwrap();
+        prop_assert_eq!(store.found().rows + store.found().damaged, ROWS);
+        let is_header = at.index(sound.len()) < sound.len() - 4 * ROWS * 72;
+        prop_assert!(cut.is_some() || (store.found().damaged == 0) == is_header);
+        prop_assert!(folder.bytes("rows.npy") == sound);
+        prop_assert!(folder.bytes("journal.jsonl").ends_with(COMPLETE));
+    }
+}
+
+#[test]
+fn damage_while_it_is_open_is_told() {
+    let graph = sheet();
+    let folder = Folder::new("open");
+    let store = compute(&folder, &graph).unwrap();
+    let mut bytes = folder.bytes("rows.npy");
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    fs::write(folder.path().join("rows.npy"), bytes).unwrap();
+    let told = store.among(&Control::default()).unwrap_err();
+    assert!(matches!(told, Error::StoreDamaged { first: 48, last: 52, .. }), "{told}");
+}
+
+#[test]
+fn a_store_of_others_is_refused_and_left_alone() {
+    let graph = sheet();
+    let folder = Folder::new("others");
+    drop(compute(&folder, &graph).unwrap());
+    let before = folder.bytes("rows.npy");
+    let control = Control::default();
+    let fewer = &sources()[1..];
+    for (identity, sources) in [("b2", &sources()[..]), ("a1", fewer)] {
+        let refused = Store::compute(folder.path(), identity, &graph, sources, &control).unwrap_err();
+        assert!(matches!(refused, Error::StoreForeign { .. }), "{refused}");
+    }
+    assert!(folder.bytes("rows.npy") == before);
+}
+
+#[test]
+fn two_at_once_are_refused() {
+    let graph = sheet();
+    let folder = Folder::new("lock");
+    let first = compute(&folder, &graph).unwrap();
+    let refused = compute(&folder, &graph).unwrap_err();
+    let holder = format!("process {}", std::process::id());
+    assert_eq!(refused, Error::StoreInUse { path: folder.path().display().to_string(), holder });
+    drop(first);
+    assert!(compute(&folder, &graph).is_ok());
+}
+
+#[test]
+fn what_cannot_be_reached_is_told() {
+    let mask = Mask::from_fn([9, 4, 1], |[i, _, _]| i != 4).unwrap();
+    let control = Control::default();
+    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+    let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+    let folder = Folder::new("unreachable");
+    let told = Store::compute(folder.path(), "a1", &graph, &[0], &control).unwrap_err();
+    assert!(matches!(told, Error::Unreachable { source_vertex: 0, .. }));
+}
+
+#[test]
+fn a_missing_directory_is_told() {
+    let told = Store::compute(Path::new("/nowhere/at/all"), "a1", &sheet(), &[0], &Control::default()).unwrap_err();
+    assert!(matches!(told, Error::StoreFailed { .. }) && told.to_string().contains("/nowhere/at/all/lock"), "{told}");
+}
+
+#[test]
+fn blocks_are_bounded() {
+    for columns in [1, 72, 20_000, 1 << 20, (1 << 20) + 1, 1 << 24, 1 << 28] {
+        let height = block_rows(columns);
+        assert!((1..=MOST_ROWS).contains(&height) && (height == 1 || height * columns * VALUE <= BLOCK_BYTES));
+    }
+    assert_eq!(memory_need(72, 5, 8), (CHUNK + 5 * 72 * VALUE + 16 * 72) as u64); // one block
+}
+
+#[test]
+fn fingerprints_tell_graphs_apart() {
+    let control = Control::default();
+    let of = |mask: Mask, spacing| {
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
+        fingerprint(&chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap(), &control).unwrap()
+    };
+    let plate = || Mask::from_fn([5, 5, 1], |_| true).unwrap();
+    let dented = Mask::from_fn([5, 5, 1], |[i, j, _]| (i, j) != (0, 0)).unwrap();
+    let all = [of(plate(), [1.0; 3]), of(plate(), [1.0, 1.0, 2.0]), of(plate(), [1.01; 3]), of(dented, [1.0; 3])];
+    assert!((0..4).all(|a| (0..a).all(|b| all[a] != all[b])));
+    assert_eq!(all[0], of(plate(), [1.0; 3]));
+}
