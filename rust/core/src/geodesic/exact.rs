@@ -12,6 +12,8 @@
 mod envelope;
 mod frame;
 mod path;
+#[cfg(test)]
+mod tests;
 mod wave;
 mod window;
 

@@ -12,6 +12,8 @@ pub(super) struct Frame {
     pub length: f64,
     pub x: f64,
     pub y: f64,
+    /// The number of the half-edge's edge.
+    pub edge: u32,
 }
 
 /// The frames of all half-edges and the angles around all vertices.
@@ -21,6 +23,8 @@ pub(super) struct Frames {
     /// The direction of each half-edge around its origin, counterclockwise from the vertex's first half-edge.
     directions: Vec<f64>,
     vertices: Vec<Fan>,
+    /// The lower half-edge of each edge.
+    edges: Vec<u32>,
     /// Mean and greatest length of an edge, mm.
     pub mean: f64,
     pub longest: f64,
@@ -46,7 +50,14 @@ impl Fan {
 
 impl Frames {
     pub fn new(surface: &Surface) -> Self {
-        let frames: Vec<Frame> = (0..surface.twins().len() as u32).map(|h| frame(surface, h)).collect();
+        let mut frames: Vec<Frame> = (0..surface.twins().len() as u32).map(|h| frame(surface, h)).collect();
+        let mut edges = Vec::new();
+        for half_edge in surface.edges() {
+            for side in [half_edge, surface.twins()[half_edge as usize]].into_iter().filter(|&side| side != BORDER) {
+                frames[side as usize].edge = edges.len() as u32;
+            }
+            edges.push(half_edge);
+        }
         let mut first = vec![BORDER; surface.len()];
         for half_edge in 0..frames.len() as u32 {
             let known = &mut first[surface.origin(half_edge) as usize];
@@ -67,7 +78,7 @@ impl Frames {
         let lengths = || frames.iter().map(|frame| frame.length);
         let mean = lengths().sum::<f64>() / frames.len().max(1) as f64;
         let longest = lengths().fold(0.0, f64::max);
-        Self { frames, directions, vertices, mean, longest }
+        Self { frames, directions, vertices, edges, mean, longest }
     }
 
     #[inline]
@@ -85,8 +96,10 @@ impl Frames {
         self.directions[half_edge as usize]
     }
 
-    pub fn vertices(&self) -> usize {
-        self.vertices.len()
+    /// The lower half-edge of each edge.
+    #[inline]
+    pub fn edges(&self) -> &[u32] {
+        &self.edges
     }
 }
 
@@ -111,5 +124,5 @@ fn frame(surface: &Surface, half_edge: u32) -> Frame {
     let edge = place(surface.target(half_edge)) - origin;
     let side = place(surface.origin(previous(half_edge))) - origin;
     let length = edge.norm();
-    Frame { length, x: edge.dot(&side) / length, y: edge.cross(&side).norm() / length }
+    Frame { length, x: edge.dot(&side) / length, y: edge.cross(&side).norm() / length, edge: 0 }
 }

@@ -92,9 +92,7 @@ impl Exact<'_> {
                 let [origin, target] = [self.surface.origin(half_edge), self.surface.target(half_edge)];
                 Some(Leg { vertex: if origin == vertex { target } else { origin }, crossings: Vec::new() })
             }
-            Way::Across { half_edge, at, x, y, root } => {
-                self.unfold(wave, vertex, Line { half_edge, at, x, y }, root)
-            }
+            Way::Across { half_edge, at, x, y, root } => self.unfold(wave, vertex, Line { half_edge, at, x, y }, root),
         }
     }
 
@@ -116,7 +114,10 @@ impl Exact<'_> {
             ];
             for (end, off) in ends {
                 let through = walked + off + wave.distance[end as usize];
-                if off <= AT_VERTEX * edge.length && through <= reached * (1.0 + SLACK) && wave.distance[end as usize] < reached {
+                if off <= AT_VERTEX * edge.length
+                    && through <= reached * (1.0 + SLACK)
+                    && wave.distance[end as usize] < reached
+                {
                     return Some(Leg { vertex: end, crossings });
                 }
                 if nearest.is_none_or(|(least, ..)| through < least) && wave.distance[end as usize] < reached {
@@ -129,9 +130,6 @@ impl Exact<'_> {
                 Onward::Line(next) => line = next,
                 Onward::Lost => break,
             }
-        }
-        if std::env::var("EXACT_LOST").is_ok() {
-            eprintln!("lost: excess {:?}", nearest.map(|(l, ..)| l / reached - 1.0));
         }
         let (_, vertex, kept) = nearest?;
         crossings.truncate(kept + 1);

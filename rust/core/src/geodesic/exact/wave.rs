@@ -2,10 +2,10 @@
 
 use std::f64::consts::PI;
 
+use super::Exact;
 use super::envelope::Envelopes;
 use super::frame::{Frame, Frames, around};
-use super::window::{State, Window, length};
-use super::Exact;
+use super::window::{Window, length};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
@@ -46,7 +46,9 @@ pub struct Wave {
     spread: Vec<f64>,
     lowered: Vec<u32>,
     envelopes: Envelopes,
-    fresh: Vec<u32>,
+    /// The bucket in which each edge waits.
+    due: Vec<usize>,
+    taken: Vec<Window>,
     buckets: Vec<Vec<u32>>,
     current: Vec<u32>,
     now: usize,
@@ -99,8 +101,9 @@ impl Wave {
             ways: vec![Way::Source; vertices],
             spread: vec![f64::INFINITY; vertices],
             lowered: Vec::new(),
-            envelopes: Envelopes::new(exact.surface.twins().len()),
-            fresh: Vec::new(),
+            envelopes: Envelopes::new(exact.frames.edges().len()),
+            due: vec![usize::MAX; exact.frames.edges().len()],
+            taken: Vec::new(),
             buckets: vec![Vec::new(); buckets.next_power_of_two()],
             current: Vec::new(),
             now: 0,
@@ -115,8 +118,8 @@ impl Wave {
             self.ways[vertex as usize] = Way::Source;
         }
         self.envelopes.clear();
-        self.buckets.iter_mut().for_each(Vec::clear);
-        self.current.clear();
+        let left = self.buckets.iter_mut().chain([&mut self.current]).flat_map(|bucket| bucket.drain(..));
+        left.filter(|entry| entry & VERTEX == 0).for_each(|edge| self.due[edge as usize] = usize::MAX); // of a cancelled run
         self.now = 0;
     }
 
@@ -125,7 +128,13 @@ impl Wave {
         self.clear();
         self.source = source;
         self.rings.limit(exact.surface, &exact.frames, source, exact.reach.rings);
-        let mut step = Step { exact, surface: exact.surface, frames: &exact.frames, per_mm: bucket(&exact.frames).recip(), wave: self };
+        let mut step = Step {
+            exact,
+            surface: exact.surface,
+            frames: &exact.frames,
+            per_mm: bucket(&exact.frames).recip(),
+            wave: self,
+        };
         step.lower(source, 0.0, Way::Source);
         step.run(control)
     }
@@ -146,6 +155,7 @@ struct Step<'a> {
 
 impl Step<'_> {
     fn run(&mut self, control: &Control) -> Result<()> {
+        control.check()?;
         let mut empty = 0;
         let mut sweep_at = FIRST_SWEEP;
         let mut steps = 0u32;
@@ -186,8 +196,9 @@ impl Step<'_> {
         let Wave { envelopes, distance, .. } = &mut *self.wave;
         let (surface, frames) = (self.surface, self.frames);
         envelopes.sweep(|edge| {
-            let ends = distance[surface.origin(edge) as usize] + distance[surface.target(edge) as usize];
-            0.5 * (ends + frames.of(edge).length) < reached
+            let half_edge = frames.edges()[edge as usize];
+            let ends = distance[surface.origin(half_edge) as usize] + distance[surface.target(half_edge) as usize];
+            0.5 * (ends + frames.of(half_edge).length) < reached
         });
     }
 
@@ -297,19 +308,43 @@ impl Step<'_> {
         }
     }
 
-    /// A window goes on through the face that it enters.
-    fn advance(&mut self, slot: u32) {
-        let Some(window) = self.wave.envelopes.take(slot) else { return };
-        let least = window.least();
-        if (least * self.per_mm) as usize > self.wave.now {
-            self.wave.envelopes.put_back(slot); // it was trimmed, and its turn comes later
-            self.push(slot, least);
-            return;
+    /// The windows of an edge whose turn it is go on.
+    fn advance(&mut self, edge: u32) {
+        if self.wave.due[edge as usize] != self.wave.now {
+            return; // it went earlier
         }
-        let entered = window.into;
+        self.wave.due[edge as usize] = usize::MAX;
+        let mut taken = std::mem::take(&mut self.wave.taken);
+        let below = (self.wave.now + 1) as f64 / self.per_mm;
+        let rest = self.wave.envelopes.take(edge, below, &mut taken);
+        self.queue(edge, rest);
+        let lower = self.frames.edges()[edge as usize];
+        for window in taken.drain(..) {
+            if window.leaves {
+                let upper = self.surface.twins()[lower as usize];
+                self.cross(upper, window.turned(self.frames.of(lower).length));
+            } else {
+                self.cross(lower, window);
+            }
+        }
+        self.wave.taken = taken;
+    }
+
+    /// An edge waits for its turn.
+    #[inline]
+    fn queue(&mut self, edge: u32, least: f64) {
+        let wave = &mut *self.wave;
+        let bucket = ((least * self.per_mm) as usize).clamp(wave.now, wave.now + wave.buckets.len() - 1);
+        if least < f64::INFINITY && bucket < wave.due[edge as usize] {
+            wave.due[edge as usize] = bucket;
+            let ring = wave.buckets.len();
+            wave.buckets[bucket & (ring - 1)].push(edge);
+        }
+    }
+
+    /// A window goes on through the face of the half-edge that it enters.
+    fn cross(&mut self, entered: u32, window: Window) {
         let frame = self.frames.of(entered);
-        let is_turned = self.surface.twins()[entered as usize] < entered;
-        let window = if is_turned { window.turned(frame.length) } else { window };
         let corner = self.surface.origin(previous(entered));
         let (apart, up) = (frame.x - window.x, frame.y + window.y);
         // how far to the right of the first line and to the left of the last one the corner opposite is
@@ -382,14 +417,10 @@ impl Step<'_> {
         if !is_some || window.least() > self.exact.reach.mm {
             return;
         }
-        let window = Window { into: twin, state: State::Waiting, ..window };
+        let window = Window { leaves: true, waits: true, ..window };
         let window = if twin < half_edge { window.turned(length) } else { window };
-        let mut fresh = std::mem::take(&mut self.wave.fresh);
-        self.wave.envelopes.insert(half_edge.min(twin), length, window, &mut fresh);
-        for slot in fresh.drain(..) {
-            let least = self.wave.envelopes.get(slot).least();
-            self.push(slot, least);
-        }
-        self.wave.fresh = fresh;
+        let edge = self.frames.of(half_edge).edge;
+        let least = self.wave.envelopes.insert(edge, length, &window);
+        self.queue(edge, least);
     }
 }

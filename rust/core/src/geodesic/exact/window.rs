@@ -15,22 +15,10 @@ pub(super) struct Window {
     pub sigma: f64,
     /// That vertex.
     pub root: u32,
-    /// The half-edge beyond the edge: its face is the next that the lines enter.
-    pub into: u32,
-    /// The next window of the edge.
-    pub next: u32,
-    pub state: State,
-}
-
-/// What is still to be done with a window.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum State {
-    /// It waits in the queue.
-    Waiting,
-    /// It waits, but nothing is left of it.
-    Beaten,
-    /// It went on into the next face.
-    Gone,
+    /// Do the lines come from the face of that half-edge, and not go there?
+    pub leaves: bool,
+    /// Is it still to go on into the next face?
+    pub waits: bool,
 }
 
 /// By which part of the distance a window must be shorter than another one to replace it: more than rounding leaves between
@@ -40,7 +28,7 @@ const TIE: f64 = 1e-14;
 impl Window {
     /// What a vertex sees of an edge, before it is known where it leads.
     pub fn new([from, to]: [f64; 2], [x, y]: [f64; 2], sigma: f64, root: u32) -> Self {
-        Self { from, to, x, y, sigma, root, into: u32::MAX, next: u32::MAX, state: State::Waiting }
+        Self { from, to, x, y, sigma, root, leaves: true, waits: true }
     }
 
     /// The distance at `x` on the edge.
@@ -61,10 +49,10 @@ impl Window {
         }
     }
 
-    /// The same on the same edge taken the other way, whose length is given.
+    /// The same with the edge's other half-edge, whose length is given, as x-axis.
     #[inline]
     pub fn turned(self, length: f64) -> Self {
-        Self { from: length - self.to, to: length - self.from, x: length - self.x, ..self }
+        Self { from: length - self.to, to: length - self.from, x: length - self.x, leaves: !self.leaves, ..self }
     }
 
     /// Leaves out what is no nearer than by way of the edge's ends, which are `origin` and `target` from the source (Xin and
@@ -131,11 +119,6 @@ impl Contest {
         contest.ends[..ends.len()].copy_from_slice(ends);
         contest.wins[..wins.len()].copy_from_slice(wins);
         contest
-    }
-
-    /// Is the old window nearer, or as near, everywhere?
-    pub fn is_lost(&self) -> bool {
-        !self.wins[..self.count].contains(&true)
     }
 
     /// The end of each stretch, and whether the new window is nearer.
