@@ -12,6 +12,7 @@
 mod envelope;
 mod frame;
 mod path;
+mod rings;
 #[cfg(test)]
 mod tests;
 mod wave;

@@ -99,10 +99,10 @@ fn look(
         row[beyond] = row[beyond].min(place.norm());
     }
     if is_left {
-        look(surface, row, faces, next(twin), [place, left], [low, if is_right { place } else { high }]);
+        look(surface, row, faces, next(twin), [right, place], [low, if is_right { place } else { high }]);
     }
     if is_right {
-        look(surface, row, faces, previous(twin), [right, place], [if is_left { place } else { low }, high]);
+        look(surface, row, faces, previous(twin), [place, left], [if is_left { place } else { low }, high]);
     }
     faces.pop();
 }

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use super::Exact;
 use super::envelope::Envelopes;
 use super::frame::{Frame, Frames, around};
+use super::rings::Rings;
 use super::window::{Window, length};
 use crate::control::Control;
 use crate::error::Result;
@@ -53,42 +54,6 @@ pub struct Wave {
     current: Vec<u32>,
     now: usize,
     rings: Rings,
-}
-
-/// The faces of an n-ring neighbourhood.
-#[derive(Debug, Default)]
-struct Rings {
-    is_limited: bool,
-    faces: Vec<bool>,
-    listed: Vec<u32>,
-}
-
-impl Rings {
-    #[inline]
-    fn has(&self, half_edge: u32) -> bool {
-        half_edge != BORDER && (!self.is_limited || self.faces[half_edge as usize / 3])
-    }
-
-    /// The faces that a path of `rings` faces, each touching the next, leads to.
-    fn limit(&mut self, surface: &Surface, frames: &Frames, source: u32, rings: Option<u32>) {
-        self.listed.drain(..).for_each(|face| self.faces[face as usize] = false);
-        self.is_limited = rings.is_some();
-        let Some(rings) = rings else { return };
-        self.faces.resize(surface.faces().len(), false);
-        let mut front = vec![source];
-        for _ in 0..rings {
-            let mut beyond = Vec::new();
-            for vertex in front {
-                for half_edge in around(surface, frames.fan(vertex).first) {
-                    if !std::mem::replace(&mut self.faces[half_edge as usize / 3], true) {
-                        self.listed.push(half_edge / 3);
-                        beyond.extend(surface.faces()[half_edge as usize / 3]);
-                    }
-                }
-            }
-            front = beyond;
-        }
-    }
 }
 
 impl Wave {

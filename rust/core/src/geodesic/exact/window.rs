@@ -55,12 +55,14 @@ impl Window {
         Self { from: length - self.to, to: length - self.from, x: length - self.x, leaves: !self.leaves, ..self }
     }
 
-    /// Leaves out what is no nearer than by way of the edge's ends, which are `origin` and `target` from the source (Xin and
-    /// Wang's filter, for a part of a window).
+    /// Leaves out what is farther than by way of the edge's ends, which are `origin` and `target` from the source (Xin and
+    /// Wang's filter, for a part of a window). What is as near as rounding can tell stays: lines that all but run along the edge
+    /// may be the only ones that lead to what is behind it.
     #[inline]
     pub fn trim(&mut self, length: f64, origin: f64, target: f64) {
-        self.from = self.from.max(nearer_beyond(self.x, self.y, origin - self.sigma));
-        self.to = self.to.min(length - nearer_beyond(length - self.x, self.y, target - self.sigma));
+        let slack = TIE * (self.sigma + self.x.abs() + self.y + length);
+        self.from = self.from.max(nearer_beyond(self.x, self.y, origin - self.sigma + slack));
+        self.to = self.to.min(length - nearer_beyond(length - self.x, self.y, target - self.sigma + slack));
     }
 
     /// Where between `from` and `to` this window is nearer than `old`.
