@@ -9,7 +9,7 @@ use super::rings::Rings;
 use super::window::{Window, length};
 use crate::control::Control;
 use crate::error::Result;
-use crate::surface::mesh::{BORDER, Surface, next, previous};
+use crate::surface::mesh::{Surface, next, previous};
 
 /// Width of a bucket of the queue, in mean lengths of an edge.
 const BUCKET: f64 = 0.5;
