@@ -1,6 +1,7 @@
 //! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
 
 pub mod chain;
+pub mod exact;
 pub mod graph;
 pub mod marching;
 pub mod shortest;

@@ -1,0 +1,147 @@
+//! Windows: what a source sees of an edge.
+
+/// A stretch of an edge that straight lines reach from one place, through the faces in between unfolded into the plane.
+///
+/// The edge's half-edge of the lower number is the x-axis. In mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
+    /// Where the stretch begins and ends.
+    pub from: f64,
+    pub to: f64,
+    /// Where the lines come from: along the edge, and how far away from it.
+    pub x: f64,
+    pub y: f64,
+    /// How far that place, a vertex, is from the source.
+    pub sigma: f64,
+    /// That vertex.
+    pub root: u32,
+    /// Do the lines come from the face of that half-edge, and not go there?
+    pub leaves: bool,
+    /// Is it still to go on into the next face?
+    pub waits: bool,
+}
+
+/// By which part of the distance a window must be shorter than another one to replace it: more than rounding leaves between
+/// equal ones.
+const TIE: f64 = 1e-14;
+
+impl Window {
+    /// What a vertex sees of an edge, before it is known where it leads.
+    pub fn new([from, to]: [f64; 2], [x, y]: [f64; 2], sigma: f64, root: u32) -> Self {
+        Self { from, to, x, y, sigma, root, leaves: true, waits: true }
+    }
+
+    /// The distance at `x` on the edge.
+    #[inline]
+    pub fn at(&self, x: f64) -> f64 {
+        self.sigma + length(x - self.x, self.y)
+    }
+
+    /// The least distance.
+    #[inline]
+    pub fn least(&self) -> f64 {
+        if self.x < self.from {
+            self.at(self.from)
+        } else if self.x > self.to {
+            self.at(self.to)
+        } else {
+            self.sigma + self.y
+        }
+    }
+
+    /// The same with the edge's other half-edge, whose length is given, as x-axis.
+    #[inline]
+    pub fn turned(self, length: f64) -> Self {
+        Self { from: length - self.to, to: length - self.from, x: length - self.x, leaves: !self.leaves, ..self }
+    }
+
+    /// Leaves out what is farther than by way of the edge's ends, which are `origin` and `target` from the source (Xin and
+    /// Wang's filter, for a part of a window). What is as near as rounding can tell stays: lines that all but run along the edge
+    /// may be the only ones that lead to what is behind it.
+    #[inline]
+    pub fn trim(&mut self, length: f64, origin: f64, target: f64) {
+        let slack = TIE * (self.sigma + self.x.abs() + self.y + length);
+        self.from = self.from.max(nearer_beyond(self.x, self.y, origin - self.sigma + slack));
+        self.to = self.to.min(length - nearer_beyond(length - self.x, self.y, target - self.sigma + slack));
+    }
+
+    /// Where between `from` and `to` this window is nearer than `old`.
+    pub fn against(&self, old: &Self, from: f64, to: f64) -> Contest {
+        let ahead = old.sigma - self.sigma;
+        let (dx, dy) = (old.x - self.x, old.y - self.y);
+        let apart = dx * dx + dy * dy;
+        if ahead * ahead >= apart && ahead <= 0.0 {
+            return Contest::of(&[to], &[false]); // the way to it leads past the other's place
+        }
+        if ahead > 0.0 && ahead * ahead >= apart * (1.0 + 1e-9) && ahead > 4.0 * TIE * old.sigma {
+            return Contest::of(&[to], &[true]);
+        }
+        let wins = |from: f64, to: f64| {
+            let middle = 0.5 * (from + to);
+            let known = old.at(middle);
+            self.at(middle) < known - TIE * known
+        };
+        let [first, second] = self.ties(old).map(|x| if x > from && x < to { x } else { to });
+        let (first, second) = (first.min(second), first.max(second));
+        if first >= to {
+            Contest::of(&[to], &[wins(from, to)])
+        } else if second >= to {
+            Contest::of(&[first, to], &[wins(from, first), wins(first, to)])
+        } else {
+            Contest::of(&[first, second, to], &[wins(from, first), wins(first, second), wins(second, to)])
+        }
+    }
+
+    /// Where both are equally near, if anywhere: roots of 2 δ √(x² + y²) = b − 2 d x, squared, so that one of the two may be
+    /// none.
+    #[inline]
+    fn ties(&self, old: &Self) -> [f64; 2] {
+        let delta = self.sigma - old.sigma;
+        let d = old.x - self.x;
+        let e = (d - delta) * (d + delta);
+        let b = e + (old.y - self.y) * (old.y + self.y);
+        let root = delta.abs() * (b * b + 4.0 * e * self.y * self.y).max(0.0).sqrt();
+        let sum = d * b + root.copysign(d * b);
+        let constant = 0.5 * (b - 2.0 * delta * self.y) * (b + 2.0 * delta * self.y);
+        [self.x + 0.5 * sum / e, self.x + constant / sum]
+    }
+}
+
+/// Up to three stretches one after the other, and who is nearer there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Contest {
+    ends: [f64; 3],
+    wins: [bool; 3],
+    count: usize,
+}
+
+impl Contest {
+    fn of(ends: &[f64], wins: &[bool]) -> Self {
+        let mut contest = Self { ends: [0.0; 3], wins: [false; 3], count: ends.len() };
+        contest.ends[..ends.len()].copy_from_slice(ends);
+        contest.wins[..wins.len()].copy_from_slice(wins);
+        contest
+    }
+
+    /// The end of each stretch, and whether the new window is nearer.
+    pub fn stretches(self) -> impl Iterator<Item = (f64, bool)> {
+        self.ends.into_iter().zip(self.wins).take(self.count)
+    }
+}
+
+/// Up to where on an axis a place at (`x`, `y`) is no nearer than the way through the origin, to which it is `ahead`.
+#[inline]
+fn nearer_beyond(x: f64, y: f64, ahead: f64) -> f64 {
+    if ahead == f64::INFINITY {
+        f64::NEG_INFINITY
+    } else if ahead <= -x {
+        f64::INFINITY
+    } else {
+        0.5 * (x * x + y * y - ahead * ahead) / (x + ahead)
+    }
+}
+
+#[inline]
+pub(super) fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
+}
