@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
+use crate::geodesic::engine::Engine;
 
 /// Distances from sources to columns, in mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,16 +21,23 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        let columns = solver.columns();
+        Self::by(&Engine::new(solver, sources.len(), control)?, sources, control)
+    }
+
+    /// Rows from every source to every vertex, by an engine that is there already.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
+        let columns = engine.columns();
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
-        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
-            || solver.scratch(),
-            |scratch, (row, &source)| {
-                solver.row(source, row, scratch, control)?;
-                reachable(row, source)?;
-                control.advance();
-                Ok(())
+        let size = engine.block();
+        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+            || engine.scratch(),
+            |scratch, (rows, sources)| {
+                engine.fill(sources, rows, scratch, control)?;
+                finish(rows, sources, control)
             },
         )?;
         Ok(Self::new(sources.to_vec(), columns, data))
@@ -40,17 +48,24 @@ impl DistanceRows {
     /// # Errors
     /// As [`DistanceRows::compute`].
     pub fn among_sources<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
+        Self::among_by(&Engine::new(solver, sources.len(), control)?, sources, control)
+    }
+
+    /// The distances among the sources only, by an engine that is there already.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn among_by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
         let columns = sources.len();
         let mut data = vec![0.0; columns * columns];
         control.begin("measuring distances", columns as u64);
-        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
-            || (solver.scratch(), vec![0.0; solver.columns()]),
-            |(scratch, whole), (row, &source)| {
-                solver.row(source, whole, scratch, control)?;
-                reachable(whole, source)?;
-                row.iter_mut().zip(sources).for_each(|(to, &column)| *to = whole[column as usize]);
-                control.advance();
-                Ok(())
+        let size = engine.block();
+        let targets = engine.targets(sources);
+        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+            || engine.scratch(),
+            |scratch, (rows, sources)| {
+                engine.fill_targets(sources, &targets, rows, scratch, control)?;
+                finish(rows, sources, control)
             },
         )?;
         Ok(Self::new(sources.to_vec(), columns, data))
@@ -93,6 +108,15 @@ impl DistanceRows {
     pub fn into_data(self) -> Vec<f32> {
         self.data
     }
+}
+
+/// Counts finished rows, if they reach everything.
+fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result<()> {
+    for (row, &source) in rows.chunks_exact((rows.len() / sources.len()).max(1)).zip(sources) {
+        reachable(row, source)?;
+        control.advance();
+    }
+    Ok(())
 }
 
 fn reachable(row: &[f32], source: u32) -> Result<()> {
