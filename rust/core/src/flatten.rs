@@ -7,7 +7,9 @@ use crate::control::Control;
 use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
 use crate::error::{Error, Result};
+use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
+use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
@@ -111,7 +113,8 @@ pub fn grossmann2002(
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let among = DistanceRows::among_sources(graph, &sources, control)?;
+    let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
+    let among = DistanceRows::among_by(&engine, &sources, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -119,7 +122,7 @@ pub fn grossmann2002(
     let seen_from_outside = handedness(surface, graph, &uv);
     orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: outward_normals(surface, graph), sources, eigenvalues, planarity, distortion })
 }
@@ -141,13 +144,14 @@ pub fn voxflat(
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let rows = DistanceRows::compute(graph, &sources, control)?;
+    let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
+    let rows = DistanceRows::by(&engine, &sources, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&rows.among())?;
     control.check()?;
     let mut uv = landmark::place(&rows, &scaling.places, control)?;
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
 }
@@ -183,9 +187,15 @@ pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
 ///
 /// # Errors
 /// [`Error::Unreachable`], [`Error::Cancelled`].
-pub fn judge<G: Links>(graph: &G, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
+pub fn judge<S: Solver>(
+    engine: &Engine<S>,
+    uv: &[[f64; 2]],
+    count: usize,
+    seed: u64,
+    control: &Control,
+) -> Result<Distortion> {
     let reference = sources::random(uv.len(), uv.len().min(count), seed.wrapping_add(1));
-    let rows = DistanceRows::compute(graph, &reference, control)?;
+    let rows = DistanceRows::by(engine, &reference, control)?;
     measure(uv, &rows, seed, control)
 }
 
@@ -217,11 +227,19 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64
     let rows = 4 * points * sources.max(REFERENCE_SOURCES as u64);
     let scaling = (4 + 8 + 8) * sources * sources;
     let workers = threads * (4 + 16) * points;
-    BASE_BYTES + graph + surface + workers + rows + scaling
+    let shortcuts = 8 * SURFACE_SHORTCUTS * points; // and the tables they are found in: less than the rows, and before them
+    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts
 }
 
 /// Usual number of links of a vertex of the graph of straight links.
 const LINKS: u64 = 52;
+
+/// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
+const SURFACE_SHORTCUTS: u64 = 220;
+
+/// Usual numbers of shortcuts of a voxel, and of lengths in the tables they are found in.
+const VOXEL_SHORTCUTS: u64 = 36;
+const VOXEL_FILL: u64 = 110;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph.
@@ -232,5 +250,6 @@ pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) 
     let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
     let workers = threads * (4 + 16) * points;
     let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);
-    BASE_BYTES + graph + surface + workers + scaling.max(reference)
+    let shortcuts = (4 * VOXEL_FILL + 8 * VOXEL_SHORTCUTS) * points;
+    BASE_BYTES + graph + surface + workers + scaling.max(reference) + shortcuts
 }

@@ -125,3 +125,69 @@ fn reachable(row: &[f32], source: u32) -> Result<()> {
         None => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adjacency::{Graph, Links};
+    use crate::flatten::chain_graph;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::surface::VoxelSurface;
+    use crate::volume::{Affine, Mask};
+
+    fn sheet(gap: bool) -> Graph {
+        let mask = Mask::from_fn([60, 50, 9], |[i, j, k]| k == j / 6 && !(gap && i == 30)).unwrap();
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 1.0, 0.7]).unwrap(), &control).unwrap();
+        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+    }
+
+    fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+    }
+
+    #[test]
+    fn rows_are_the_same_with_any_number_of_threads() {
+        let graph = sheet(false);
+        for count in [40, 700] {
+            let sources: Vec<u32> = (0..count).map(|n| n * 4).collect();
+            let control = Control::default();
+            let is_swept = graph.sweep(sources.len(), &control).unwrap().is_some();
+            assert_eq!(is_swept, count == 700); // both ways are tested
+            let rows = |threads| with_threads(threads, || DistanceRows::compute(&graph, &sources, &control).unwrap());
+            let among =
+                |threads| with_threads(threads, || DistanceRows::among_sources(&graph, &sources, &control).unwrap());
+            let expected = rows(1);
+            assert_eq!(expected.columns(), graph.vertices());
+            assert_eq!(among(1), expected.among());
+            for threads in [2, 7] {
+                assert_eq!(rows(threads), expected);
+                assert_eq!(among(threads), expected.among());
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_refused_either_way() {
+        let graph = sheet(true);
+        for count in [40, 700] {
+            let sources: Vec<u32> = (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect();
+            let control = Control::default();
+            let found = DistanceRows::compute(&graph, &sources, &control).unwrap_err();
+            assert!(matches!(found, Error::Unreachable { .. }));
+            let found = DistanceRows::among_sources(&graph, &sources, &control).unwrap_err();
+            assert!(matches!(found, Error::Unreachable { .. }));
+        }
+    }
+
+    #[test]
+    fn cancelling_ends_rows_either_way() {
+        let graph = sheet(false);
+        for count in [40, 700] {
+            let control = Control::default();
+            control.cancel();
+            let sources: Vec<u32> = (0..count).collect();
+            assert_eq!(DistanceRows::compute(&graph, &sources, &control), Err(Error::Cancelled));
+        }
+    }
+}

@@ -12,6 +12,7 @@ use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::flatten;
 use voxflat::geodesic::Solver;
+use voxflat::geodesic::engine::Engine;
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch;
@@ -326,7 +327,8 @@ impl Surface {
         self.check_length(uv.len(), "uv")?;
         let inner = Arc::clone(&self.0);
         let distortion = run(py, threads, progress.as_ref(), move |control| {
-            flatten::judge(&*inner.graph(control)?, &uv, sources, seed, control)
+            let graph = &*inner.graph(control)?;
+            flatten::judge(&Engine::new(graph, sources, control)?, &uv, sources, seed, control)
         })?;
         convert::distortion_dict(py, distortion)
     }

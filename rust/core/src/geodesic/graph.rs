@@ -16,6 +16,9 @@ use crate::surface::mesh::{BORDER, Surface, next, previous};
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
 const CROSSED: u32 = 5;
 
+/// A link is dropped if two others are together no longer than so many times its length.
+const DETOUR: f32 = 1.001;
+
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {
@@ -31,7 +34,7 @@ impl GeodesicGraph {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        Self::crossing(surface, CROSSED, control)
+        Self::crossing(surface, std::env::var("CROSSED").map_or(CROSSED, |x| x.parse().unwrap()), control)
     }
 
     /// The graph whose links cross up to so many edges.
@@ -61,16 +64,48 @@ impl GeodesicGraph {
         links.par_sort_unstable_by_key(key);
         links.dedup_by_key(|&mut (from, arc)| (from, arc.to));
         control.check()?;
-        let mut starts = vec![0u32; surface.len() + 1];
+        let all = Self::in_rows(surface.len(), &links);
+        let needed = all.needed(control)?;
+        let kept: Vec<(u32, Arc)> =
+            links.into_iter().zip(needed).filter_map(|(link, keep)| keep.then_some(link)).collect();
+        control.check()?;
+        Ok(Self::in_rows(surface.len(), &kept))
+    }
+
+    /// From links ordered by their ends.
+    fn in_rows(vertices: usize, links: &[(u32, Arc)]) -> Self {
+        let mut starts = vec![0u32; vertices + 1];
         links.iter().for_each(|&(from, _)| starts[from as usize + 1] += 1);
         let most_links = starts.iter().copied().max().unwrap_or(0) as usize;
-        for vertex in 0..surface.len() {
+        for vertex in 0..vertices {
             starts[vertex + 1] += starts[vertex];
         }
         let lengths = || links.iter().map(|&(_, arc)| arc.length);
         let longest = lengths().fold(0.0, f32::max);
         let extremes = [lengths().fold(longest, f32::min), longest];
-        Ok(Self { starts, arcs: links.into_iter().map(|(_, arc)| arc).collect(), most_links, extremes })
+        Self { starts, arcs: links.iter().map(|&(_, arc)| arc).collect(), most_links, extremes }
+    }
+
+    /// Which links no two others replace, in the order of the links. Both ends of a link find the same.
+    fn needed(&self, control: &Control) -> Result<Vec<bool>> {
+        let detour: f32 = std::env::var("DETOUR").map_or(DETOUR, |x| x.parse().unwrap());
+        let of_vertex = |lengths: &mut Vec<f32>, vertex: u32| {
+            if vertex.is_multiple_of(256) {
+                control.check()?;
+            }
+            lengths.resize(self.vertices(), f32::INFINITY);
+            self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = arc.length);
+            let around = |arc: Arc| {
+                let through = self.arcs(arc.to).map(|second| lengths[second.to as usize] + second.length);
+                through.fold(f32::INFINITY, f32::min)
+            };
+            let needed: Vec<bool> = self.arcs(vertex).map(|arc| around(arc) > arc.length * detour).collect();
+            self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
+            Ok(needed)
+        };
+        let needed: Vec<Vec<bool>> =
+            (0..self.vertices() as u32).into_par_iter().map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
+        Ok(needed.concat())
     }
 
     /// Number of links, each counted from both of its ends.

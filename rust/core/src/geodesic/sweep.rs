@@ -322,3 +322,192 @@ fn chain(parts: &[Part], places: &[u32], part: u32) -> Vec<[u32; 3]> {
     chain.reverse();
     chain
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adjacency::{Arc, Graph};
+    use crate::error::Error;
+    use crate::flatten::chain_graph;
+    use crate::geodesic::Solver;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::graph::GeodesicGraph;
+    use crate::surface::VoxelSurface;
+    use crate::surface::mesh::shapes;
+    use crate::volume::{Affine, Mask};
+    use proptest::prelude::*;
+
+    /// Any graph.
+    struct Any(Vec<Vec<Arc>>);
+
+    impl Any {
+        fn new(vertices: usize, links: &[(prop::sample::Index, prop::sample::Index, f32)]) -> Self {
+            let mut arcs = vec![Vec::new(); vertices];
+            for &(a, b, length) in links {
+                let (a, b) = (a.index(vertices), b.index(vertices));
+                if a != b {
+                    arcs[a].push(Arc { to: b as u32, length });
+                    arcs[b].push(Arc { to: a as u32, length });
+                }
+            }
+            arcs.iter_mut().for_each(|arcs| arcs.sort_by_key(|arc| arc.to));
+            Self(arcs)
+        }
+    }
+
+    impl Links for Any {
+        fn vertices(&self) -> usize {
+            self.0.len()
+        }
+
+        fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
+            self.0[vertex as usize].iter().copied()
+        }
+
+        fn most_links(&self) -> usize {
+            self.0.iter().map(Vec::len).max().unwrap_or(0)
+        }
+
+        fn extremes(&self) -> [f32; 2] {
+            let lengths = || self.0.iter().flatten().map(|arc| arc.length);
+            [lengths().fold(f32::INFINITY, f32::min).min(1e6), lengths().fold(0.0, f32::max)]
+        }
+    }
+
+    /// Dijkstra's algorithm without a queue, over the lengths as the sweep rounds them: every sum is exact.
+    fn dijkstra(graph: &impl Links, quantum: f64, source: u32) -> Vec<f32> {
+        let mut distance = vec![f64::INFINITY; graph.vertices()];
+        let mut open: Vec<u32> = (0..graph.vertices() as u32).collect();
+        distance[source as usize] = 0.0;
+        while !open.is_empty() {
+            let next =
+                (0..open.len()).min_by(|&a, &b| distance[open[a] as usize].total_cmp(&distance[open[b] as usize]));
+            let vertex = open.swap_remove(next.unwrap());
+            for arc in graph.arcs(vertex) {
+                let through = distance[vertex as usize] + (f64::from(arc.length) / quantum).round().max(1.0) * quantum;
+                distance[arc.to as usize] = distance[arc.to as usize].min(through);
+            }
+        }
+        distance.into_iter().map(|distance| distance as f32).collect()
+    }
+
+    fn voxel_graph(mask: &Mask, spacing: [f64; 3]) -> Graph {
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
+        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+    }
+
+    fn rows_of(sweep: &Sweep, sources: &[u32]) -> Vec<f32> {
+        let mut rows = vec![f32::NAN; sources.len() * sweep.columns()];
+        sweep.rows(sources, None, &mut rows, &mut SweepScratch::default(), &Control::default()).unwrap();
+        rows
+    }
+
+    /// Every row of a sweep is that of Dijkstra's algorithm, bit by bit, and that of a search but for rounding.
+    fn check_rows(graph: &impl Links, sources: &[u32]) {
+        let control = Control::default();
+        let sweep = Sweep::new(graph, &control).unwrap();
+        let rows = rows_of(&sweep, sources);
+        let mut searched = vec![0.0; graph.vertices()];
+        for (row, &source) in rows.chunks(graph.vertices()).zip(sources) {
+            assert_eq!(row, dijkstra(graph, f64::from(sweep.contraction.quantum), source));
+            graph.row(source, &mut searched, &mut graph.scratch(), &control).unwrap();
+            for (&swept, &searched) in row.iter().zip(&searched) {
+                assert!(swept == searched || (swept - searched).abs() <= 1e-5 * searched, "{swept} {searched}");
+            }
+        }
+    }
+
+    fn every_third(graph: &impl Links) -> Vec<u32> {
+        (0..graph.vertices() as u32).step_by(3).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn rows_of_any_graph_are_those_of_dijkstra(
+            vertices in 1usize..220,
+            links in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0.2f32..9.0), 0..600),
+        ) {
+            let graph = Any::new(vertices, &links);
+            check_rows(&graph, &every_third(&graph));
+        }
+
+        #[test]
+        fn rows_over_voxels_are_those_of_dijkstra(
+            bits in prop::collection::vec(prop::bool::weighted(0.4), 7 * 8 * 9),
+            z in 0.15f64..7.0,
+        ) {
+            prop_assume!(bits.contains(&true));
+            let graph = voxel_graph(&Mask::new([7, 8, 9], bits).unwrap(), [1.0, 1.3, z]);
+            check_rows(&graph, &every_third(&graph));
+        }
+    }
+
+    #[test]
+    fn rows_over_triangles_are_those_of_dijkstra() {
+        for shape in [shapes::sphere(3), shapes::torus(24, 13), shapes::sheet(19, 31)] {
+            let graph = GeodesicGraph::new(&shapes::surface(shape), &Control::default()).unwrap();
+            check_rows(&graph, &[0, 7, 100, 250]);
+        }
+    }
+
+    #[test]
+    fn a_row_is_the_same_in_any_company() {
+        let graph =
+            voxel_graph(&Mask::from_fn([40, 40, 2], |[i, j, k]| k == usize::from(i + j > 37)).unwrap(), [1.0; 3]);
+        let sweep = Sweep::new(&graph, &Control::default()).unwrap();
+        let sources: Vec<u32> = (0..200).map(|n| n * 7919 % graph.len() as u32).collect();
+        let together = rows_of(&sweep, &sources);
+        let mut scratch = SweepScratch::default();
+        let mut row = vec![0.0; graph.len()];
+        for (n, &source) in sources.iter().enumerate() {
+            sweep.rows(&[source], None, &mut row, &mut scratch, &Control::default()).unwrap();
+            assert_eq!(row, together[n * graph.len()..(n + 1) * graph.len()]);
+        }
+    }
+
+    #[test]
+    fn targets_are_columns_of_the_rows() {
+        let graph = voxel_graph(&Mask::from_fn([30, 50, 1], |[i, _, _]| i != 20).unwrap(), [1.0; 3]); // two pieces
+        let sweep = Sweep::new(&graph, &Control::default()).unwrap();
+        let sources: Vec<u32> = (0..70).map(|n| n * 19).collect();
+        let targets: [u32; 6] = [900, 3, 3, 1200, 57, 1444]; // one of them twice
+        let mut columns = vec![f32::NAN; sources.len() * targets.len()];
+        let (mut scratch, control) = (SweepScratch::default(), Control::default());
+        sweep.rows(&sources, Some(&sweep.targets(&targets)), &mut columns, &mut scratch, &control).unwrap();
+        let rows = rows_of(&sweep, &sources);
+        for (columns, row) in columns.chunks(targets.len()).zip(rows.chunks(graph.len())) {
+            assert_eq!(columns, targets.map(|target| row[target as usize]));
+        }
+        assert!(columns.iter().any(|distance| distance.is_infinite()));
+    }
+
+    #[test]
+    fn graphs_without_links_or_vertices_are_swept() {
+        assert_eq!(rows_of(&Sweep::new(&Any(vec![]), &Control::default()).unwrap(), &[]), []);
+        let lonely = Sweep::new(&Any(vec![vec![]; 2]), &Control::default()).unwrap();
+        assert_eq!(rows_of(&lonely, &[1, 0]), [f32::INFINITY, 0.0, 0.0, f32::INFINITY]);
+    }
+
+    #[test]
+    fn it_pays_for_many_sources_only() {
+        let graph = voxel_graph(&Mask::from_fn([60, 60, 1], |_| true).unwrap(), [1.0; 3]);
+        let control = Control::default();
+        assert!(Sweep::where_it_pays(&graph, 10, &control).unwrap().is_none());
+        assert!(Sweep::where_it_pays(&graph, 3600, &control).unwrap().is_some());
+    }
+
+    #[test]
+    fn a_sweep_is_cancelled_before_and_after_it_is_prepared() {
+        let graph = voxel_graph(&Mask::from_fn([20, 20, 1], |_| true).unwrap(), [1.0; 3]);
+        let control = Control::default();
+        let sweep = Sweep::new(&graph, &control).unwrap();
+        control.cancel();
+        assert_eq!(Sweep::new(&graph, &control).unwrap_err(), Error::Cancelled);
+        let mut rows = vec![0.0; graph.len()];
+        let result = sweep.rows(&[0], None, &mut rows, &mut SweepScratch::default(), &control);
+        assert_eq!(result, Err(Error::Cancelled));
+    }
+}
