@@ -232,7 +232,7 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize) -> u64
 }
 
 /// Usual number of links of a vertex of the graph of straight links.
-const LINKS: u64 = 52;
+const LINKS: u64 = 52; // before any is dropped
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
 const SURFACE_SHORTCUTS: u64 = 220;

@@ -16,8 +16,8 @@ use crate::surface::mesh::{BORDER, Surface, next, previous};
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
 const CROSSED: u32 = 5;
 
-/// A link is dropped if two others are together no longer than so many times its length.
-const DETOUR: f32 = 1.001;
+/// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
+const DETOUR: f32 = 1.002;
 
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
@@ -34,7 +34,7 @@ impl GeodesicGraph {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        Self::crossing(surface, std::env::var("CROSSED").map_or(CROSSED, |x| x.parse().unwrap()), control)
+        Self::crossing(surface, CROSSED, control)
     }
 
     /// The graph whose links cross up to so many edges.
@@ -88,7 +88,6 @@ impl GeodesicGraph {
 
     /// Which links no two others replace, in the order of the links. Both ends of a link find the same.
     fn needed(&self, control: &Control) -> Result<Vec<bool>> {
-        let detour: f32 = std::env::var("DETOUR").map_or(DETOUR, |x| x.parse().unwrap());
         let of_vertex = |lengths: &mut Vec<f32>, vertex: u32| {
             if vertex.is_multiple_of(256) {
                 control.check()?;
@@ -99,7 +98,7 @@ impl GeodesicGraph {
                 let through = self.arcs(arc.to).map(|second| lengths[second.to as usize] + second.length);
                 through.fold(f32::INFINITY, f32::min)
             };
-            let needed: Vec<bool> = self.arcs(vertex).map(|arc| around(arc) > arc.length * detour).collect();
+            let needed: Vec<bool> = self.arcs(vertex).map(|arc| around(arc) > arc.length * DETOUR).collect();
             self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
             Ok(needed)
         };
