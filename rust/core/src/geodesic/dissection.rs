@@ -110,14 +110,13 @@ fn landmarks(
         seeds.iter().for_each(|&seed| row[seed as usize] = 0.0);
         search.lower(graph, &seeds, &mut row, control)?;
         reach = reach.min(2.0 * row.iter().copied().fold(0.0, f32::max));
-        if round == 0 {
+        if round <= 1 {
             nearest.copy_from_slice(&row); // the first row only finds the first landmarks
         } else {
-            let near = if round == 1 { f32::INFINITY } else { 0.0 };
-            for ((place, known), &distance) in places.iter_mut().zip(&mut nearest).zip(&row) {
-                place[round - 1] = distance;
-                *known = known.max(near).min(distance);
-            }
+            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
+        }
+        if round > 0 {
+            places.iter_mut().zip(&row).for_each(|(place, &distance)| place[round - 1] = distance);
         }
         for (vertex, &label) in labels.iter().enumerate() {
             let seed = &mut seeds[label as usize];

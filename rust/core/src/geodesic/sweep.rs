@@ -26,14 +26,14 @@ const FEWEST_SOURCES: usize = 150;
 /// Smaller graphs have their rows at once either way.
 const FEWEST_VERTICES: usize = 1000;
 
-/// What a link costs in a search, ns a row.
-const LINK_NS: f64 = 3.0;
+/// What a link costs in a search, ns a row: more in graphs that do not fit into the cache, less in smaller ones.
+const LINK_NS: f64 = 4.0;
 
 /// What a length of the tables costs in a sweep, ns a row: the time of a shortcut by the share of shortcuts that are kept.
 const FILL_NS: f64 = 0.06;
 
 /// What a comparison of the contraction costs, ns.
-const WORK_NS: f64 = 0.15;
+const WORK_NS: f64 = 0.12;
 
 /// The tables may take as much memory as the rows, bytes a distance.
 const ROW_BYTES: f64 = 4.0;
