@@ -1,5 +1,7 @@
 //! Whole methods, composed from the stages.
 
+use std::path::Path;
+
 use nalgebra::Vector3;
 
 use crate::adjacency::{Graph, Links};
@@ -7,7 +9,9 @@ use crate::control::Control;
 use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
 use crate::error::{Error, Result};
+use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
+use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
@@ -15,7 +19,7 @@ use crate::place::landmark;
 use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::{self, FEWEST_SOURCES, Sources};
-use crate::store;
+use crate::store::{self, Found, Store};
 use crate::surface::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
@@ -112,7 +116,8 @@ pub fn grossmann2002(
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let among = DistanceRows::among_sources(graph, &sources, control)?;
+    let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
+    let among = DistanceRows::among_by(&engine, &sources, control)?;
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -120,7 +125,7 @@ pub fn grossmann2002(
     let seen_from_outside = handedness(surface, graph, &uv);
     orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: outward_normals(surface, graph), sources, eigenvalues, planarity, distortion })
 }
@@ -137,19 +142,41 @@ pub fn voxflat(
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
-    let rows_from = |sources: &[u32]| DistanceRows::compute(graph, sources, control);
+    let rows_from = |sources: &[u32]| {
+        let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
+        Ok((DistanceRows::by(&engine, sources, control)?, engine))
+    };
     voxflat_by_rows(surface, graph, sources, rows_from, seed, control)
 }
 
-/// [`voxflat`] with distance rows from elsewhere, a [`Store`](crate::store::Store) for example: `rows_from` gets the sources.
+/// [`voxflat`] with distance rows from a [`Store`] in a directory, which is computed as far as it is not; and what it had.
 ///
 /// # Errors
-/// As [`voxflat`], and those of `rows_from`.
-pub fn voxflat_by_rows<R: Rows>(
+/// As [`voxflat`] and [`Store::compute`].
+pub fn voxflat_stored(
     surface: &Surface,
     graph: &GeodesicGraph,
     sources: &Sources,
-    rows_from: impl FnOnce(&[u32]) -> Result<R>,
+    (directory, identity): (&Path, &str),
+    seed: u64,
+    control: &Control,
+) -> Result<(FlatMap, Found)> {
+    let mut found = Found::default();
+    let rows_from = |sources: &[u32]| {
+        let store = Store::compute(directory, identity, graph, sources, control)?;
+        found = store.found();
+        Ok((store, Engine::new(graph, REFERENCE_SOURCES, control)?))
+    };
+    let map = voxflat_by_rows(surface, graph, sources, rows_from, seed, control)?;
+    Ok((map, found))
+}
+
+/// [`voxflat`] by the distance rows from the chosen sources, and the engine for those that judge the map.
+fn voxflat_by_rows<'g, R: Rows>(
+    surface: &Surface,
+    graph: &'g GeodesicGraph,
+    sources: &Sources,
+    rows_from: impl FnOnce(&[u32]) -> Result<(R, Engine<'g, GeodesicGraph>)>,
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
@@ -158,7 +185,7 @@ pub fn voxflat_by_rows<R: Rows>(
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let rows = rows_from(&sources)?;
+    let (rows, engine) = rows_from(&sources)?;
     control.begin("scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
@@ -166,7 +193,7 @@ pub fn voxflat_by_rows<R: Rows>(
     let mut uv = landmark::place(&rows, &among, &scaling.places, control)?;
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
 }
@@ -202,9 +229,15 @@ pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
 ///
 /// # Errors
 /// [`Error::Unreachable`], [`Error::Cancelled`].
-pub fn judge<G: Links>(graph: &G, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
+pub fn judge<S: Solver>(
+    engine: &Engine<S>,
+    uv: &[[f64; 2]],
+    count: usize,
+    seed: u64,
+    control: &Control,
+) -> Result<Distortion> {
     let reference = sources::random(uv.len(), uv.len().min(count), seed.wrapping_add(1));
-    let rows = DistanceRows::compute(graph, &reference, control)?;
+    let rows = DistanceRows::by(engine, &reference, control)?;
     measure(uv, &rows, seed, control)
 }
 
@@ -239,11 +272,19 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
     let scaling = (4 + 8 + 8) * sources * sources;
     let workers = threads * (4 + 16) * points;
-    BASE_BYTES + graph + surface + workers + rows + scaling
+    let shortcuts = if stored { store::TABLE_BYTES } else { 8 * SURFACE_SHORTCUTS * points }; // and the tables they are found in: less than the rows, and before them
+    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts
 }
 
 /// Usual number of links of a vertex of the graph of straight links.
-const LINKS: u64 = 52;
+const LINKS: u64 = 52; // before any is dropped
+
+/// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
+const SURFACE_SHORTCUTS: u64 = 220;
+
+/// Usual numbers of shortcuts of a voxel, and of lengths in the tables they are found in.
+const VOXEL_SHORTCUTS: u64 = 36;
+const VOXEL_FILL: u64 = 110;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
 /// with `links` links in its graph.
@@ -254,5 +295,6 @@ pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) 
     let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
     let workers = threads * (4 + 16) * points;
     let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);
-    BASE_BYTES + graph + surface + workers + scaling.max(reference)
+    let shortcuts = (4 * VOXEL_FILL + 8 * VOXEL_SHORTCUTS) * points;
+    BASE_BYTES + graph + surface + workers + scaling.max(reference) + shortcuts
 }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
+use crate::geodesic::engine::Engine;
 
 /// Distance rows, wherever they are kept.
 pub trait Rows {
@@ -58,16 +59,23 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        let columns = solver.columns();
+        Self::by(&Engine::new(solver, sources.len(), control)?, sources, control)
+    }
+
+    /// Rows from every source to every vertex, by an engine that is there already.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
+        let columns = engine.columns();
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
-        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
-            || solver.scratch(),
-            |scratch, (row, &source)| {
-                solver.row(source, row, scratch, control)?;
-                reachable(row, source)?;
-                control.advance();
-                Ok(())
+        let size = engine.block();
+        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+            || engine.scratch(),
+            |scratch, (rows, sources)| {
+                engine.fill(sources, rows, scratch, control)?;
+                finish(rows, sources, control)
             },
         )?;
         Ok(Self::new(sources.to_vec(), columns, data))
@@ -78,17 +86,24 @@ impl DistanceRows {
     /// # Errors
     /// As [`DistanceRows::compute`].
     pub fn among_sources<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
+        Self::among_by(&Engine::new(solver, sources.len(), control)?, sources, control)
+    }
+
+    /// The distances among the sources only, by an engine that is there already.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn among_by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
         let columns = sources.len();
         let mut data = vec![0.0; columns * columns];
         control.begin("measuring distances", columns as u64);
-        data.par_chunks_mut(columns.max(1)).zip(sources).try_for_each_init(
-            || (solver.scratch(), vec![0.0; solver.columns()]),
-            |(scratch, whole), (row, &source)| {
-                solver.row(source, whole, scratch, control)?;
-                reachable(whole, source)?;
-                row.iter_mut().zip(sources).for_each(|(to, &column)| *to = whole[column as usize]);
-                control.advance();
-                Ok(())
+        let size = engine.block();
+        let targets = engine.targets(sources);
+        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+            || engine.scratch(),
+            |scratch, (rows, sources)| {
+                engine.fill_targets(sources, &targets, rows, scratch, control)?;
+                finish(rows, sources, control)
             },
         )?;
         Ok(Self::new(sources.to_vec(), columns, data))
@@ -142,10 +157,79 @@ impl Rows for DistanceRows {
     }
 }
 
-/// Fails where a distance is infinite.
-pub(crate) fn reachable(row: &[f32], source: u32) -> Result<()> {
-    match row.iter().position(|distance| distance.is_infinite()) {
-        Some(vertex) => Err(Error::Unreachable { source_vertex: source as usize, vertex }),
-        None => Ok(()),
+/// Counts finished rows, if they reach everything.
+pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result<()> {
+    for (row, &source) in rows.chunks_exact((rows.len() / sources.len()).max(1)).zip(sources) {
+        if let Some(vertex) = row.iter().position(|distance| distance.is_infinite()) {
+            return Err(Error::Unreachable { source_vertex: source as usize, vertex });
+        }
+        control.advance();
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adjacency::{Graph, Links};
+    use crate::flatten::chain_graph;
+    use crate::geodesic::chain::LinkLengths;
+    use crate::surface::VoxelSurface;
+    use crate::volume::{Affine, Mask};
+
+    fn sheet(gap: bool) -> Graph {
+        let mask = Mask::from_fn([60, 50, 9], |[i, j, k]| k == j / 6 && !(gap && i == 30)).unwrap();
+        let control = Control::default();
+        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 1.0, 0.7]).unwrap(), &control).unwrap();
+        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+    }
+
+    fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+    }
+
+    #[test]
+    fn rows_are_the_same_with_any_number_of_threads() {
+        let graph = sheet(false);
+        for count in [40, 700] {
+            let sources: Vec<u32> = (0..count).map(|n| n * 4).collect();
+            let control = Control::default();
+            let is_swept = graph.sweep(sources.len(), u64::MAX, &control).unwrap().is_some();
+            assert_eq!(is_swept, count == 700); // both ways are tested
+            let rows = |threads| with_threads(threads, || DistanceRows::compute(&graph, &sources, &control).unwrap());
+            let among =
+                |threads| with_threads(threads, || DistanceRows::among_sources(&graph, &sources, &control).unwrap());
+            let expected = rows(1);
+            assert_eq!(expected.columns(), graph.vertices());
+            assert_eq!(among(1), expected.among(&control).unwrap());
+            for threads in [2, 7] {
+                assert_eq!(rows(threads), expected);
+                assert_eq!(among(threads), expected.among(&control).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_reached_is_refused_either_way() {
+        let graph = sheet(true);
+        for count in [40, 700] {
+            let sources: Vec<u32> = (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect();
+            let control = Control::default();
+            let found = DistanceRows::compute(&graph, &sources, &control).unwrap_err();
+            assert!(matches!(found, Error::Unreachable { .. }));
+            let found = DistanceRows::among_sources(&graph, &sources, &control).unwrap_err();
+            assert!(matches!(found, Error::Unreachable { .. }));
+        }
+    }
+
+    #[test]
+    fn cancelling_ends_rows_either_way() {
+        let graph = sheet(false);
+        for count in [40, 700] {
+            let control = Control::default();
+            control.cancel();
+            let sources: Vec<u32> = (0..count).collect();
+            assert_eq!(DistanceRows::compute(&graph, &sources, &control), Err(Error::Cancelled));
+        }
     }
 }

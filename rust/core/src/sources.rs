@@ -70,9 +70,16 @@ fn farthest(graph: &impl Links, count: usize, seed: u64, control: &Control) -> R
         search.lower(graph, &[source], &mut nearest, control)?;
         chosen.push(source);
         control.advance();
-        next = (0..graph.vertices() as u32).rev().max_by(|&a, &b| nearest[a as usize].total_cmp(&nearest[b as usize]));
+        next = first_of_greatest(&nearest);
     }
     Ok(chosen)
+}
+
+/// The first of the greatest of some distances. Distances are not negative: their bits are ordered as they are, and the
+/// greatest of whole numbers is found many at a time.
+fn first_of_greatest(distances: &[f32]) -> Option<u32> {
+    let greatest = distances.iter().map(|distance| distance.to_bits()).fold(0, u32::max);
+    distances.iter().position(|distance| distance.to_bits() == greatest).map(|vertex| vertex as u32)
 }
 
 fn given(vertices: &[usize], points: usize) -> Result<Vec<u32>> {

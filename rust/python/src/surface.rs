@@ -13,6 +13,7 @@ use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::flatten;
 use voxflat::geodesic::Solver;
+use voxflat::geodesic::engine::Engine;
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch;
@@ -343,7 +344,8 @@ impl Surface {
         self.check_length(uv.len(), "uv")?;
         let inner = Arc::clone(&self.0);
         let distortion = run(py, threads, progress.as_ref(), move |control| {
-            flatten::judge(&*inner.graph(control)?, &uv, sources, seed, control)
+            let graph = &*inner.graph(control)?;
+            flatten::judge(&Engine::new(graph, sources, control)?, &uv, sources, seed, control)
         })?;
         convert::distortion_dict(py, distortion)
     }
@@ -467,13 +469,9 @@ impl Surface {
             let Some((directory, identity)) = store else {
                 return Ok((flatten::voxflat(surface, graph, &given, seed, control)?, None));
             };
-            let mut found = None;
-            let rows_from = |sources: &[u32]| {
-                let store = Store::compute(&directory, &identity, graph, sources, control)?;
-                found = Some(store.found());
-                Ok(store)
-            };
-            Ok((flatten::voxflat_by_rows(surface, graph, &given, rows_from, seed, control)?, found))
+            let store = (directory.as_path(), identity.as_str());
+            let (map, found) = flatten::voxflat_stored(surface, graph, &given, store, seed, control)?;
+            Ok((map, Some(found)))
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;

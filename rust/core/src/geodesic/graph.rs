@@ -19,6 +19,9 @@ const CROSSED: u32 = 5;
 /// Vertices whose links are found together, before they are packed.
 const TOGETHER: usize = 1 << 16;
 
+/// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
+const DETOUR: f32 = 1.002;
+
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {
@@ -62,19 +65,28 @@ impl GeodesicGraph {
         links.par_sort_unstable_by_key(|&(a, b, length)| (a, b, length.to_bits())); // lengths are not negative
         links.dedup_by_key(|&mut (a, b, _)| (a, b));
         control.check()?;
-        let mut starts = vec![0u32; surface.len() + 1];
-        for &(a, b, _) in &links {
+        let needed = Self::in_rows(surface.len(), &links).needed(&links, control)?;
+        let mut needed = needed.into_iter();
+        links.retain(|_| needed.next().unwrap_or(true));
+        control.check()?;
+        Ok(Self::in_rows(surface.len(), &links))
+    }
+
+    /// From links ordered by their ends.
+    fn in_rows(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
+        let mut starts = vec![0u32; vertices + 1];
+        for &(a, b, _) in links {
             starts[a as usize + 1] += 1;
             starts[b as usize + 1] += 1;
         }
         let most_links = starts.iter().copied().max().unwrap_or(0) as usize;
-        for vertex in 0..surface.len() {
+        for vertex in 0..vertices {
             starts[vertex + 1] += starts[vertex];
         }
         // links are sorted, so each vertex meets its lower neighbours first, then its higher ones, both in their order
         let mut arcs = vec![Arc { to: 0, length: 0.0 }; 2 * links.len()];
         let mut free = starts.clone();
-        for &(a, b, length) in &links {
+        for &(a, b, length) in links {
             for (from, to) in [(a, b), (b, a)] {
                 arcs[free[from as usize] as usize] = Arc { to, length };
                 free[from as usize] += 1;
@@ -83,7 +95,26 @@ impl GeodesicGraph {
         let lengths = || links.iter().map(|&(_, _, length)| length);
         let longest = lengths().fold(0.0, f32::max);
         let extremes = [lengths().fold(longest, f32::min), longest];
-        Ok(Self { starts, arcs, most_links, extremes })
+        Self { starts, arcs, most_links, extremes }
+    }
+
+    /// Which links no two others replace.
+    fn needed(&self, links: &[(u32, u32, f32)], control: &Control) -> Result<Vec<bool>> {
+        let of_vertex = |lengths: &mut Vec<f32>, links: &[(u32, u32, f32)]| {
+            control.check()?;
+            lengths.resize(self.vertices(), f32::INFINITY);
+            self.arcs(links[0].0).for_each(|arc| lengths[arc.to as usize] = arc.length);
+            let detour = |to: u32| {
+                let through = self.arcs(to).map(|second| lengths[second.to as usize] + second.length);
+                through.fold(f32::INFINITY, f32::min)
+            };
+            let needed: Vec<bool> = links.iter().map(|&(_, to, length)| detour(to) > length * DETOUR).collect();
+            self.arcs(links[0].0).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
+            Ok(needed)
+        };
+        let by_vertex: Vec<_> = links.chunk_by(|a, b| a.0 == b.0).collect();
+        let needed: Vec<Vec<bool>> = by_vertex.into_par_iter().map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
+        Ok(needed.concat())
     }
 
     /// Number of links, each counted from both of its ends.

@@ -1,13 +1,19 @@
 //! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
 
 pub mod chain;
+mod contraction;
+mod dissection;
+pub mod engine;
 pub mod exact;
 pub mod graph;
 pub mod marching;
 pub mod shortest;
+pub mod sweep;
+mod table;
 
 use crate::control::Control;
 use crate::error::Result;
+use sweep::Sweep;
 
 /// A geodesic solver fills one row: the distances from a source to every vertex.
 pub trait Solver: Sync {
@@ -25,4 +31,14 @@ pub trait Solver: Sync {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
+
+    /// The same distances, prepared for the rows of many sources at once, if that is the faster way to those of so many and
+    /// needs no more than so many bytes. Depends on what is to be solved and on these numbers alone.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
+        let _ = (sources, bytes, control);
+        Ok(None)
+    }
 }

@@ -5,6 +5,7 @@
 //! can span are alive at a time, so they are kept in a ring.
 
 use super::Solver;
+use super::sweep::Sweep;
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -101,6 +102,10 @@ impl<G: Links> Solver for G {
         row.fill(f32::INFINITY);
         row[source as usize] = 0.0;
         search.lower(self, &[source], row, control)
+    }
+
+    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
+        Sweep::where_it_pays(self, sources, bytes, control)
     }
 }
 

@@ -24,27 +24,35 @@ use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
-use crate::rows::{Rows, reachable};
+use crate::geodesic::engine::{Engine, EngineScratch};
+use crate::geodesic::sweep::LANES;
+use crate::rows::{Rows, finish};
 use journal::Journal;
 use table::{CHUNK, Table, VALUE};
 
 /// Most bytes of a block, if a row is not longer.
 const BLOCK_BYTES: usize = 64 << 20;
 
-/// Most rows of a block: short rows make many blocks nevertheless, for many threads.
-const MOST_ROWS: usize = 16;
+/// Most rows of a block, as many as are best computed at once.
+const MOST_ROWS: usize = LANES;
+
+/// Few rows make so many blocks nevertheless, for many threads.
+const FEWEST_BLOCKS: usize = 16;
+
+/// Most bytes to prepare distances in: with the blocks in flight less than the rows that are kept on disk to save memory.
+pub const TABLE_BYTES: u64 = 512 << 20;
 
 /// How long a lock is waited for: work that was cancelled lets it go within this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Rows of a block, for rows of so many columns. It must not depend on anything else: a store keeps its blocks.
-pub fn block_rows(columns: usize) -> usize {
-    (BLOCK_BYTES / (columns * VALUE).max(1)).clamp(1, MOST_ROWS)
+/// Rows of a block, of so many rows of so many columns. It must not depend on anything else: a store keeps its blocks.
+pub fn block_rows(columns: usize, rows: usize) -> usize {
+    (BLOCK_BYTES / (columns * VALUE).max(1)).clamp(1, rows.div_ceil(FEWEST_BLOCKS).clamp(1, MOST_ROWS))
 }
 
 /// The memory in bytes that computing a store needs at most: the blocks in flight, and a little for each thread to search.
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
-    let height = block_rows(columns).min(rows);
+    let height = block_rows(columns, rows);
     let at_once = threads.min(rows.div_ceil(height.max(1)));
     at_once as u64 * (CHUNK as u64 + (height * VALUE + 16) as u64 * columns as u64)
 }
@@ -67,7 +75,7 @@ pub fn fingerprint(graph: &impl Links, control: &Control) -> Result<u64> {
 }
 
 /// What was in a store when it was opened.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Found {
     /// Rows that were finished and sound.
     pub rows: usize,
@@ -104,7 +112,7 @@ impl Store {
     ) -> Result<Self> {
         let lock = lock(directory, control)?;
         let columns = solver.columns();
-        let blocks = Blocks { rows: sources.len(), height: block_rows(columns) };
+        let blocks = Blocks { rows: sources.len(), height: block_rows(columns, sources.len()) };
         let header = journal::header(identity, sources.len(), columns, blocks.height);
         let path = directory.join("journal.jsonl");
         let entries = journal::read(&path, &header, blocks.len())?;
@@ -138,7 +146,7 @@ impl Store {
     }
 
     fn blocks_of_rows(&self) -> Blocks {
-        Blocks { rows: self.sources.len(), height: block_rows(self.columns) }
+        Blocks { rows: self.sources.len(), height: self.block_rows() }
     }
 }
 
@@ -152,7 +160,7 @@ impl Rows for Store {
     }
 
     fn block_rows(&self) -> usize {
-        block_rows(self.columns)
+        block_rows(self.columns, self.sources.len())
     }
 
     /// Reads block by block, and compares checksums.
@@ -215,36 +223,22 @@ fn compute_missing<S: Solver>(
     sources: &[u32],
     control: &Control,
 ) -> Result<Vec<u32>> {
+    let engine = Engine::within(TABLE_BYTES, solver, sources.len(), control)?;
     let missing = (0..known.len()).filter(|&block| known[block].is_none());
     control.begin("measuring distances", missing.map(|block| blocks.range(block).len() as u64).sum());
-    let compute = |(scratch, rows): &mut (S::Scratch, Vec<f32>), (block, known): (usize, &Option<u32>)| {
+    let compute = |(scratch, rows): &mut (EngineScratch<S::Scratch>, Vec<f32>), (block, known): (usize, &Option<u32>)| {
         if let Some(checksum) = *known {
             return Ok(checksum);
         }
         let range = blocks.range(block);
         rows.resize(range.len() * solver.columns(), 0.0);
-        fill(solver, &sources[range.clone()], rows, scratch, control)?;
+        engine.fill(&sources[range.clone()], rows, scratch, control)?;
+        finish(rows, &sources[range.clone()], control)?;
         let checksum = table.write(range.start, rows, control)?;
         journal.add(block, checksum)?;
         Ok(checksum)
     };
-    known.par_iter().enumerate().map_init(|| (solver.scratch(), Vec::new()), compute).collect()
-}
-
-/// Fills `rows` with the rows from `sources`, one after the other: the one place where rows of a store are computed.
-fn fill<S: Solver>(
-    solver: &S,
-    sources: &[u32],
-    rows: &mut [f32],
-    scratch: &mut S::Scratch,
-    control: &Control,
-) -> Result<()> {
-    for (row, &source) in rows.chunks_mut(solver.columns().max(1)).zip(sources) {
-        solver.row(source, row, scratch, control)?;
-        reachable(row, source)?;
-        control.advance();
-    }
-    Ok(())
+    known.par_iter().enumerate().map_init(|| (engine.scratch(), Vec::new()), compute).collect()
 }
 
 /// The lock of a store, which the system takes back when its holder ends, however that comes about. It holds the number of
