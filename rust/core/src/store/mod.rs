@@ -226,7 +226,8 @@ fn compute_missing<S: Solver>(
     let engine = Engine::within(TABLE_BYTES, solver, sources.len(), control)?;
     let missing = (0..known.len()).filter(|&block| known[block].is_none());
     control.begin("measuring distances", missing.map(|block| blocks.range(block).len() as u64).sum());
-    let compute = |(scratch, rows): &mut (EngineScratch<S::Scratch>, Vec<f32>), (block, known): (usize, &Option<u32>)| {
+    let compute = |(scratch, rows): &mut (EngineScratch<S::Scratch>, Vec<f32>),
+                   (block, known): (usize, &Option<u32>)| {
         if let Some(checksum) = *known {
             return Ok(checksum);
         }
