@@ -7,6 +7,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
+    #[error("the machine has not enough memory for this surface; take fewer points")]
+    OutOfMemory,
+
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 

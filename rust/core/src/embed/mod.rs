@@ -1,3 +1,4 @@
 //! Embeddings: from distances between sources to their places in the plane.
 
 pub mod classical;
+pub mod stress;

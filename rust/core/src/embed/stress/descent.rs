@@ -1,0 +1,156 @@
+//! Descent to a map of least energy: L-BFGS over a factored matrix of springs, in steps that fold nothing.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector2;
+
+use super::springs::Factor;
+use crate::control::Control;
+use crate::error::Result;
+
+/// Steps that are remembered.
+const MEMORY: usize = 8;
+
+/// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
+const SAFE: f64 = 0.8;
+
+/// The part of what the slope promises that a step must keep (Armijo).
+const KEPT: f64 = 1e-4;
+
+/// Times that a step is made shorter at most.
+const MOST_SHORTER: usize = 14;
+
+/// Steps over which progress is judged.
+const JUDGED: usize = 5;
+
+/// What is made less.
+pub trait Objective {
+    /// The energy of a map, infinite where it is not allowed, and its gradient.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn evaluate(&self, uv: &[Vector2<f64>], control: &Control) -> Result<(f64, Vec<Vector2<f64>>)>;
+
+    /// The factor of the springs that are about as stiff as the energy around a map.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor>;
+
+    /// The largest step along a direction that is allowed.
+    fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64;
+}
+
+/// When descent ends.
+#[derive(Debug, Clone, Copy)]
+pub struct Until {
+    /// After so many steps.
+    pub steps: usize,
+    /// Or when five steps together gain less than this part of the energy.
+    pub gain: f64,
+}
+
+/// What descent came to.
+#[derive(Debug, Clone)]
+pub struct Descended {
+    /// The energy at first and after every step.
+    pub energies: Vec<f64>,
+    /// It ended because little was gained any more.
+    pub converged: bool,
+}
+
+fn dot(a: &[Vector2<f64>], b: &[Vector2<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}
+
+fn add(to: &mut [Vector2<f64>], by: &[Vector2<f64>], times: f64) {
+    to.iter_mut().zip(by).for_each(|(to, by)| *to += times * by);
+}
+
+/// A step and how the gradient changed over it.
+struct Step {
+    moved: Vec<Vector2<f64>>,
+    bent: Vec<Vector2<f64>>,
+    per_curvature: f64,
+}
+
+/// The direction of descent: the inverse Hessian, as springs and past steps know it, times minus the gradient.
+fn direction(gradient: &[Vector2<f64>], past: &VecDeque<Step>, factor: &Factor) -> Vec<Vector2<f64>> {
+    let mut turned = gradient.to_vec();
+    let mut shares = Vec::with_capacity(past.len());
+    for step in past.iter().rev() {
+        let share = step.per_curvature * dot(&step.moved, &turned);
+        add(&mut turned, &step.bent, -share);
+        shares.push(share);
+    }
+    let mut turned = factor.solve(&turned);
+    for (step, share) in past.iter().zip(shares.into_iter().rev()) {
+        let other = step.per_curvature * dot(&step.bent, &turned);
+        add(&mut turned, &step.moved, share - other);
+    }
+    turned.iter_mut().for_each(|value| *value = -*value);
+    turned
+}
+
+/// Moves a map downhill. Every step makes the energy less.
+///
+/// # Errors
+/// Those of the objective.
+pub fn descend(
+    objective: &impl Objective,
+    uv: &mut Vec<Vector2<f64>>,
+    until: Until,
+    control: &Control,
+) -> Result<Descended> {
+    let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
+    let factor = objective.factor(uv)?;
+    let mut past: VecDeque<Step> = VecDeque::with_capacity(MEMORY);
+    let mut energies = vec![energy];
+    while energies.len() <= until.steps {
+        control.check()?;
+        let mut along = direction(&gradient, &past, &factor);
+        let mut slope = dot(&gradient, &along);
+        if slope >= 0.0 {
+            past.clear();
+            along = direction(&gradient, &past, &factor);
+            slope = dot(&gradient, &along);
+        }
+        let mut length = (SAFE * objective.farthest_step(uv, &along)).min(1.0);
+        let mut found = None;
+        for _ in 0..MOST_SHORTER {
+            let mut tried = uv.clone();
+            add(&mut tried, &along, length);
+            let (reached, bent) = objective.evaluate(&tried, control)?;
+            if reached <= energy + KEPT * length * slope {
+                found = Some((tried, reached, bent));
+                break;
+            }
+            // the parabola through the energy, its slope, and the energy that was reached
+            let lowest = -slope * length * length / (2.0 * (reached - energy - slope * length));
+            length = if lowest.is_finite() { lowest.clamp(0.1 * length, 0.5 * length) } else { 0.5 * length };
+        }
+        let Some((next, reached, next_gradient)) = found else {
+            if past.is_empty() {
+                return Ok(Descended { energies, converged: true }); // nothing is downhill any more but for rounding
+            }
+            past.clear();
+            continue;
+        };
+        let moved: Vec<_> = next.iter().zip(uv.iter()).map(|(to, from)| to - from).collect();
+        let bent: Vec<_> = next_gradient.iter().zip(&gradient).map(|(to, from)| to - from).collect();
+        let curvature = dot(&moved, &bent);
+        if curvature > 1e-12 * (dot(&moved, &moved) * dot(&bent, &bent)).sqrt() {
+            if past.len() == MEMORY {
+                past.pop_front();
+            }
+            past.push_back(Step { moved, bent, per_curvature: curvature.recip() });
+        }
+        (*uv, energy, gradient) = (next, reached, next_gradient);
+        energies.push(energy);
+        let before = energies.len().checked_sub(1 + JUDGED);
+        if before.is_some_and(|before| energies[before] - energy < until.gain * energy.abs()) {
+            return Ok(Descended { energies, converged: true });
+        }
+    }
+    Ok(Descended { energies, converged: false })
+}

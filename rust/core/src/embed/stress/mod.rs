@@ -1,0 +1,56 @@
+//! Stress: places in the plane whose distances are near geodesic ones, over triangles that keep their shape and never fold.
+
+pub mod descent;
+pub mod pairs;
+pub mod springs;
+pub mod triangles;
+
+use nalgebra::Vector2;
+
+use crate::control::Control;
+use crate::error::Result;
+use descent::Objective;
+use pairs::{Bands, Pairs};
+use springs::{Factor, Springs};
+use triangles::{Shape, Triangles};
+
+/// The energy of a map: the stress of its distances and the price of what happens to its triangles.
+#[derive(Debug)]
+pub struct MapEnergy<'a> {
+    /// Distances to keep.
+    pub pairs: &'a Pairs,
+    /// What they count.
+    pub bands: Bands,
+    /// Triangles to keep.
+    pub triangles: &'a Triangles,
+    /// What changes them.
+    pub shape: Shape,
+    /// β, the weight of the triangles' mean energy beside the stress.
+    pub stiffness: f64,
+    /// Springs along the triangles' edges.
+    pub springs: &'a Springs,
+}
+
+impl Objective for MapEnergy<'_> {
+    fn evaluate(&self, uv: &[Vector2<f64>], control: &Control) -> Result<(f64, Vec<Vector2<f64>>)> {
+        let mut gradient = vec![Vector2::zeros(); uv.len()];
+        let of_triangles = self.triangles.add(uv, self.shape, self.stiffness, &mut gradient);
+        if of_triangles.is_infinite() {
+            return Ok((of_triangles, gradient));
+        }
+        Ok((of_triangles + self.pairs.add(uv, &self.bands, &mut gradient, control)?, gradient))
+    }
+
+    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
+        let mut ground = vec![0.0; uv.len()];
+        self.pairs.add_curvature(&self.bands, &mut ground);
+        self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
+    }
+
+    fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
+        if self.shape.folds > 0.0 { f64::INFINITY } else { self.triangles.farthest_step(uv, direction) }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,199 @@
+//! The stress of a map: how far its distances are from those on the surface.
+//!
+//! Over pairs of a landmark and a vertex with the geodesic distance δ and the flat distance d, r = (d − δ)/δ, the stress is
+//!
+//!   Σ_b a_b · mean over the pairs of band b of ρ(r),   ρ(r) = 2κ² (√(1 + r²/κ²) − 1)
+//!
+//! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error from which it
+//! grows no faster than |r| (pseudo-Huber), so that a few distances that no map can keep do not rule it.
+
+use nalgebra::Vector2;
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::rows::Rows;
+
+/// Vertices that are visited together.
+const BATCH: usize = 256;
+
+/// Landmarks that are visited together, in the processor's registers.
+const LANES: usize = 16;
+
+/// Nearer pairs have no say, mm: a relative error is nothing there.
+const NEAREST: f32 = 1e-3;
+
+/// How far the bands reach, mm.
+pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
+
+/// The weights of the bands, and from which relative error on outliers count less.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bands {
+    /// a_b, of all pairs, of those up to 30 mm, and of those up to 10 mm.
+    pub weights: [f64; 3],
+    /// κ; infinity for plain squares.
+    pub outlier: f64,
+}
+
+/// Distances from landmarks to some vertices.
+#[derive(Debug)]
+pub struct Pairs {
+    landmarks: Vec<u32>,
+    vertices: Vec<u32>,
+    /// One row a vertex, padded with zeros to whole lanes; mm.
+    table: Vec<f32>,
+    width: usize,
+    /// How many pairs each band has.
+    counts: [usize; 3],
+}
+
+impl Pairs {
+    /// The columns of some vertices, of distance rows from the landmarks. A vertex is named by its number in the map,
+    /// `landmarks` name the rows' sources there, too.
+    ///
+    /// # Errors
+    /// Those of reading rows.
+    pub fn new(
+        rows: &impl Rows,
+        landmarks: Vec<u32>,
+        vertices: Vec<u32>,
+        columns: &[u32],
+        control: &Control,
+    ) -> Result<Self> {
+        let width = landmarks.len().next_multiple_of(LANES);
+        let mut table = vec![0.0; width * vertices.len()];
+        rows.visit(control, &mut |first, block| {
+            for (n, row) in (first..).zip(block.chunks(rows.columns())) {
+                control.check()?;
+                table[n..].iter_mut().step_by(width).zip(columns).for_each(|(to, &column)| *to = row[column as usize]);
+            }
+            Ok(())
+        })?;
+        let within = |reach: f32| table.par_iter().filter(|&&distance| distance > NEAREST && distance <= reach).count();
+        let counts = BANDS.map(within);
+        Ok(Self { landmarks, vertices, table, width, counts })
+    }
+
+    /// The weight of a pair by its distance, in steps.
+    fn steps(&self, bands: &Bands) -> [f32; 3] {
+        [0, 1, 2].map(|band| (bands.weights[band] / self.counts[band].max(1) as f64) as f32)
+    }
+
+    /// The stress, and its gradient added to `gradient`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn add(
+        &self,
+        uv: &[Vector2<f64>],
+        bands: &Bands,
+        gradient: &mut [Vector2<f64>],
+        control: &Control,
+    ) -> Result<f64> {
+        let mut landmarks = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
+        for (n, &landmark) in self.landmarks.iter().enumerate() {
+            let place = uv[landmark as usize];
+            (landmarks[0][n], landmarks[1][n]) = (place.x as f32, place.y as f32);
+        }
+        let of_batch = |(vertices, table): (&[u32], &[f32])| {
+            control.check()?;
+            let sums = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
+            let batch = Batch { places: &landmarks, uv, vertices, table, width: self.width, sums };
+            Ok(Arch::new().dispatch(Kernel { batch, steps: self.steps(bands), sharp: bands.outlier.recip() as f32 }))
+        };
+        let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
+        let parts: Vec<Found> = batches.map(of_batch).collect::<Result<_>>()?;
+        let mut energy = 0.0;
+        for (part, vertices) in parts.iter().zip(self.vertices.chunks(BATCH)) {
+            energy += part.energy;
+            vertices.iter().zip(&part.of_vertices).for_each(|(&vertex, by)| gradient[vertex as usize] += by);
+            for (n, &landmark) in self.landmarks.iter().enumerate() {
+                gradient[landmark as usize] -= Vector2::new(part.of_landmarks[0][n], part.of_landmarks[1][n]).cast();
+            }
+        }
+        Ok(energy)
+    }
+
+    /// The curvature of the stress by each vertex' own place, as if every pair pulled in all directions; added to `diagonal`.
+    pub fn add_curvature(&self, bands: &Bands, diagonal: &mut [f64]) {
+        let steps = self.steps(bands);
+        for (&vertex, row) in self.vertices.iter().zip(self.table.chunks(self.width.max(1))) {
+            for (&landmark, &distance) in self.landmarks.iter().zip(row) {
+                if distance > NEAREST {
+                    let pull = 2.0 * f64::from(weight(steps, distance) / (distance * distance));
+                    diagonal[vertex as usize] += pull;
+                    diagonal[landmark as usize] += pull;
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn weight(steps: [f32; 3], distance: f32) -> f32 {
+    let within = |band: usize| if distance <= BANDS[band] { steps[band] } else { 0.0 };
+    steps[0] + within(1) + within(2)
+}
+
+struct Batch<'a> {
+    places: &'a [Vec<f32>; 2],
+    uv: &'a [Vector2<f64>],
+    vertices: &'a [u32],
+    table: &'a [f32],
+    width: usize,
+    sums: [Vec<f32>; 2],
+}
+
+/// The stress of a batch of vertices, its gradient by their places, and minus that by the landmarks'.
+struct Found {
+    energy: f64,
+    of_vertices: Vec<Vector2<f64>>,
+    of_landmarks: [Vec<f32>; 2],
+}
+
+struct Kernel<'a> {
+    batch: Batch<'a>,
+    steps: [f32; 3],
+    sharp: f32,
+}
+
+impl WithSimd for Kernel<'_> {
+    type Output = Found;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Found {
+        let Batch { places, uv, vertices, table, width, mut sums } = self.batch;
+        let mut found = Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
+        let [sums_x, sums_y] = &mut sums;
+        for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
+            let place = uv[vertex as usize].cast::<f32>();
+            let mut total = [[0.0f32; LANES]; 3];
+            let lanes = row.chunks_exact(LANES).zip(places[0].chunks_exact(LANES).zip(places[1].chunks_exact(LANES)));
+            let sums = sums_x.chunks_exact_mut(LANES).zip(sums_y.chunks_exact_mut(LANES));
+            for ((row, (x, y)), (sum_x, sum_y)) in lanes.zip(sums) {
+                for n in 0..LANES {
+                    let delta = row[n];
+                    let (dx, dy) = (place.x - x[n], place.y - y[n]);
+                    let flat = (dx * dx + dy * dy + 1e-18).sqrt();
+                    let inverse = if delta > NEAREST { delta.recip() } else { 0.0 };
+                    let counts = if delta > NEAREST { weight(self.steps, delta) } else { 0.0 };
+                    let error = flat * inverse - 1.0;
+                    let bent = error * self.sharp;
+                    let root = (1.0 + bent * bent).sqrt();
+                    total[0][n] += counts * 2.0 * error * error / (root + 1.0);
+                    let pull = 2.0 * counts * error * inverse / (root * flat);
+                    total[1][n] += pull * dx;
+                    total[2][n] += pull * dy;
+                    sum_x[n] += pull * dx;
+                    sum_y[n] += pull * dy;
+                }
+            }
+            let [energy, x, y] = total.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum::<f64>());
+            found.energy += energy;
+            found.of_vertices.push(Vector2::new(x, y));
+        }
+        found.of_landmarks = sums;
+        found
+    }
+}

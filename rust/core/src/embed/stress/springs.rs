@@ -1,0 +1,93 @@
+//! Springs along the edges of a surface: a sparse matrix that is as stiff as a map's energy, and its factor.
+//!
+//! What a step of descent lacks in knowledge of the whole map, solving with these springs brings: a pull at one place moves
+//! everything around as far as stiffness carries it.
+
+use faer::Side;
+use faer::linalg::solvers::SolveCore;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::{Conj, Mat};
+use nalgebra::Vector2;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// A share of the mean stiffness that is added everywhere, so that the matrix can be factored.
+const GROUND: f64 = 1e-7;
+
+/// Which entries the matrix has, and how they are factored; the same for every map of a surface.
+#[derive(Debug)]
+pub struct Springs {
+    pattern: SymbolicSparseColMat<usize>,
+    order: SymbolicLlt<usize>,
+    triangles: Vec<[u32; 3]>,
+    /// Where each triangle's three edges stand among the entries.
+    edges: Vec<[usize; 3]>,
+    /// Where each vertex' own entry stands.
+    diagonal: Vec<usize>,
+}
+
+/// A factored matrix of springs.
+#[derive(Debug)]
+pub struct Factor(Llt<usize, f64>);
+
+impl Springs {
+    /// Springs along the edges of triangles, given by their corners.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
+        let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
+        let mut entries: Vec<(u32, u32)> = triangles.iter().flat_map(|&corners| ends(corners)).collect();
+        entries.extend((0..vertices as u32).map(|vertex| (vertex, vertex)));
+        entries.sort_unstable();
+        entries.dedup();
+        control.check()?;
+        let mut starts = vec![0; vertices + 1];
+        entries.iter().for_each(|&(column, _)| starts[column as usize + 1] += 1);
+        for column in 0..vertices {
+            starts[column + 1] += starts[column];
+        }
+        let place = |(column, row): (u32, u32)| {
+            let column = starts[column as usize]..starts[column as usize + 1];
+            column.start + entries[column].partition_point(|entry| entry.1 < row)
+        };
+        let edges = triangles.iter().map(|&corners| ends(corners).map(place)).collect();
+        let diagonal = starts[..vertices].to_vec();
+        let rows = entries.iter().map(|&(_, row)| row as usize).collect();
+        let pattern = SymbolicSparseColMat::new_checked(vertices, vertices, starts, None, rows);
+        let order = SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|_| crate::Error::OutOfMemory)?;
+        Ok(Self { pattern, order, triangles, edges, diagonal })
+    }
+
+    /// The factor for the stiffness of each triangle's edges (minus the entries off the diagonal), with `ground` added to the
+    /// diagonal.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn factor(&self, stiffness: &[[f64; 3]], ground: &[f64]) -> Result<Factor> {
+        let mut values = vec![0.0; self.pattern.compute_nnz()];
+        for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
+            for ((&edge, &entry), (a, b)) in edges.iter().zip(stiffness).zip([(0, 1), (0, 2), (1, 2)]) {
+                values[edge] += entry;
+                values[self.diagonal[corners[a] as usize]] -= entry;
+                values[self.diagonal[corners[b] as usize]] -= entry;
+            }
+        }
+        let mean = self.diagonal.iter().map(|&at| values[at]).sum::<f64>() / self.diagonal.len().max(1) as f64;
+        self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground + GROUND * mean);
+        let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
+        let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix, Side::Lower);
+        Ok(Factor(factor.map_err(|_| crate::Error::OutOfMemory)?))
+    }
+}
+
+impl Factor {
+    /// The displacements under which the springs balance the forces.
+    pub fn solve(&self, forces: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+        let mut both = Mat::from_fn(forces.len(), 2, |row, column| forces[row][column]);
+        self.0.solve_in_place_with_conj(Conj::No, both.as_mut());
+        (0..forces.len()).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect()
+    }
+}

@@ -1,0 +1,205 @@
+//! What a map does to the triangles of a surface, as an energy: none where they keep shape and size, without bound where
+//! they are about to fold.
+//!
+//! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is the mean
+//! over the surface of
+//!
+//!   ψ(J) = ½ ‖J‖² (1 + 1/χ²) − 2 + γ log² χ,   χ = ½ (D + √(D² + 4ε²)).
+//!
+//! For ε = 0 this is the symmetric Dirichlet energy (Smith, Schaefer 2015), with γ a further price on changes of area, and
+//! infinite for triangles that are folded. With ε > 0 folded triangles have an energy, too, which leads them back.
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use rayon::prelude::*;
+
+use crate::surface::Surface;
+
+/// Thinner triangles count as so many times as high as their longest side: their shape is noise.
+const THINNEST: f64 = 0.12;
+
+/// Triangles that are visited together.
+const BATCH: usize = 2048;
+
+/// A triangle as it lies on the surface.
+#[derive(Debug, Clone, Copy)]
+struct Rest {
+    corners: [u32; 3],
+    /// Takes two sides of the flat triangle, as columns, to J.
+    inverse: Matrix2<f64>,
+    /// mm².
+    area: f64,
+}
+
+impl Rest {
+    fn new(points: &[Vector3<f64>], face: [u32; 3]) -> Self {
+        let sides = [0, 1, 2].map(|n| points[face[(n + 1) % 3] as usize] - points[face[n] as usize]);
+        let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);
+        let corners = [0, 1, 2].map(|n| face[(longest + n) % 3]);
+        let (base, other) = (sides[longest], -sides[(longest + 2) % 3]);
+        let length = base.norm().max(f64::MIN_POSITIVE);
+        let along = other.dot(&base) / length;
+        let height = (base.cross(&other).norm() / length).max(THINNEST * length);
+        let inverse = Matrix2::new(length.recip(), -along / (length * height), 0.0, height.recip());
+        Self { corners, inverse, area: 0.5 * length * height }
+    }
+}
+
+/// The dials of the triangles' energy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// γ, the price of changes of area.
+    pub area: f64,
+    /// ε, how much folds are forgiven; 0 for not at all.
+    pub folds: f64,
+    /// The scale of the map at which triangles are compared: a map may be larger than the surface as a whole.
+    pub scale: f64,
+}
+
+/// A triangle's part in the energy, in its gradient, and in the stiffness of the map around it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Part {
+    energy: f64,
+    /// For the corners after the first; the first has minus their sum.
+    gradient: [Vector2<f64>; 2],
+}
+
+/// The triangles of a surface.
+#[derive(Debug)]
+pub struct Triangles {
+    rests: Vec<Rest>,
+    area: f64,
+    /// For each vertex its corners: triangle × 3 + corner.
+    starts: Vec<u32>,
+    corners: Vec<u32>,
+}
+
+impl Triangles {
+    /// Those of a surface.
+    pub fn new(surface: &Surface) -> Self {
+        let rests: Vec<Rest> = surface.faces().iter().map(|&face| Rest::new(surface.points(), face)).collect();
+        let mut starts = vec![0u32; surface.len() + 1];
+        rests.iter().flat_map(|rest| rest.corners).for_each(|vertex| starts[vertex as usize + 1] += 1);
+        for vertex in 0..surface.len() {
+            starts[vertex + 1] += starts[vertex];
+        }
+        let (mut free, mut corners) = (starts.clone(), vec![0; 3 * rests.len()]);
+        for (corner, vertex) in (0..).zip(rests.iter().flat_map(|rest| rest.corners)) {
+            corners[free[vertex as usize] as usize] = corner;
+            free[vertex as usize] += 1;
+        }
+        let area = rests.iter().map(|rest| rest.area).sum();
+        Self { rests, area, starts, corners }
+    }
+
+    /// The corners of each triangle.
+    pub fn corners(&self) -> impl ExactSizeIterator<Item = [u32; 3]> + '_ {
+        self.rests.iter().map(|rest| rest.corners)
+    }
+
+    /// The mean energy, and `weight` times its gradient added to `gradient`.
+    pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
+        let of_batch = |rests: &[Rest]| rests.iter().map(|rest| part(rest, uv, shape)).collect::<Vec<_>>();
+        let parts: Vec<Part> = self.rests.par_chunks(BATCH).flat_map_iter(of_batch).collect();
+        let scale = weight / self.area;
+        gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
+            for &corner in &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize] {
+                let [second, third] = parts[corner as usize / 3].gradient;
+                *gradient += scale * [-second - third, second, third][corner as usize % 3];
+            }
+        });
+        weight / self.area * parts.iter().map(|part| part.energy).sum::<f64>()
+    }
+
+    /// Of each triangle what it adds to the entries of the matrix of springs that is as stiff as the energy around a map: for
+    /// the corners' products 01, 02, 12 (negative for acute angles); the diagonal's follow from rows that sum to 0.
+    pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
+        let of_triangle = |rest: &Rest| {
+            let (_, stretch, chi) = jacobian(rest, uv, shape);
+            let inverse = chi.powi(2).recip();
+            let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
+            let scale = weight / self.area * rest.area * stiff / shape.scale.powi(2);
+            let (b, c) = (rest.inverse.row(0), rest.inverse.row(1));
+            let a = -b - c;
+            [a.dot(&b) * scale, a.dot(&c) * scale, b.dot(&c) * scale]
+        };
+        self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
+    }
+
+    /// The scale at which the symmetric Dirichlet energy of a map is least, folded triangles aside.
+    pub fn best_scale(&self, uv: &[Vector2<f64>]) -> f64 {
+        let shape = Shape { area: 0.0, folds: 0.0, scale: 1.0 };
+        let mut sums = [0.0; 2];
+        for rest in &self.rests {
+            let (jacobian, stretch, _) = jacobian(rest, uv, shape);
+            let determinant = jacobian.determinant();
+            if determinant > 0.05 {
+                sums[0] += rest.area * stretch;
+                sums[1] += rest.area * stretch / determinant.powi(2);
+            }
+        }
+        let scale = (sums[0] / sums[1]).powf(0.25);
+        if scale.is_finite() && scale > 0.0 { scale } else { 1.0 }
+    }
+
+    /// Number of triangles that are folded or have no area in a map.
+    pub fn folded(&self, uv: &[Vector2<f64>]) -> usize {
+        self.rests.par_iter().with_min_len(BATCH).filter(|rest| doubled_area(rest.corners, uv) <= 0.0).count()
+    }
+
+    /// How far a map without folds may move along `direction`, as a part of it, until the first triangle has no area.
+    pub fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
+        let of_triangle = |rest: &Rest| {
+            let [a, b, c] = rest.corners.map(|v| v as usize);
+            let (b0, c0) = (uv[b] - uv[a], uv[c] - uv[a]);
+            let (b1, c1) = (direction[b] - direction[a], direction[c] - direction[a]);
+            first_root(b1.perp(&c1), b0.perp(&c1) + b1.perp(&c0), b0.perp(&c0))
+        };
+        self.rests.par_iter().with_min_len(BATCH).map(of_triangle).reduce(|| f64::INFINITY, f64::min)
+    }
+}
+
+/// Twice the signed area of a flat triangle.
+pub fn doubled_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
+    let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
+    (b - a).perp(&(c - a))
+}
+
+/// The least positive root of a t² + b t + c, where c is positive.
+fn first_root(a: f64, b: f64, c: f64) -> f64 {
+    let discriminant = b * b - 4.0 * a * c;
+    if discriminant < 0.0 {
+        return f64::INFINITY;
+    }
+    let q = -0.5 * (b + discriminant.sqrt().copysign(b));
+    let positive = |root: f64| if root > 0.0 { root } else { f64::INFINITY }; // NaN where there is none
+    positive(q / a).min(positive(c / q))
+}
+
+/// J at the shape's scale, ‖J‖², and χ.
+fn jacobian(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> (Matrix2<f64>, f64, f64) {
+    let [a, b, c] = rest.corners.map(|vertex| uv[vertex as usize]);
+    let jacobian = Matrix2::from_columns(&[b - a, c - a]) * rest.inverse / shape.scale;
+    let determinant = jacobian.determinant();
+    let chi = if shape.folds > 0.0 {
+        0.5 * (determinant + determinant.hypot(2.0 * shape.folds))
+    } else {
+        determinant.max(0.0)
+    };
+    (jacobian, jacobian.norm_squared(), chi)
+}
+
+fn part(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
+    let (jacobian, stretch, chi) = jacobian(rest, uv, shape);
+    if chi < 1e-12 {
+        return Part { energy: f64::INFINITY, gradient: Default::default() };
+    }
+    let (inverse, log) = (chi.powi(2).recip(), chi.ln());
+    let energy = rest.area * (0.5 * stretch * (1.0 + inverse) - 2.0 + shape.area * log * log);
+    // dχ/dD = χ / √(D² + 4ε²)
+    let by_determinant = if shape.folds > 0.0 { chi / jacobian.determinant().hypot(2.0 * shape.folds) } else { 1.0 };
+    let slope = (2.0 * shape.area * log - stretch * inverse) / chi * by_determinant;
+    let cofactor = Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11);
+    let by_jacobian = jacobian * (1.0 + inverse) + cofactor * slope;
+    let by_sides = by_jacobian * rest.inverse.transpose() * (rest.area / shape.scale);
+    Part { energy, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
+}
