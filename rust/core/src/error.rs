@@ -130,6 +130,9 @@ pub enum Error {
     )]
     DiskEncloses { radius: f64, area: f64, own: f64, at: [f64; 3] },
 
+    #[error("the decimation's {name} is {value}: give a positive number (evenness may be 0, but is finite)")]
+    DecimationOption { name: &'static str, value: f64 },
+
     #[error("a polygon has at least 3 corners; {corners} are given")]
     FewCorners { corners: usize },
 

@@ -2,3 +2,4 @@
 
 pub mod landmark;
 pub mod radial;
+pub mod reinsertion;
