@@ -191,6 +191,10 @@ fn voxflat_by_rows<'g, R: Rows>(
     let scaling = classical_scaling(&among)?;
     control.check()?;
     let mut uv = landmark::place(&rows, &among, &scaling.places, control)?;
+    if map_area(surface.faces(), &uv) < 0.0 {
+        uv.iter_mut().for_each(|[x, _]| *x = -*x);
+    }
+    uv = crate::embed::stress::levels::flatten(surface, &rows, &uv, control)?;
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;

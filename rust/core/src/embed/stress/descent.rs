@@ -9,7 +9,7 @@ use crate::control::Control;
 use crate::error::Result;
 
 /// Steps that are remembered.
-const MEMORY: usize = 8;
+const MEMORY: usize = 20;
 
 /// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
 const SAFE: f64 = 0.8;

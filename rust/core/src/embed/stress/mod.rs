@@ -1,6 +1,7 @@
 //! Stress: places in the plane whose distances are near geodesic ones, over triangles that keep their shape and never fold.
 
 pub mod descent;
+pub mod levels;
 pub mod pairs;
 pub mod springs;
 pub mod triangles;

@@ -34,6 +34,8 @@ pub struct Bands {
     pub weights: [f64; 3],
     /// κ; infinity for plain squares.
     pub outlier: f64,
+    /// The same for pairs up to 30 mm.
+    pub local: f64,
 }
 
 /// Distances from landmarks to some vertices.
@@ -100,7 +102,7 @@ impl Pairs {
             control.check()?;
             let sums = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
             let batch = Batch { places: &landmarks, uv, vertices, table, width: self.width, sums };
-            Ok(Arch::new().dispatch(Kernel { batch, steps: self.steps(bands), sharp: bands.outlier.recip() as f32 }))
+            Ok(Arch::new().dispatch(Kernel { batch, steps: self.steps(bands), sharp: [bands.outlier.recip() as f32, bands.local.recip() as f32] }))
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<Found> = batches.map(of_batch).collect::<Result<_>>()?;
@@ -155,7 +157,7 @@ struct Found {
 struct Kernel<'a> {
     batch: Batch<'a>,
     steps: [f32; 3],
-    sharp: f32,
+    sharp: [f32; 2],
 }
 
 impl WithSimd for Kernel<'_> {
@@ -179,7 +181,7 @@ impl WithSimd for Kernel<'_> {
                     let inverse = if delta > NEAREST { delta.recip() } else { 0.0 };
                     let counts = if delta > NEAREST { weight(self.steps, delta) } else { 0.0 };
                     let error = flat * inverse - 1.0;
-                    let bent = error * self.sharp;
+                    let bent = error * if delta > BANDS[1] { self.sharp[0] } else { self.sharp[1] };
                     let root = (1.0 + bent * bent).sqrt();
                     total[0][n] += counts * 2.0 * error * error / (root + 1.0);
                     let pull = 2.0 * counts * error * inverse / (root * flat);

@@ -26,7 +26,7 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &crate::surface::Surface)) {
     let triangles = Triangles::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
     let shape = Shape { area: 2.0, folds: 0.3, scale: 1.1 };
-    let bands = Bands { weights: [1.0, 0.5, 2.0], outlier: 0.05 };
+    let bands = Bands { weights: [1.0, 0.5, 2.0], outlier: 0.2, local: 0.05 };
     check(&mut MapEnergy { pairs: &pairs, bands, triangles: &triangles, shape, stiffness: 0.2, springs: &springs }, &surface);
 }
 
