@@ -12,9 +12,11 @@ use voxflat::control::Control;
 use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::flatten;
+use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::engine::Engine;
 use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::geodesic::marching::Marching;
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch;
 use voxflat::rows::DistanceRows;
@@ -476,6 +478,67 @@ impl Surface {
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
         Ok(dict)
+    }
+
+    /// Flattens after Zigelman et al. from what decimation to `count` vertices leaves, from given vertices, or from about `count`
+    /// pixels of a grid: the pixel (N, 2) that each vertex is and the distance of rows and columns, mm. `wave` is "circle" or
+    /// "plane".
+    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn zigelman2002<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        seed: u64,
+        vertices: Option<PyReadonlyArray1<'py, u32>>,
+        grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
+        wave: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let wave = convert::wave(wave)?;
+        let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
+        let grid =
+            grid.map(|(pixels, spacing)| Ok::<_, PyErr>((convert::rows::<_, 2>(&pixels, "the pixels")?, spacing)));
+        let grid = grid.transpose()?;
+        if let Some((pixels, _)) = &grid {
+            self.check_length(pixels.len(), "the pixels")?;
+        }
+        let inner = Arc::clone(&self.0);
+        let map = run(py, threads, progress.as_ref(), move |control| {
+            let sampling = match (&vertices, &grid) {
+                (Some(vertices), _) => Sampling::Vertices(vertices),
+                (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
+                (None, None) => Sampling::Decimation { count },
+            };
+            zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
+        })?;
+        convert::map_dict(py, map)
+    }
+
+    /// The memory in bytes that flattening after Zigelman et al. needs at most.
+    fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
+        zigelman::memory_need(self.0.surface.len(), sources, threads)
+    }
+
+    /// Distance rows (m, N) in mm from sources (vertices), by fast marching.
+    #[pyo3(signature = (sources, wave="circle", threads=None, progress=None))]
+    fn marching_rows<'py>(
+        &self,
+        py: Python<'py>,
+        sources: PyReadonlyArray1<'py, u32>,
+        wave: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let wave = convert::wave(wave)?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let rows = run(py, threads, progress.as_ref(), move |control| {
+            DistanceRows::compute(&Marching::new(&inner.surface, wave, control)?, &sources, control)
+        })?;
+        convert::table(py, rows.into_data(), self.0.surface.len())
     }
 }
 
