@@ -4,12 +4,14 @@ import mesh_files
 import numpy as np
 import pytest
 import shapes
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 import voxflat
 from voxflat import InputError, _core
+from voxflat.cli import main
 
 
 def cylinder(shape=(81, 61), turns=0.7):
@@ -105,6 +107,34 @@ class TestFlatten:
     def test_wrong_options_are_named(self, options, message):
         with pytest.raises(InputError, match=message):
             voxflat.flatten(cylinder()[0], **{"method": "zigelman2002", **options})
+
+    def test_the_smallest_surfaces_are_flattened(self):
+        corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 2, 1.0]])
+        for faces in ([[0, 1, 2]], [[0, 1, 2], [1, 3, 2]]):
+            points = corners[: len(faces) + 2]
+            flat = voxflat.flatten((points, np.array(faces)), method="zigelman2002")
+            flat_sides, sides = (x[flat.faces] - x[np.roll(flat.faces, 1, axis=1)] for x in (flat.uv, flat.points))
+            np.testing.assert_allclose(np.linalg.norm(flat_sides, axis=2), np.linalg.norm(sides, axis=2), rtol=1e-5)
+
+    def test_a_map_of_a_range_image_is_kept_in_a_file(self, tmp_path):
+        image = voxflat.range_image(waves(40), 1.0, jump=np.inf)
+        flat = voxflat.flatten(image, **zigelman2002, keep_rows=True)
+        flat.save(tmp_path / "map.npz")
+        again = voxflat.load(tmp_path / "map.npz")
+        np.testing.assert_array_equal(again.uv, flat.uv)
+        np.testing.assert_array_equal(again.rows, flat.rows)
+        assert again.metadata["range_image"] == {"shape": [40, 40], "spacing": [1.0, 1.0], "jump": None, "cut": 0}
+
+    def test_the_command_line_has_it(self, tmp_path):
+        mesh, _ = cylinder((31, 21))
+        voxflat.surface(mesh).save(tmp_path / "cylinder.ply")
+        options = ["--method", "zigelman2002", "--sources", "50", "--sampling", "farthest", "--quiet"]
+        command = ["flatten", str(tmp_path / "cylinder.ply"), "-o", str(tmp_path / "map.npz"), *options]
+        result = CliRunner().invoke(main, command)
+        assert result.exit_code == 0, result.output
+        flat = voxflat.load(tmp_path / "map.npz")
+        expected = voxflat.flatten(tmp_path / "cylinder.ply", method="zigelman2002", sources=50, sampling="farthest")
+        np.testing.assert_array_equal(flat.uv, expected.uv)
 
     def test_it_can_be_cancelled(self):
         with pytest.raises(voxflat.Cancelled):

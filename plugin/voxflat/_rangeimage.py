@@ -42,7 +42,7 @@ def range_image(
     Surface
         Columns run along x, rows down along −y, depth along z; it is seen from +z. The pixel of each vertex is
         ``np.unravel_index(s.ids, depth.shape)``, in maps ``m.ids``. ``metadata["range_image"]`` has the grid, the limit
-        ``jump`` and how many triangles it ``cut``; that is said, too.
+        ``jump`` (None for none) and how many triangles it ``cut``; that is said, too.
 
     Raises
     ------
@@ -85,7 +85,12 @@ def range_image(
         "vertices": heights.size,
         "structure": None,
         "measured_on": "the given range image",
-        "range_image": {"shape": list(heights.shape), "spacing": list(steps), "jump": float(limit), "cut": cut},
+        "range_image": {
+            "shape": list(heights.shape),
+            "spacing": list(steps),
+            "jump": float(limit) if np.isfinite(limit) else None,
+            "cut": cut,
+        },
     }
     return Surface(core.part_of_faces(kept), None, metadata, tuple(remarks))
 
