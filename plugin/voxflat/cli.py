@@ -59,9 +59,9 @@ Examples:
 )
 @click.option(
     "--method",
-    type=click.Choice(["voxflat", "grossmann2002"]),
+    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002"]),
     default="voxflat",
-    help="Over the triangles of a surface, or after the paper over the voxels of a volume.",
+    help="Over the triangles of a surface; or after the papers, over a volume's voxels or by fast marching.",
 )
 @_options.making
 @_options.volume
@@ -71,9 +71,14 @@ Examples:
     "--sources",
     type=int,
     metavar="N",
-    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000]",
+    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000; zigelman2002: 625]",
 )
-@_options.sampling
+@click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "random", "decimation"]),
+    help="How sources are chosen: evenly, each farthest from the others; at random; or by decimation (zigelman2002)."
+    "  [default: farthest; zigelman2002: decimation]",
+)
 @click.option(
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),

@@ -3,6 +3,7 @@
 pub mod cubes;
 pub mod curvature;
 pub mod cuts;
+pub mod decimate;
 pub mod holes;
 mod homology;
 pub mod level;

@@ -1,0 +1,123 @@
+use super::*;
+use crate::error::Error;
+use crate::flatten::map_area;
+use crate::surface::Surface;
+use crate::surface::decimate::{Decimation, Options, decimate};
+use crate::surface::mesh::shapes;
+use proptest::prelude::*;
+
+fn decimated(surface: &Surface, vertices: usize) -> Decimation {
+    let options = Options { vertices, ..Options::default() };
+    decimate(surface, &[], &options, &Control::default()).unwrap()
+}
+
+/// A map of the survivors carried to all vertices, and how many triangles had to be turned over.
+fn carried(
+    found: &Decimation,
+    vertices: usize,
+    map: impl Fn(u32) -> [f64; 2],
+    is_mirrored: bool,
+) -> (Vec<[f64; 2]>, usize) {
+    let mut uv = vec![[f64::NAN; 2]; vertices];
+    found.survivors.iter().for_each(|&v| uv[v as usize] = map(v));
+    let turned = place(&found.removals, &mut uv, is_mirrored, &Control::default()).unwrap();
+    (uv, turned)
+}
+
+/// A sheet in a plane of space, its inner vertices moved at random.
+fn jittered(side: usize, moves: &[[f64; 2]]) -> Surface {
+    let (points, faces) = shapes::sheet(side, side);
+    let moved = points.iter().zip(moves).map(|(&[x, y, _], [dx, dy])| {
+        let [x, y] = [(x, dx), (y, dy)].map(|(x, d)| if x == 0.0 || x == side as f64 { x } else { x + 0.3 * d });
+        [x, 0.6 * y + 3.0, 0.8 * y]
+    });
+    shapes::surface((moved.collect(), faces))
+}
+
+fn in_plane(surface: &Surface, v: usize) -> [f64; 2] {
+    let p = surface.points()[v];
+    [p.x, 0.6 * (p.y - 3.0) + 0.8 * p.z]
+}
+
+fn worst(uv: &[[f64; 2]], truth: impl Fn(usize) -> [f64; 2]) -> f64 {
+    let apart = |(v, at): (usize, &[f64; 2])| (at[0] - truth(v)[0]).hypot(at[1] - truth(v)[1]);
+    uv.iter().enumerate().map(apart).fold(0.0, f64::max)
+}
+
+fn flipped(surface: &Surface, uv: &[[f64; 2]]) -> usize {
+    surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn a_plane_comes_back_in_its_own_places(
+        moves in prop::collection::vec(prop::array::uniform2(-1.0f64..1.0), 196), vertices in 4usize..150,
+    ) {
+        let surface = jittered(13, &moves);
+        let found = decimated(&surface, vertices);
+        let (uv, turned) = carried(&found, surface.len(), |v| in_plane(&surface, v as usize), false);
+        prop_assert_eq!(turned, 0);
+        prop_assert!(worst(&uv, |v| in_plane(&surface, v)) < 1e-9);
+        let mirror = |[x, y]: [f64; 2]| [x, 7.0 - y];
+        let (uv, _) = carried(&found, surface.len(), |v| mirror(in_plane(&surface, v as usize)), true);
+        prop_assert!(worst(&uv, |v| mirror(in_plane(&surface, v))) < 1e-9);
+    }
+
+    #[test]
+    fn a_map_without_flips_stays_one(
+        moves in prop::collection::vec(prop::array::uniform2(-1.0f64..1.0), 196),
+        elsewhere in prop::collection::vec(prop::array::uniform2(-1.0f64..1.0), 196),
+        vertices in 4usize..150,
+    ) {
+        // the survivors go where no triangle turns over, but far from where they were
+        let surface = jittered(13, &moves);
+        let found = decimated(&surface, vertices);
+        let away = |v: u32, by: f64| {
+            let ([x, y], [dx, dy]) = (in_plane(&surface, v as usize), elsewhere[v as usize]);
+            [2.0 * x + 0.3 * y + by * dx, y + by * dy]
+        };
+        let is_flat = |by: f64| found.surface.faces().iter().all(|face| {
+            let uv = face.map(|v| away(found.survivors[v as usize], by));
+            map_area(&[[0, 1, 2]], &uv) > 1e-3
+        });
+        let Some(by) = [4.0, 2.0, 1.0, 0.5, 0.2, 0.1].into_iter().find(|&by| is_flat(by)) else { return Ok(()) };
+        let (uv, turned) = carried(&found, surface.len(), |v| away(v, by), false);
+        prop_assert_eq!((turned, flipped(&surface, &uv)), (0, 0));
+    }
+}
+
+#[test]
+fn vertices_move_into_the_kernel_of_their_ring() {
+    // an L of which the corner is seen from one square only; weights alone may lie anywhere
+    let ring = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]].map(Place::from);
+    let kernel = kernel(&ring, true).unwrap();
+    assert!(!sees(&ring, true, Place::new(2.5, 0.5)));
+    for outside in [Place::new(2.5, 0.5), Place::new(0.5, 2.9), Place::new(-4.0, -4.0)] {
+        assert!(sees(&ring, true, inside(&kernel, outside)));
+    }
+    let none = [[0.0, 0.0], [9.0, 0.0], [9.0, 3.0], [8.0, 3.0], [8.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
+    assert_eq!(super::kernel(&none.map(Place::from), true), None);
+}
+
+#[test]
+fn a_coarse_map_that_folds_is_told() {
+    let surface = shapes::surface(shapes::sheet(12, 12));
+    let found = decimated(&surface, 40);
+    let fold = |v: u32| {
+        let p = surface.points()[v as usize];
+        [(p.x - 6.0).abs(), p.y]
+    };
+    let (uv, turned) = carried(&found, surface.len(), fold, false);
+    assert!(turned > 0 && uv.iter().flatten().all(|x| x.is_finite()));
+}
+
+#[test]
+fn it_can_be_cancelled() {
+    let surface = shapes::surface(shapes::sheet(9, 9));
+    let found = decimated(&surface, 20);
+    let control = Control::default();
+    control.cancel();
+    assert_eq!(place(&found.removals, &mut vec![[0.0; 2]; surface.len()], false, &control), Err(Error::Cancelled));
+}

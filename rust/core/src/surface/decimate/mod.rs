@@ -1,0 +1,329 @@
+//! Decimation: fewer vertices, each of them one of the surface's own, and how to get the others back.
+//!
+//! Vertices are taken away one after the other, each by moving it onto a neighbour (a half-edge collapse). The cheapest goes
+//! first: the quadric error that it leaves (Garland, Heckbert 1997), in mm⁴, and the fourth power of the longest edge that it
+//! makes, which keeps edges even where the surface is flat. The surface stays one, of the same topology; faces do not turn over
+//! and do not become slivers; the boundary moves along itself only.
+//!
+//! Each vertex that goes leaves a record: its neighbours at that moment and how it is made of them ([`Removals`]). Taken in
+//! reverse order they carry anything that is known at the survivors to every vertex:
+//! [`reinsertion`](crate::place::reinsertion) does so with places in the plane.
+
+mod connectivity;
+mod quadric;
+mod weights;
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use nalgebra::Vector3;
+
+use super::mesh::Surface;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use connectivity::{Connectivity, Ring};
+use quadric::Quadric;
+
+/// Most neighbours that a vertex gets, and that a vertex has that goes.
+const MOST_NEIGHBOURS: usize = 40;
+
+/// Least cosine of the angle by which a face turns when one of its corners moves.
+const LEAST_COSINE: f64 = 0.2;
+
+/// Least shape of a face that is made, unless it was worse: 1 for an equilateral one, 0 for none.
+const LEAST_SHAPE: f64 = 0.15;
+
+/// Steps between two looks at the control.
+const BATCH: usize = 1 << 9;
+
+/// How far a surface is decimated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Vertices that are wanted; more stay where none can go.
+    pub vertices: usize,
+    /// No longer edge is made, mm.
+    pub longest_edge: f64,
+    /// What the fourth power of a length counts against the quadric error.
+    pub evenness: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { vertices: 15_000, longest_edge: f64::INFINITY, evenness: 0.01 }
+    }
+}
+
+impl Options {
+    /// # Errors
+    /// [`Error::DecimationOption`].
+    pub fn validate(&self) -> Result<()> {
+        let refuse = |name, value| Err(Error::DecimationOption { name, value });
+        if self.longest_edge.is_nan() || self.longest_edge <= 0.0 {
+            return refuse("longest_edge", self.longest_edge);
+        }
+        if !self.evenness.is_finite() || self.evenness < 0.0 {
+            return refuse("evenness", self.evenness);
+        }
+        Ok(())
+    }
+}
+
+/// A surface of fewer vertices.
+#[derive(Debug, Clone)]
+pub struct Decimation {
+    /// The vertices that stayed, ascending.
+    pub survivors: Vec<u32>,
+    /// Their surface, with the places and ids that they had: its n-th vertex is the n-th survivor.
+    pub surface: Surface,
+    /// The vertices that went.
+    pub removals: Removals,
+}
+
+/// The vertices that went, in that order: each with its neighbours then, counterclockwise, and their weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Removals {
+    vertices: Vec<u32>,
+    is_closed: Vec<bool>,
+    starts: Vec<usize>,
+    neighbours: Vec<u32>,
+    weights: Vec<[f64; 2]>,
+}
+
+/// A vertex that went.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Removal<'a> {
+    /// Which.
+    pub vertex: u32,
+    /// Do its neighbours lie all around it? Otherwise it lay on the boundary, between the first and the last.
+    pub is_closed: bool,
+    /// Its neighbours, counterclockwise.
+    pub neighbours: &'a [u32],
+    /// Complex numbers (re, im) that sum to one: with z the neighbours' places in an unfolded plane, as complex numbers, the
+    /// vertex lies at Σ weight · z. Real and positive where the neighbours lie all around.
+    pub weights: &'a [[f64; 2]],
+}
+
+impl Removals {
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// Did every vertex stay?
+    pub fn is_empty(&self) -> bool {
+        self.vertices.is_empty()
+    }
+
+    /// In the order in which they went; in reverse, all neighbours of each are known.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = Removal<'_>> + ExactSizeIterator {
+        (0..self.len()).map(|n| {
+            let ring = self.starts[n]..self.starts[n + 1];
+            Removal {
+                vertex: self.vertices[n],
+                is_closed: self.is_closed[n],
+                neighbours: &self.neighbours[ring.clone()],
+                weights: &self.weights[ring],
+            }
+        })
+    }
+
+    fn push(&mut self, vertex: u32, ring: &Ring, weights: Vec<[f64; 2]>) {
+        self.vertices.push(vertex);
+        self.is_closed.push(ring.is_closed());
+        self.neighbours.extend(&ring.vertices);
+        self.weights.extend(weights);
+        self.starts.push(self.neighbours.len());
+    }
+}
+
+/// Takes vertices away, but not those to `keep`, until so many are left or none can go. The same result for the same surface,
+/// bit by bit.
+///
+/// # Errors
+/// [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
+pub fn decimate(surface: &Surface, keep: &[u32], options: &Options, control: &Control) -> Result<Decimation> {
+    options.validate()?;
+    let points = surface.len();
+    if let Some(&vertex) = keep.iter().find(|&&vertex| vertex as usize >= points) {
+        return Err(Error::NoSuchPoint { vertex: vertex as usize, points });
+    }
+    let excess = points.saturating_sub(options.vertices);
+    control.begin("decimating", excess as u64);
+    let mut work = Work::new(surface, keep, options);
+    work.queue_all(control)?;
+    let mut looked_at = 0usize;
+    while work.removals.len() < excess
+        && let Some(Reverse((_, vertex))) = work.queue.pop()
+    {
+        looked_at += 1;
+        if looked_at.is_multiple_of(BATCH) {
+            control.check()?;
+        }
+        if work.take(vertex) {
+            control.advance();
+        }
+    }
+    let survivors: Vec<u32> = (0..points as u32).filter(|&v| !work.left.is_gone(v)).collect();
+    let (faces, twins) = work.left.faces();
+    let coarse = Surface::assemble(surface.points(), surface.ids(), &faces, twins);
+    Ok(Decimation { survivors, surface: coarse, removals: work.removals })
+}
+
+/// A vertex that may go, by its cost.
+type Candidate = Reverse<(u64, u32)>;
+
+struct Work<'a> {
+    points: Vec<Vector3<f64>>,
+    options: &'a Options,
+    left: Connectivity,
+    quadrics: Vec<Quadric>,
+    stays: Vec<bool>,
+    /// Is there a candidate, and is its cost still right?
+    is_queued: Vec<bool>,
+    is_stale: Vec<bool>,
+    /// The place in its ring that a candidate moves to.
+    onto: Vec<u8>,
+    queue: BinaryHeap<Candidate>,
+    removals: Removals,
+    ring: Ring,
+    beyond: Ring,
+    costs: Vec<(f64, usize)>,
+}
+
+impl<'a> Work<'a> {
+    fn new(surface: &Surface, keep: &[u32], options: &'a Options) -> Self {
+        let count = surface.len();
+        let centre = surface.points().iter().sum::<Vector3<f64>>() / count.max(1) as f64; // far from 0 quadrics lose digits
+        let points: Vec<Vector3<f64>> = surface.points().iter().map(|p| p - centre).collect();
+        let mut stays = vec![false; count];
+        keep.iter().for_each(|&vertex| stays[vertex as usize] = true);
+        Self {
+            quadrics: quadric::of_vertices(surface, &points),
+            left: Connectivity::of(surface),
+            points,
+            options,
+            stays,
+            is_queued: vec![false; count],
+            is_stale: vec![false; count],
+            onto: vec![0; count],
+            queue: BinaryHeap::with_capacity(count),
+            removals: Removals {
+                vertices: Vec::new(),
+                is_closed: Vec::new(),
+                starts: vec![0],
+                neighbours: Vec::new(),
+                weights: Vec::new(),
+            },
+            ring: Ring::default(),
+            beyond: Ring::default(),
+            costs: Vec::new(),
+        }
+    }
+
+    fn queue_all(&mut self, control: &Control) -> Result<()> {
+        for vertex in 0..self.points.len() as u32 {
+            if (vertex as usize).is_multiple_of(BATCH) {
+                control.check()?;
+            }
+            self.queue(vertex);
+        }
+        Ok(())
+    }
+
+    /// Queues a vertex by what it costs now, if it can go.
+    fn queue(&mut self, vertex: u32) {
+        let found = self.cheapest(vertex);
+        self.is_stale[vertex as usize] = false;
+        self.is_queued[vertex as usize] = found.is_some();
+        if let Some((cost, k)) = found {
+            self.onto[vertex as usize] = k as u8;
+            self.queue.push(Reverse((cost.to_bits(), vertex))); // positive floats sort as their bits
+        }
+    }
+
+    /// Takes a vertex away whose turn it is; false if it cannot go as it was meant to, and is queued anew.
+    ///
+    /// Costs hardly fall while vertices go, so it is enough to look at them when their turn comes.
+    fn take(&mut self, vertex: u32) -> bool {
+        if self.is_stale[vertex as usize] {
+            self.queue(vertex);
+            return false;
+        }
+        let k = self.onto[vertex as usize] as usize;
+        self.left.ring(vertex, &mut self.ring);
+        if !self.can_go(vertex, k) {
+            self.queue(vertex); // its ring is as it was, but something beyond is not
+            return false;
+        }
+        self.is_queued[vertex as usize] = false;
+        self.remove(vertex, k);
+        true
+    }
+
+    /// Moves a vertex, whose ring is in `ring`, onto the `k`-th of it.
+    fn remove(&mut self, vertex: u32, k: usize) {
+        let ring = std::mem::take(&mut self.ring);
+        let around: Vec<Vector3<f64>> = ring.vertices.iter().map(|&v| self.points[v as usize]).collect();
+        let weights = weights::weights(self.points[vertex as usize], &around, ring.is_closed());
+        self.removals.push(vertex, &ring, weights);
+        let quadric = self.quadrics[vertex as usize];
+        self.quadrics[ring.vertices[k] as usize].add(&quadric);
+        self.left.collapse(vertex, &ring, k);
+        ring.vertices.iter().for_each(|&neighbour| self.is_stale[neighbour as usize] = true);
+        for &neighbour in &ring.vertices {
+            if !self.is_queued[neighbour as usize] {
+                self.queue(neighbour); // what could not go may be able to now
+            }
+        }
+        self.ring = ring;
+    }
+
+    /// The cheapest way for a vertex to go: its cost and the place in its ring that it moves to.
+    fn cheapest(&mut self, vertex: u32) -> Option<(f64, usize)> {
+        if self.stays[vertex as usize] || self.left.valence(vertex) > MOST_NEIGHBOURS {
+            return None;
+        }
+        self.left.ring(vertex, &mut self.ring);
+        let mut costs = std::mem::take(&mut self.costs);
+        costs.clear();
+        costs.extend((0..self.ring.vertices.len()).filter_map(|k| Some((self.cost(vertex, k)?, k))));
+        costs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let found = costs.iter().copied().find(|&(_, k)| self.can_go(vertex, k));
+        self.costs = costs;
+        found
+    }
+
+    /// What it costs to move a vertex onto the `k`-th of its ring, if no edge becomes too long.
+    fn cost(&self, vertex: u32, k: usize) -> Option<f64> {
+        let place = self.points[self.ring.vertices[k] as usize];
+        let lengths = self.ring.vertices.iter().map(|&v| (self.points[v as usize] - place).norm_squared());
+        let longest = lengths.fold(0.0, f64::max);
+        let fits = longest <= self.options.longest_edge * self.options.longest_edge;
+        fits.then(|| self.quadrics[vertex as usize].at(place) + self.options.evenness * longest * longest)
+    }
+
+    fn can_go(&mut self, vertex: u32, k: usize) -> bool {
+        let neighbours = self.left.valence(self.ring.vertices[k]) + self.ring.vertices.len();
+        neighbours <= MOST_NEIGHBOURS + 4
+            && self.left.is_allowed(&self.ring, k, &mut self.beyond)
+            && self.ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k))
+    }
+
+    /// Does a face around a vertex neither turn over nor become a sliver when its apex moves onto the `k`-th of the ring?
+    fn stays_sound(&self, vertex: u32, side: [usize; 2], k: usize) -> bool {
+        let [a, b, to] = [side[0], side[1], k].map(|n| self.points[self.ring.vertices[n] as usize]);
+        let from = self.points[vertex as usize];
+        let (before, after) = ((a - from).cross(&(b - from)), (a - to).cross(&(b - to)));
+        let turns = before.dot(&after) < LEAST_COSINE * before.norm() * after.norm();
+        !turns && shape(a, b, to, after.norm()) >= shape(a, b, from, before.norm()).min(LEAST_SHAPE)
+    }
+}
+
+/// 4√3 · area / Σ length², from twice the area.
+fn shape(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>, double: f64) -> f64 {
+    let lengths = (a - b).norm_squared() + (b - c).norm_squared() + (c - a).norm_squared();
+    2.0 * 3f64.sqrt() * double / lengths
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,56 @@
+//! Quadric errors (Garland, Heckbert 1997): how far a place lies from the planes of the faces that met there.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::surface::mesh::{BORDER, Surface};
+
+/// Weight of the planes that stand along the boundary, for the square of an edge's length.
+const STANDING: f64 = 2.0;
+
+/// Σ weight · (distance from a plane)², in mm⁴ for weights that are areas.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Quadric {
+    a: Matrix3<f64>,
+    b: Vector3<f64>,
+    c: f64,
+}
+
+impl Quadric {
+    /// One plane, by its unit normal and a point of it.
+    fn plane(normal: Vector3<f64>, point: Vector3<f64>, weight: f64) -> Self {
+        let offset = -normal.dot(&point);
+        Self { a: normal * normal.transpose() * weight, b: normal * (offset * weight), c: offset * offset * weight }
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.a += other.a;
+        self.b += other.b;
+        self.c += other.c;
+    }
+
+    /// The error of a place; rounding never makes it negative.
+    pub(super) fn at(&self, p: Vector3<f64>) -> f64 {
+        ((self.a * p).dot(&p) + 2.0 * self.b.dot(&p) + self.c).max(0.0)
+    }
+}
+
+/// The quadric of each vertex: a third of each face around it, and along the boundary planes that stand on the faces, which
+/// hold the boundary where it is.
+pub(super) fn of_vertices(surface: &Surface, points: &[Vector3<f64>]) -> Vec<Quadric> {
+    let mut quadrics = vec![Quadric::default(); points.len()];
+    for (f, face) in (0u32..).zip(surface.faces()) {
+        let [a, b, c] = face.map(|v| points[v as usize]);
+        let double = (b - a).cross(&(c - a));
+        let Some(normal) = double.try_normalize(0.0) else { continue };
+        let plane = Quadric::plane(normal, a, double.norm() / 6.0);
+        face.iter().for_each(|&v| quadrics[v as usize].add(&plane));
+        for half_edge in (3 * f..3 * f + 3).filter(|&h| surface.twins()[h as usize] == BORDER) {
+            let [from, to] = [surface.origin(half_edge), surface.target(half_edge)];
+            let side = points[to as usize] - points[from as usize];
+            let Some(away) = side.cross(&normal).try_normalize(0.0) else { continue };
+            let standing = Quadric::plane(away, points[from as usize], STANDING * side.norm_squared());
+            [from, to].iter().for_each(|&v| quadrics[v as usize].add(&standing));
+        }
+    }
+    quadrics
+}

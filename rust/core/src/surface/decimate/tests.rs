@@ -1,0 +1,175 @@
+use super::*;
+use crate::surface::mesh::shapes::{self, assert_sound};
+use proptest::prelude::*;
+
+fn decimated(surface: &Surface, vertices: usize) -> Decimation {
+    let options = Options { vertices, ..Options::default() };
+    decimate(surface, &[], &options, &Control::default()).unwrap()
+}
+
+fn euler(surface: &Surface) -> i64 {
+    (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
+}
+
+/// A sheet with a random relief, of random diagonals.
+fn relief(side: usize, heights: &[f64]) -> Surface {
+    let (points, faces) = shapes::sheet(side, side);
+    let lifted = points.iter().zip(heights).map(|(&[x, y, _], z)| [x + 0.2 * z, y, *z]);
+    shapes::surface((lifted.collect(), faces))
+}
+
+/// What holds for every decimation.
+fn assert_right(surface: &Surface, found: &Decimation) {
+    let Decimation { survivors, surface: coarse, removals } = found;
+    assert_sound(coarse);
+    assert_eq!(survivors.len() + removals.len(), surface.len());
+    assert_eq!(euler(coarse), euler(surface));
+    assert_eq!(coarse.boundary().len(), surface.boundary().len());
+    assert_eq!(coarse.components().1, surface.components().1);
+    assert_eq!(coarse.len(), survivors.len());
+    for (n, &v) in survivors.iter().enumerate() {
+        assert_eq!((coarse.points()[n], coarse.ids()[n]), (surface.points()[v as usize], surface.ids()[v as usize]));
+    }
+    let mut on_boundary = vec![false; surface.len()];
+    surface.boundary().iter().flatten().for_each(|&h| on_boundary[surface.origin(h) as usize] = true);
+    let mut is_known = vec![false; surface.len()];
+    survivors.iter().for_each(|&v| is_known[v as usize] = true);
+    for removal in removals.iter().rev() {
+        assert!(removal.neighbours.iter().all(|&v| is_known[v as usize]), "neighbours come back before");
+        assert!(!std::mem::replace(&mut is_known[removal.vertex as usize], true));
+        assert_eq!(removal.is_closed, !on_boundary[removal.vertex as usize]);
+        assert_eq!(removal.neighbours.len(), removal.weights.len());
+        let sum = removal.weights.iter().fold([0.0, 0.0], |[re, im], w| [re + w[0], im + w[1]]);
+        assert!((sum[0] - 1.0).abs() < 1e-9 && sum[1].abs() < 1e-9);
+        assert!(!removal.is_closed || removal.weights.iter().all(|w| w[0] > 0.0 && w[1] == 0.0));
+    }
+    let boundary = coarse.boundary();
+    let mut stays_boundary = boundary.iter().flatten().map(|&h| survivors[coarse.origin(h) as usize]);
+    assert!(stays_boundary.all(|v| on_boundary[v as usize]));
+}
+
+#[test]
+fn known_shapes_keep_their_topology() {
+    for (shape, vertices) in
+        [(shapes::sheet(30, 20), 40), (shapes::torus(40, 24), 60), (shapes::sphere(4), 50), (shapes::sphere(4), 300)]
+    {
+        let surface = shapes::surface(shape);
+        let found = decimated(&surface, vertices);
+        assert_eq!(found.survivors.len(), vertices);
+        assert_right(&surface, &found);
+    }
+}
+
+#[test]
+fn decimation_ends_at_the_smallest_surface() {
+    for (shape, at_least) in [(shapes::sheet(9, 7), 3), (shapes::sphere(3), 4), (shapes::torus(20, 12), 7)] {
+        let surface = shapes::surface(shape);
+        let found = decimated(&surface, 0);
+        assert_right(&surface, &found);
+        assert!((at_least..30).contains(&found.survivors.len()), "{}", found.survivors.len());
+    }
+}
+
+#[test]
+fn an_annulus_and_several_components_are_kept_apart() {
+    let (points, faces) = shapes::sheet(20, 20);
+    let whole = shapes::surface((points, faces));
+    let hole: Vec<bool> = whole.points().iter().map(|p| (p.x - 10.0).abs().max((p.y - 10.0).abs()) > 3.0).collect();
+    let annulus = whole.part_of_vertices(&hole);
+    assert_right(&annulus, &decimated(&annulus, 12));
+    let halves = whole.part_of_vertices(&whole.points().iter().map(|p| p.x != 10.0).collect::<Vec<_>>());
+    assert_right(&halves, &decimated(&halves, 20));
+}
+
+#[test]
+fn a_sphere_is_kept_round_and_its_edges_even() {
+    let surface = shapes::surface(shapes::sphere(5));
+    let found = decimated(&surface, 400);
+    assert_right(&surface, &found);
+    assert!(found.surface.normals().iter().zip(found.surface.points()).all(|(n, p)| n.dot(p) > 0.95));
+    let mut lengths: Vec<f64> = found.surface.edges().map(|h| found.surface.length(h)).collect();
+    lengths.sort_by(f64::total_cmp);
+    assert!(lengths[lengths.len() - 1] < 5.0 * lengths[0], "{} {}", lengths[0], lengths[lengths.len() - 1]);
+}
+
+#[test]
+fn a_plane_stays_where_it_is() {
+    let surface = shapes::surface(shapes::sheet(24, 24));
+    let found = decimated(&surface, 100);
+    assert!((found.surface.areas().iter().sum::<f64>() - 576.0).abs() < 1e-9, "the corners of the sheet stay");
+    assert!(found.surface.face_normals().iter().all(|n| n.z > 0.999));
+}
+
+#[test]
+fn what_is_to_be_kept_stays() {
+    let surface = shapes::surface(shapes::sphere(4));
+    let keep: Vec<u32> = (0..40).map(|n| n * 17).collect();
+    let options = Options { vertices: 60, ..Options::default() };
+    let found = decimate(&surface, &keep, &options, &Control::default()).unwrap();
+    assert_right(&surface, &found);
+    assert!(keep.iter().all(|v| found.survivors.contains(v)));
+    let refused = decimate(&surface, &[5000], &options, &Control::default()).unwrap_err();
+    assert_eq!(refused, Error::NoSuchPoint { vertex: 5000, points: surface.len() });
+}
+
+#[test]
+fn no_edge_becomes_too_long() {
+    let surface = shapes::surface(shapes::sheet(30, 30));
+    let options = Options { vertices: 0, longest_edge: 4.0, ..Options::default() };
+    let found = decimate(&surface, &[], &options, &Control::default()).unwrap();
+    assert!(found.surface.edges().all(|h| found.surface.length(h) <= 4.0));
+    assert!((60..400).contains(&found.survivors.len()), "{}", found.survivors.len());
+}
+
+#[test]
+fn a_hub_of_many_faces_does_not_take_long() {
+    let count = 30_000;
+    let rim = (0..count).map(|n| f64::from(n) * std::f64::consts::TAU / f64::from(count));
+    let mut points: Vec<[f64; 3]> = rim.map(|angle| [100.0 * angle.cos(), 100.0 * angle.sin(), 0.0]).collect();
+    points.push([0.0; 3]);
+    let count = i64::from(count);
+    let faces = (0..count).map(|n| [n, (n + 1) % count, count]).collect();
+    let surface = shapes::surface((points, faces));
+    assert_right(&surface, &decimated(&surface, 100));
+}
+
+#[test]
+fn bad_options_are_refused() {
+    let surface = shapes::surface(shapes::sheet(3, 3));
+    for (longest_edge, evenness) in
+        [(0.0, 0.1), (-1.0, 0.1), (f64::NAN, 0.1), (1.0, f64::NAN), (1.0, -0.1), (1.0, f64::INFINITY)]
+    {
+        let options = Options { vertices: 4, longest_edge, evenness };
+        let refused = decimate(&surface, &[], &options, &Control::default()).unwrap_err();
+        assert!(matches!(refused, Error::DecimationOption { .. }));
+    }
+}
+
+#[test]
+fn it_can_be_cancelled() {
+    let surface = shapes::surface(shapes::sphere(4));
+    let control = Control::default();
+    control.cancel();
+    assert_eq!(decimate(&surface, &[], &Options::default(), &control).unwrap_err(), Error::Cancelled);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn any_relief_keeps_its_topology(heights in prop::collection::vec(-1.5f64..1.5, 196), vertices in 3usize..150) {
+        let surface = relief(13, &heights);
+        let found = decimated(&surface, vertices);
+        assert_right(&surface, &found);
+        let again = decimated(&surface, vertices);
+        prop_assert_eq!(found.removals, again.removals);
+        prop_assert_eq!(found.surface, again.surface);
+    }
+
+    #[test]
+    fn any_part_of_a_torus_keeps_its_topology(keep in prop::collection::vec(prop::bool::weighted(0.9), 480), vertices in 3usize..200) {
+        let torus = shapes::surface(shapes::torus(20, 12));
+        let part = torus.part(&keep);
+        assert_right(&part, &decimated(&part, vertices));
+    }
+}
