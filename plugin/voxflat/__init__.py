@@ -12,6 +12,7 @@ from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import measure
 from voxflat._path import Path, path
 from voxflat._surface import Surface, surface
+from voxflat._texture import TexturedSurface
 from voxflat.api import flatten, geodesic
 from voxflat.flatmap import FlatMap, load
 from voxflat.rows import DistanceRows, open_rows
@@ -26,6 +27,7 @@ __all__ = [
     "InputError",
     "Path",
     "Surface",
+    "TexturedSurface",
     "Triangles",
     "VoxflatError",
     "__version__",

@@ -33,6 +33,7 @@ _PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int":
 _PLY_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 _PLY_TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 _PLY_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PLY_COLOURS = ("red", "green", "blue", "alpha")
 _PLY_TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
@@ -226,26 +227,40 @@ def _obj_texture(
 
 
 def write_ply(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], texture: NDArray[np.float64] | None
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    colours: NDArray[np.uint8] | None = None,
 ) -> None:
-    """Write a PLY file, little-endian."""
-    columns = dict(zip("xyz", points.T, strict=True))
+    """Write a PLY file, little-endian; colours of the points are red, green, blue and perhaps alpha."""
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
     if texture is not None:
         columns |= dict(zip("st", texture.T, strict=True))
-    vertices = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f8") for name in columns])
+    if colours is not None:
+        columns |= dict(zip(_PLY_COLOURS, colours.T, strict=False))
+    kinds = {name: "uchar" if name in _PLY_COLOURS else "double" for name in columns}
+    dtype = [(name, "<" + _PLY_TYPES[kind]) for name, kind in kinds.items()]
+    vertices = np.rec.fromarrays(list(columns.values()), dtype=dtype)
     rows = np.empty(len(faces), [("length", "u1"), ("corners", "<i4", 3)])
     rows["length"], rows["corners"] = 3, faces
     lines = ["ply", "format binary_little_endian 1.0", "comment voxflat", f"element vertex {len(vertices)}"]
-    lines += [f"property double {name}" for name in columns]
+    lines += [f"property {kind} {name}" for name, kind in kinds.items()]
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     path.write_bytes("\n".join(lines).encode() + vertices.tobytes() + rows.tobytes())
 
 
 def write_obj(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], texture: NDArray[np.float64] | None
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    library: str | None = None,
 ) -> None:
-    """Write an OBJ file."""
-    with path.open("w", encoding="ascii", newline="\n") as file:
+    """Write an OBJ file; a library is the name of the file beside it that holds the material `texture`."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        if library is not None:
+            file.write(f"mtllib {library}\nusemtl texture\n")
         np.savetxt(file, points, "v %.9g %.9g %.9g")
         if texture is None:
             np.savetxt(file, faces + 1, "f %d %d %d")

@@ -17,6 +17,7 @@ from voxflat._distortion import Distortion, Figures, Triangles, undefined_as_nan
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
 from voxflat._prepare import log
+from voxflat._texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
 from voxflat.io import VOLUME_ENDINGS, Volume, as_volume, atomic_path
 
 __all__ = ["FlatMap", "load"]
@@ -228,7 +229,44 @@ class FlatMap:
         ndarray, shape (N,) or (N, C)
             The picture's value at each surface voxel, of the picture's type.
         """
-        return _flatimage.sample_picture(np.asarray(picture), self.uv)
+        values = check_values(picture)
+        found = look_up(values, place(self.uv, values.shape))
+        return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
+
+    def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
+        """Map a picture onto the surface (Zigelman et al. 2002, section V).
+
+        It is laid over the map as in `texture`, and by the map onto the surface, which keeps its triangles; those that
+        are torn are left out.
+
+        Parameters
+        ----------
+        picture : path, ndarray or PIL.Image.Image
+            Grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of
+            floats from 0 to 1.
+        texel_size : float, optional
+            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+        repeat : bool
+            Whether the picture goes on beyond its borders.
+
+        Returns
+        -------
+        TexturedSurface
+            To be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+
+        Raises
+        ------
+        InputError
+            If it is no picture, or does not cover the map and is not to be repeated.
+        FileNotFoundError, PermissionError
+            If the file cannot be opened.
+        """
+        colours, source = as_picture(picture)
+        coordinates = place(self.uv, colours.shape, texel_size)
+        if texel_size is not None and not repeat:
+            check_cover(coordinates, colours.shape, texel_size)
+        faces = self.faces[~self.torn].astype(np.int64)
+        return TexturedSurface(self.points, faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Put values of the points into a volume of the flattened volume's shape.
