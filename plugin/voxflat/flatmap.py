@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _flatimage, meshes
+from voxflat import _flatimage, _surfacetexture, meshes
 from voxflat._distortion import Distortion, Figures, Triangles, undefined_as_nan
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
@@ -166,7 +166,8 @@ class FlatMap:
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
             that lies. For maps of meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
-            file (GIFTI, FreeSurfer curv, annot or .mgh).
+            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
+            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
         pixel_size : float, optional
             Side of a pixel, mm; by default half of `spacing`.
         depth : float
@@ -188,11 +189,15 @@ class FlatMap:
             If the volume does not fit or cannot be read.
         """
         raster = self.raster(pixel_size)
+        title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
+        texture = None if self.is_voxels else self._surface_texture(volume)
+        if texture is not None:
+            colours = _surfacetexture.paint(texture, raster, self.ids)
+            return FlatImage(colours, raster.pixel_size, raster.origin, title)
         overlay = None if self.is_voxels else self._overlay(volume)
         if overlay is not None:
             data = _flatimage.show(raster, overlay[self.ids], interpolation)
-            title = Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay"
-            return FlatImage(data, raster.pixel_size, raster.origin, name or title)
+            return FlatImage(data, raster.pixel_size, raster.origin, title)
         placed = self._placed(volume)
         data = _flatimage.sample(placed, self._at_depth(raster, depth), interpolation)
         return FlatImage(
@@ -390,6 +395,15 @@ class FlatMap:
                 len(self.faces),
             )
         return first, faces
+
+    def _surface_texture(self, volume: object) -> _surfacetexture.SurfaceTexture | NDArray[np.uint8] | None:
+        """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
+        count = self.metadata["vertices"]
+        if isinstance(volume, str | os.PathLike):
+            path = Path(volume)
+            is_textured = path.name.lower().endswith(_surfacetexture.TEXTURE_ENDINGS)
+            return _surfacetexture.read_texture(path, count) if is_textured else None
+        return np.asarray(volume) if _surfacetexture.are_colours(volume, count) else None
 
     def _overlay(self, volume: object) -> NDArray[Any] | None:
         """Return values at the mesh's vertices, if that is what was given."""
