@@ -51,7 +51,7 @@ def faces_at(flat_map, image):
 
 def test_each_pixel_shows_what_its_place_on_the_surface_shows(mesh, flat_map, tmp_path):
     """The picture's red is s, its green t: so a pixel's colour tells the place in the picture that it shows."""
-    ramp = np.linspace(0.5, 255.5, 256, endpoint=False).astype(np.uint8)
+    ramp = np.arange(256, dtype=np.uint8)
     picture = np.dstack(np.broadcast_arrays(ramp[None, :], ramp[::-1, None], np.uint8(7)))
     image = flat_map.image(save_obj(tmp_path, mesh, picture), 0.06)  # finer than the picture, which is not averaged
     assert image.is_colour
@@ -176,6 +176,15 @@ def test_what_textured_writes_shows_the_picture_again(flat_map, mesh, tmp_path):
     for channel, axis in ((0, rows), (1, columns)):
         offset = image.data[seen][:, channel] / 2 - axis
         assert np.ptp(offset) <= 0.51 + 0.02
+
+
+def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path):
+    points, faces, coordinates = mesh
+    picture = np.random.default_rng(3).integers(0, 256, (16, 16, 3), dtype=np.uint8)
+    (tmp_path / "tiled").mkdir()
+    repeated = flat_map.image(save_obj(tmp_path, (points, faces, 3 * coordinates), picture), 0.1)
+    tiled = flat_map.image(save_obj(tmp_path / "tiled", mesh, np.tile(picture, (3, 3, 1))), 0.1)
+    np.testing.assert_allclose(repeated.data.astype(int)[6:-6, 6:-6], tiled.data[6:-6, 6:-6], atol=1)
 
 
 class TestRefusals:

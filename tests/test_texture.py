@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista as pv
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
 import voxflat
-from voxflat import InputError, TexturedSurface
+from voxflat import InputError, TexturedSurface, cli
 from voxflat.meshes import read_mesh
 
 
@@ -424,3 +425,41 @@ class TestFiles:
         with pytest.raises(InputError, match=r"chess.png is the picture itself; choose another name"):
             cylinder_map.textured(tmp_path / "chess.png").save(tmp_path / "chess.obj")
         assert (tmp_path / "chess.png").read_bytes() == before
+
+
+class TestCommand:
+    @pytest.fixture
+    def run(self, cylinder_map, tmp_path):
+        cylinder_map.save(tmp_path / "map.npz")
+        Image.fromarray(chessboard()).save(tmp_path / "chess.png")
+
+        def run(*options):
+            arguments = ["texture", tmp_path / "map.npz", tmp_path / "chess.png", *options]
+            return CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+
+        return run
+
+    @pytest.mark.parametrize("ending", [".obj", ".vtp", ".glb", ".ply"])
+    def test_it_writes_what_python_writes(self, run, cylinder_map, tmp_path, ending):
+        result = run("--texel-size", 0.25, "--repeat", "-o", tmp_path / f"cli{ending}")
+        assert result.exit_code == 0, result.output
+        textured = cylinder_map.textured(chessboard(), 0.25, repeat=True)
+        if ending == ".ply":
+            textured = textured.subdivided()
+        assert f"{len(textured.points)} points, {len(textured.faces)} triangles" in result.output
+        (tmp_path / "python").mkdir()
+        textured.save(tmp_path / "python" / f"cli{ending}")
+        for file in (tmp_path / "python").iterdir():
+            assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+
+    def test_refusals(self, run, tmp_path):
+        for options, told in (
+            (["-o", tmp_path / "chess.obj"], "chess.png is the picture itself; choose another name"),
+            (["-o", tmp_path / "face.stl"], "its name must end in .obj or .vtp or .glb or .ply"),
+            (["--texel-size", 0.1, "-o", tmp_path / "face.obj"], "does not cover the map; give repeat"),
+        ):
+            result = run(*options)
+            assert result.exit_code == 1
+            assert told in result.output
+            assert len(result.output.splitlines()) == 1
+        assert sorted(file.name for file in tmp_path.iterdir()) == ["chess.png", "map.npz"]

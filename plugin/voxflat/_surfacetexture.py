@@ -183,8 +183,8 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
     seen = np.isfinite(coordinates[..., 0])
     values = np.full((*raster.shape, texture.picture.shape[2]), np.nan)
     # coordinates beyond the picture's borders repeat it, as is the rule of OBJ and VTK
-    outside = ((coordinates[seen] < 0) | (coordinates[seen] > 1)).any()
-    values[seen] = look_up(_reduced(texture.picture, coordinates), coordinates[seen], repeat=bool(outside))
+    is_beyond = bool((np.abs(texture.coordinates - 0.5) > 0.5 + 1e-6).any())
+    values[seen] = look_up(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
     return values
 
 
