@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 import pyvista as pv
+from click.testing import CliRunner
 from PIL import Image
 from test_texture import chessboard, cylinder
 
 import voxflat
-from voxflat import InputError
+from voxflat import InputError, cli
 from voxflat.meshes import Mesh, write_mesh
 
 
@@ -187,11 +188,21 @@ def test_a_picture_goes_on_beyond_its_borders(mesh, flat_map, tmp_path):
     np.testing.assert_allclose(repeated.data.astype(int)[6:-6, 6:-6], tiled.data[6:-6, 6:-6], atol=1)
 
 
+def test_the_command_writes_it(mesh, flat_map, tmp_path):
+    flat_map.save(tmp_path / "map.npz")
+    path = save_obj(tmp_path, mesh, chessboard())
+    options = ["image", tmp_path / "map.npz", "--volume", path, "--pixel-size", 0.25, "-o", tmp_path / "flat.png"]
+    result = CliRunner().invoke(cli.main, [str(option) for option in options])
+    assert result.exit_code == 0, result.output
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "flat.png")), flat_map.image(path, 0.25).data)
+
+
 class TestRefusals:
     @pytest.mark.parametrize(
         ("map_kd", "told"),
         [
             ("Kd 1 1 1", "face.obj: has no texture: it needs texture coordinates"),
+            ("map_Kd a.png\nnewmtl skin2\nKd 1 1 1", "its material 'skin2' has none: bake all of them into one"),
             ("map_Kd a.png\nnewmtl skin2\nmap_Kd b.png", r"has 2 pictures \(a.png, b.png\): bake them into one"),
         ],
     )
@@ -200,6 +211,11 @@ class TestRefusals:
         path.write_text(path.read_text() + "usemtl skin2\n")
         with pytest.raises(InputError, match=told):
             flat_map.image(path)
+
+    @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}])
+    def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
+        with pytest.raises(InputError, match="depth and interpolation are for volumes and overlays, not for textures"):
+            flat_map.image(save_obj(tmp_path, mesh, chessboard()), **options)
 
     @pytest.mark.parametrize("name", ["picture.png", "picture.mtl"])
     def test_missing_files(self, mesh, flat_map, tmp_path, name):

@@ -116,17 +116,17 @@ def _picture_beside(path: Path) -> Path | None:
 
 def _obj_texture(path: Path) -> SurfaceTexture:
     faces, coordinates, names = _graphicsfiles.read_obj_texture(path.read_bytes())
-    pictures = {
-        path.parent / picture
-        for library in names["mtllib"]
-        for material, picture in _material_pictures(path.parent / library).items()
-        if material in names["usemtl"]
-    }
+    found: dict[str, str] = {}
+    for library in sorted(names["mtllib"]):
+        found |= _material_pictures(path.parent / library)
+    pictures = {path.parent / found[material] for material in names["usemtl"] if material in found}
     if np.isnan(coordinates).all() or not pictures:
         raise InputError("has no texture: it needs texture coordinates (vt) and a material (mtllib) with map_Kd")
     if len(pictures) > 1:
         shown = ", ".join(sorted(picture.name for picture in pictures))
         raise InputError(f"has {len(pictures)} pictures ({shown}): bake them into one")
+    if plain := sorted(names["usemtl"] - set(found)):
+        raise InputError(f"has a picture, but its material {plain[0]!r} has none: bake all of them into one")
     return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
 
 

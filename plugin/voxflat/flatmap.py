@@ -192,6 +192,10 @@ class FlatMap:
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         texture = None if self.is_voxels else self._surface_texture(volume)
         if texture is not None:
+            if depth != 0 or interpolation is not None:
+                raise InputError(
+                    "depth and interpolation are for volumes and overlays, not for a texture: leave them out"
+                )
             colours = _surfacetexture.paint(texture, raster, self.ids)
             return FlatImage(colours, raster.pixel_size, raster.origin, title)
         overlay = None if self.is_voxels else self._overlay(volume)
