@@ -87,12 +87,13 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path):
     assert (image.data[at == -1][:, 3] == 0).all()
 
 
-def test_triangles_without_texture_are_transparent(mesh, flat_map, tmp_path):
+@pytest.mark.parametrize("is_there", [True, False])
+def test_triangles_without_texture_are_transparent(mesh, flat_map, tmp_path, is_there):
     path = save_obj(tmp_path, mesh, chessboard())
     text = path.read_text()
     first = f"f {' '.join(f'{v}/{v}' for v in mesh[1][0] + 1)}\n"
     assert first in text
-    path.write_text(text.replace(first, f"f {' '.join(map(str, mesh[1][0] + 1))}\n"))
+    path.write_text(text.replace(first, f"f {' '.join(map(str, mesh[1][0] + 1))}\n" if is_there else ""))
     image = flat_map.image(path, 0.25)
     at = faces_at(flat_map, image)
     (bare,) = np.flatnonzero((np.sort(flat_map.ids[flat_map.faces], axis=1) == np.sort(mesh[1][0])).all(axis=1))

@@ -194,7 +194,7 @@ class FlatMap:
         if texture is not None:
             if depth != 0 or interpolation is not None:
                 raise InputError(
-                    "depth and interpolation are for volumes and overlays, not for a texture: leave them out"
+                    "depth and interpolation are for volumes and overlays, not for textures; leave them out"
                 )
             colours = _surfacetexture.paint(texture, raster, self.ids)
             return FlatImage(colours, raster.pixel_size, raster.origin, title)
