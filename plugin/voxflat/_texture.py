@@ -86,7 +86,7 @@ class TexturedSurface:
         return subdivide(self, tolerance)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the surface with its picture, all files or none.
+        """Save the surface with its picture; all files are complete before the first takes its place.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ __all__ = ["TEXTURED_ENDINGS", "beside", "write_textured"]
 
 
 def write_textured(path: str | os.PathLike[str], surface: TexturedSurface) -> None:
-    """Write a textured surface, all files or none; see `TexturedSurface.save`."""
+    """Write a textured surface; see `TexturedSurface.save`."""
     path = Path(path)
     with naming(path, "can this format hold it?"):
         write = by_ending(path, _WRITERS, "written")
