@@ -61,6 +61,7 @@ pictures: demo ## the pictures of the docs
 	cp demo/flat_image.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
+	$(RUN) python docs/gallery/texture_picture.py
 
 docs: setup pictures paper-grossmann paper-zigelman ## pictures, paper reproduction and the core's reference
 	cargo doc --no-deps -p voxflat

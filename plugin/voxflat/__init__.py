@@ -14,6 +14,7 @@ from voxflat._judge import measure
 from voxflat._path import Path, path
 from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
+from voxflat._texture import TexturedSurface
 from voxflat.api import flatten, geodesic
 from voxflat.flatmap import FlatMap, load
 from voxflat.rows import DistanceRows, open_rows
@@ -28,6 +29,7 @@ __all__ = [
     "InputError",
     "Path",
     "Surface",
+    "TexturedSurface",
     "Triangles",
     "VoxflatError",
     "__version__",
