@@ -1,8 +1,9 @@
 """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
 
-The way through: `surface` makes a `Surface` of a label volume or a mesh; `flatten` takes it, or either of them, to a
-`FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give the distances alone; `open_rows` opens
-distances on disk; `load` reads a saved map; `measure` judges any map, of whatever tool.
+The way through: `surface` makes a `Surface` of a label volume or a mesh, `range_image` one of depths; `flatten` takes
+it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give
+the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
+whatever tool.
 """
 
 from voxflat._check import Check, check
@@ -11,7 +12,9 @@ from voxflat._distortion import Distortion, Figures, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import measure
 from voxflat._path import Path, path
+from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
+from voxflat._texture import TexturedSurface
 from voxflat.api import flatten, geodesic
 from voxflat.flatmap import FlatMap, load
 from voxflat.rows import DistanceRows, open_rows
@@ -26,6 +29,7 @@ __all__ = [
     "InputError",
     "Path",
     "Surface",
+    "TexturedSurface",
     "Triangles",
     "VoxflatError",
     "__version__",
@@ -36,5 +40,6 @@ __all__ = [
     "measure",
     "open_rows",
     "path",
+    "range_image",
     "surface",
 ]

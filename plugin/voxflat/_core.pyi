@@ -76,6 +76,17 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> dict[str, Any]: ...
+    def zigelman2002(
+        self,
+        count: int,
+        seed: int,
+        vertices: NDArray[np.uint32] | None = None,
+        grid: tuple[NDArray[np.uint32], list[float]] | None = None,
+        wave: str = "circle",
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> dict[str, Any]: ...
+    def zigelman2002_memory_need(self, sources: int, threads: int) -> int: ...
     def memory_need(self, sources: int, threads: int, stored: bool = False) -> int: ...
     def links(self, progress: _Progress | None = None) -> int: ...
     def choose_sources(

@@ -33,6 +33,7 @@ _PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int":
 _PLY_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 _PLY_TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 _PLY_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PLY_COLOURS = ("red", "green", "blue", "alpha")
 _PLY_TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
@@ -166,6 +167,37 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
     A point may have several texture coordinates there, where a seam of the texture passes; it keeps the first.
     """
+    rows, faces, used = _obj_tables(data)
+    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
+    texture = None
+    remarks: tuple[str, ...] = () if data.endswith(b"\n") else ("does not end with a whole line: is it complete?",)
+    if (used != -1).any():
+        texture, seam = _obj_texture(_obj_places(rows["vt"], used), used, faces, len(points))
+        remarks += seam
+    return {"points": points, "faces": faces, "texture_coordinates": texture, "remarks": remarks}
+
+
+def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
+    """Read the texture coordinates of each corner of an OBJ file's faces.
+
+    Returns
+    -------
+    faces : ndarray, shape (F, 3)
+    coordinates : ndarray, shape (F, 3, 2)
+        NaN where there are none.
+    names : dict
+        Of each of mtllib and usemtl what follows it.
+    """
+    rows, faces, used = _obj_tables(data)
+    _freesurfer.check_faces(faces, len(rows["v"]))
+    places = np.concatenate([_obj_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
+    text = data.decode("utf-8", "replace")
+    names = {key: set(re.findall(rf"(?m)^\s*{key}\s+(.*?)\s*$", text)) for key in ("mtllib", "usemtl")}
+    return faces, places[used], names
+
+
+def _obj_tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64]]:
+    """Return an OBJ file's lines, and of each corner of its faces the numbers of point and texture coordinate."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -181,13 +213,7 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
     refuse_corners(Counter(map(len, rows["f"])))
     corners, lines = _obj_corners(rows["f"]), np.array(before, dtype=np.int64).reshape(-1, 2)
     faces, used = (_obj_numbers(corners[:, :, part], lines[:, part, None]) for part in (0, 1))
-    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
-    texture = None
-    remarks: tuple[str, ...] = () if data.endswith(b"\n") else ("does not end with a whole line: is it complete?",)
-    if (used != -1).any():
-        texture, seam = _obj_texture(rows["vt"], used, faces, len(points))
-        remarks += seam
-    return {"points": points, "faces": faces, "texture_coordinates": texture, "remarks": remarks}
+    return rows, faces, used
 
 
 def _obj_corners(faces: list[list[str]]) -> NDArray[np.int64]:
@@ -207,17 +233,21 @@ def _obj_numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArr
     return np.where(numbers < 0, numbers + before, numbers - 1)
 
 
+def _obj_places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the texture coordinates of a file, all of whose corners must use one that is there, or none (−1)."""
+    places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
+    bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
+    if len(bad):
+        raise InputError(f"face {bad[0] // 3} names texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+    return places
+
+
 def _obj_texture(
-    lines: list[list[str]], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
+    places: NDArray[np.float64], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Return the first texture coordinate of each point, and a remark if there are others."""
-    places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
-    corners, used = faces.ravel(), used.ravel()
-    bad = np.flatnonzero((used >= len(places)) | (used < -1))
-    if len(bad):
-        raise InputError(f"face {bad[0] // 3} names texture coordinate {used[bad[0]] + 1} of {len(places)}")
-    corners, used = corners[used >= 0], used[used >= 0]
     _freesurfer.check_faces(faces, n)
+    corners, used = faces[used >= 0], used[used >= 0]
     texture = np.full((n, 2), np.nan)
     texture[corners[::-1]] = places[used[::-1]]  # the last that is written is the first of the file
     seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
@@ -226,26 +256,40 @@ def _obj_texture(
 
 
 def write_ply(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], texture: NDArray[np.float64] | None
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    colours: NDArray[np.uint8] | None = None,
 ) -> None:
-    """Write a PLY file, little-endian."""
-    columns = dict(zip("xyz", points.T, strict=True))
+    """Write a PLY file, little-endian; colours of the points are red, green, blue and perhaps alpha."""
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
     if texture is not None:
         columns |= dict(zip("st", texture.T, strict=True))
-    vertices = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f8") for name in columns])
+    if colours is not None:
+        columns |= dict(zip(_PLY_COLOURS, colours.T, strict=False))
+    kinds = {name: "uchar" if name in _PLY_COLOURS else "double" for name in columns}
+    dtype = [(name, "<" + _PLY_TYPES[kind]) for name, kind in kinds.items()]
+    vertices = np.rec.fromarrays(list(columns.values()), dtype=dtype)
     rows = np.empty(len(faces), [("length", "u1"), ("corners", "<i4", 3)])
     rows["length"], rows["corners"] = 3, faces
     lines = ["ply", "format binary_little_endian 1.0", "comment voxflat", f"element vertex {len(vertices)}"]
-    lines += [f"property double {name}" for name in columns]
+    lines += [f"property {kind} {name}" for name, kind in kinds.items()]
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     path.write_bytes("\n".join(lines).encode() + vertices.tobytes() + rows.tobytes())
 
 
 def write_obj(
-    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], texture: NDArray[np.float64] | None
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    library: str | None = None,
 ) -> None:
-    """Write an OBJ file."""
-    with path.open("w", encoding="ascii", newline="\n") as file:
+    """Write an OBJ file; a library is the name of the file beside it that holds the material `texture`."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        if library is not None:
+            file.write(f"mtllib {library}\nusemtl texture\n")
         np.savetxt(file, points, "v %.9g %.9g %.9g")
         if texture is None:
             np.savetxt(file, faces + 1, "f %d %d %d")

@@ -182,22 +182,31 @@ def sources_on(
     usual: int,
 ) -> NDArray[np.uint32]:
     """Return the sources as numbers into a surface's vertices."""
-    if sources is None:
-        sources = min(usual, len(part))
-    if isinstance(sources, int | np.integer):
-        if sources < fewest:
-            raise InputError(f"{sources} sources are too few; give at least {fewest}")
-        if sources > len(part):
-            raise InputError(
-                f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
-            )
-        return part.core.choose_sources(sampling, int(sources), seed, progress)
+    count = source_count(part, sources, fewest=fewest, usual=usual)
+    if count is not None:
+        return part.core.choose_sources(sampling, count, seed, progress)
+    assert sources is not None
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
         raise InputError(f"source {again} is given {counts.max()} times; give each once")
     return found
+
+
+def source_count(part: Surface, sources: int | ArrayLike | None, *, fewest: int, usual: int) -> int | None:
+    """Return how many sources are to be chosen; None if they are given."""
+    if sources is None:
+        return min(usual, len(part))
+    if not isinstance(sources, int | np.integer):
+        return None
+    if sources < fewest:
+        raise InputError(f"{sources} sources are too few; give at least {fewest}")
+    if sources > len(part):
+        raise InputError(
+            f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
+        )
+    return int(sources)
 
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:

@@ -18,6 +18,7 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
+from voxflat._texture import place
 from voxflat.api import flatten
 from voxflat.flatmap import FlatMap
 from voxflat.io import Volume
@@ -241,18 +242,10 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     mesh.point_data["voxel_ids" if flat_map.is_voxels else "vertex_ids"] = flat_map.ids
     mesh.point_data["surface_points"] = flat_map.points
     mesh.point_data["distortion"] = flat_map.distortion.per_point
-    mesh.active_texture_coordinates = _texture_coordinates(flat_map.uv, picture_shape)
+    mesh.active_texture_coordinates = place(flat_map.uv, picture_shape)
     mesh.field_data["voxflat"] = [json.dumps(flat_map.description())]
     mesh.set_active_scalars("distortion", preference="point")
     return mesh
-
-
-def _texture_coordinates(uv: NDArray[np.float64], picture_shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Lay a picture over the map: centred, in its proportions, just covering the map's bounding box."""
-    size = np.array([picture_shape[1], picture_shape[0]], dtype=np.float64)
-    low, high = uv.min(axis=0), uv.max(axis=0)
-    pixel = float(np.max((high - low) / size)) or 1.0
-    return np.asarray(0.5 + (uv - (low + high) / 2) / (pixel * size))
 
 
 # -------------------------------------------------------------------------------------- images in

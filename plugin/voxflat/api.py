@@ -25,8 +25,10 @@ from voxflat._prepare import (
     choose_sources,
     log,
     prepare,
+    source_count,
     sources_on,
 )
+from voxflat._rangeimage import pixels_of
 from voxflat._store import Store, prepare_store
 from voxflat._surface import surface as _surface
 from voxflat.flatmap import FlatMap
@@ -34,6 +36,8 @@ from voxflat.rows import DistanceRows, open_rows
 
 _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
+_SAMPLES = 625  # 25 x 25, as in the paper
+_SAMPLINGS = ("decimation", "farthest", "random", "grid")
 
 __all__ = ["flatten", "geodesic"]
 
@@ -53,7 +57,7 @@ def flatten(
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
     sources: int | ArrayLike | None = None,
-    sampling: str = "farthest",
+    sampling: str | None = None,
     link_lengths: str | None = None,
     seed: int = 0,
     keep_rows: bool = False,
@@ -69,10 +73,12 @@ def flatten(
     surface : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
         A label volume or an intensity volume (I, J, K) of any bool, integer or floating-point type and any strides, or
         a mesh of triangles in RAS+ mm; `voxflat.surface` makes a `Surface` of either, with more choices.
-    method : {"voxflat", "grossmann2002"}
+    method : {"voxflat", "grossmann2002", "zigelman2002"}
         "voxflat" works on triangles: straight links over the surface, classical scaling of the sources, landmark
         placement of the rest. "grossmann2002" works on the 26-neighbour graph of a volume's surface voxels: chain-code
-        geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002).
+        geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002). "zigelman2002" works on
+        triangles: fast marching, classical scaling of what decimation leaves, and the rest re-inserted in reverse order
+        (Zigelman, Kimmel, Kiryati 2002).
     label : int, optional
         Foreground is this label.
     threshold : float, optional
@@ -100,9 +106,12 @@ def flatten(
         forbids it.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
-        400, "grossmann2002": 1000, or all points if there are fewer.
-    sampling : {"farthest", "random"}
-        How sources are chosen: evenly, each farthest from the others along the surface, or at random.
+        400, "grossmann2002": 1000, "zigelman2002": 625, or all points if there are fewer.
+    sampling : {"farthest", "random", "decimation", "grid"}, optional
+        How sources are chosen: evenly, each farthest from the others along the surface (the default), or at random.
+        "zigelman2002" only: what decimation leaves (its default; vertices that cannot go without harm to the surface
+        are sources, too); or the pixels on a grid over a `range_image`, between which the rest is placed by bilinear
+        functions.
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
@@ -133,6 +142,7 @@ def flatten(
         If `progress` returned False.
     """
     seed, threads = checked_seed(seed), checked_threads(threads)
+    sampling = sampling or ("decimation" if method == "zigelman2002" else "farthest")
     how = _How(sources, sampling, seed, keep_rows, store, threads, memory_limit, progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
@@ -147,12 +157,14 @@ def flatten(
             progress=progress,
         )
         return _grossmann2002(prepared, how)
-    if method != "voxflat":
-        raise InputError(f"method is {method!r}; give 'voxflat' or 'grossmann2002'")
+    if method not in ("voxflat", "zigelman2002"):
+        raise InputError(f"method is {method!r}; give 'voxflat', 'grossmann2002' or 'zigelman2002'")
     _refuse(method, link_lengths=link_lengths)
+    if method == "zigelman2002":
+        _refuse(method, store=store)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
     cut = cut_out(whole, **patch, drop=drop, polygon=polygon, cuts=cuts, progress=progress)
-    return _voxflat(cut, how)
+    return _voxflat(cut, how) if method == "voxflat" else _zigelman2002(cut, how)
 
 
 @dataclass(frozen=True)
@@ -196,30 +208,66 @@ def _voxflat(cut: Cutout, how: _How) -> FlatMap:
     result = part.core.voxflat(chosen, how.seed, how.threads, how.progress, None if store is None else store.key)
     if store is not None:
         store.tell(result["found"])
-    torn = np.zeros(len(cut.faces), dtype=np.bool_)
+    told: dict[str, Any] = {}
+    rows = None
+    if store is not None:
+        told["store"], rows = str(store.path), open_rows(store.path).rows
+    elif how.keep_rows:
+        rows = part.core.rows(chosen, threads=how.threads, progress=how.progress)
+    return _over_triangles("voxflat", cut, how, result, need, rows, told)
+
+
+def _zigelman2002(cut: Cutout, how: _How) -> FlatMap:
+    part = cut.part
+    if how.sampling not in _SAMPLINGS:
+        raise InputError(f"sampling is {how.sampling!r}; give {', '.join(map(repr, _SAMPLINGS[:-1]))} or 'grid'")
+    count = source_count(part, how.sources, fewest=3, usual=_SAMPLES)
+    grid = vertices = None
+    if how.sampling == "grid":
+        if count is None:
+            raise InputError("sampling is 'grid', which chooses the sources itself; give their number, or leave it out")
+        grid = pixels_of(part)
+    elif count is None or how.sampling != "decimation":
+        vertices = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_SAMPLES)
+        count = len(vertices)
+    threads = how.threads or os.cpu_count() or 1
+    need = how.check_memory(part.core.zigelman2002_memory_need(count, threads), count, len(part))
+    result = part.core.zigelman2002(count, how.seed, vertices, grid, "circle", how.threads, how.progress)
+    rows = None
+    if how.keep_rows:
+        rows = part.core.rows(result["sources"], "marching", how.threads, how.progress)
+    placed_by = "re-insertion" if grid is None else "bilinear functions between a grid's pixels"
+    return _over_triangles("zigelman2002", cut, how, result, need, rows, {"placed_by": placed_by})
+
+
+def _over_triangles(
+    method: str,
+    cut: Cutout,
+    how: _How,
+    result: dict[str, Any],
+    need: int,
+    rows: NDArray[np.float32] | None,
+    told: dict[str, Any],
+) -> FlatMap:
+    """Return the map of a surface of triangles, with what the user should know of it."""
+    part, chosen = cut.part, result["sources"]
     warnings = list(cut.remarks)
     distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
-    metadata = {"method": "voxflat", **cut.metadata, **_told(how, chosen, result, need, warnings)}
-    rows = None
-    if store is not None:
-        metadata["store"], rows = str(store.path), open_rows(store.path).rows
-    elif how.keep_rows:
-        rows = part.core.rows(chosen, threads=how.threads, progress=how.progress)
     return FlatMap(
         uv=result["uv"],
         points=part.points,
         normals=result["normals"],
         ids=part.ids,
         faces=cut.faces,
-        torn=torn,
+        torn=np.zeros(len(cut.faces), dtype=np.bool_),
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
-        metadata=metadata,
+        metadata={"method": method, **cut.metadata, **_told(how, chosen, result, need, warnings), **told},
         rows=rows,
     )
 

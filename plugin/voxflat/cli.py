@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `rows`, `measure`, `image` and `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `rows`, `measure`, `image`, `texture` and `demo`.
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -59,9 +59,9 @@ Examples:
 )
 @click.option(
     "--method",
-    type=click.Choice(["voxflat", "grossmann2002"]),
+    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002"]),
     default="voxflat",
-    help="Over the triangles of a surface, or after the paper over the voxels of a volume.",
+    help="Over the triangles of a surface; or after the papers, over a volume's voxels or by fast marching.",
 )
 @_options.making
 @_options.volume
@@ -71,9 +71,14 @@ Examples:
     "--sources",
     type=int,
     metavar="N",
-    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000]",
+    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000; zigelman2002: 625]",
 )
-@_options.sampling
+@click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "random", "decimation"]),
+    help="How sources are chosen: evenly, each farthest from the others; at random; or by decimation (zigelman2002)."
+    "  [default: farthest; zigelman2002: decimation]",
+)
 @click.option(
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),
@@ -327,11 +332,12 @@ def rows(input_: Path, sources: int, as_json: bool, quiet: bool, **options: Any)
 Examples:
   voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
+  voxflat image map.npz --volume face.obj -o face.png
   voxflat image map.npz --heat-map -o distortion.png
 """
 )
 @click.argument("map_", metavar="MAP", type=FILE)
-@click.option("--volume", type=FILE, metavar="V", help="The volume to show; its affine says where it lies.")
+@click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
 @click.option("--heat-map", is_flag=True, help="Show instead how much distances are distorted, point by point.")
 @click.option(
     "-o",
@@ -390,6 +396,44 @@ def image(
         _picture.write_image(picture, output)
     height, width = picture.data.shape[:2]
     click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+
+
+@main.command(
+    epilog="""\b
+Examples:
+  voxflat texture map.npz bricks.jpg -o bricks.obj
+  voxflat texture map.npz chessboard.png --texel-size 0.1 --repeat -o chessboard.glb
+"""
+)
+@click.argument("map_", metavar="MAP", type=FILE)
+@click.argument("picture", metavar="PICTURE", type=FILE)
+@click.option(
+    "-o",
+    "--output",
+    type=FILE,
+    required=True,
+    metavar="OUT",
+    help="The surface's file: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply with colours at its points.",
+)
+@click.option(
+    "--texel-size", type=float, metavar="MM", help="Side of a pixel of PICTURE, mm.  [default: just cover the map]"
+)
+@click.option("--repeat", is_flag=True, help="PICTURE goes on beyond its borders.")
+@_options.debug
+def texture(map_: Path, picture: Path, output: Path, texel_size: float | None, repeat: bool) -> None:
+    """Map a picture onto a surface.
+
+    MAP is a file that voxflat flatten made; PICTURE is laid over it in its proportions, centred, and by it onto the
+    surface. For .ply triangles are split where colours at their corners could not carry the picture.
+    """
+    from voxflat._texturefiles import TEXTURED_ENDINGS  # brings in Pillow
+
+    _check_output(output, TEXTURED_ENDINGS, (map_, picture))
+    textured = voxflat.load(map_).textured(picture, texel_size, repeat=repeat)
+    if output.suffix.lower() == ".ply":
+        textured = textured.subdivided()
+    textured.save(output)
+    click.echo(f"{len(textured.points)} points, {len(textured.faces)} triangles\nsaved as {output}")
 
 
 @main.command()

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _flatimage, meshes
+from voxflat import _flatimage, _surfacetexture, meshes
 from voxflat._distortion import Distortion, Figures, Triangles, undefined_as_nan
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
 from voxflat._prepare import log
+from voxflat._texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
 from voxflat.io import VOLUME_ENDINGS, Volume, as_volume, atomic_path
 
 __all__ = ["FlatMap", "load"]
@@ -165,7 +166,8 @@ class FlatMap:
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
             that lies. For maps of meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
-            file (GIFTI, FreeSurfer curv, annot or .mgh).
+            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
+            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
         pixel_size : float, optional
             Side of a pixel, mm; by default half of `spacing`.
         depth : float
@@ -187,11 +189,19 @@ class FlatMap:
             If the volume does not fit or cannot be read.
         """
         raster = self.raster(pixel_size)
+        title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
+        texture = None if self.is_voxels else self._surface_texture(volume)
+        if texture is not None:
+            if depth != 0 or interpolation is not None:
+                raise InputError(
+                    "depth and interpolation are for volumes and overlays, not for textures; leave them out"
+                )
+            colours = _surfacetexture.paint(texture, raster, self.ids)
+            return FlatImage(colours, raster.pixel_size, raster.origin, title)
         overlay = None if self.is_voxels else self._overlay(volume)
         if overlay is not None:
             data = _flatimage.show(raster, overlay[self.ids], interpolation)
-            title = Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay"
-            return FlatImage(data, raster.pixel_size, raster.origin, name or title)
+            return FlatImage(data, raster.pixel_size, raster.origin, title)
         placed = self._placed(volume)
         data = _flatimage.sample(placed, self._at_depth(raster, depth), interpolation)
         return FlatImage(
@@ -228,7 +238,44 @@ class FlatMap:
         ndarray, shape (N,) or (N, C)
             The picture's value at each surface voxel, of the picture's type.
         """
-        return _flatimage.sample_picture(np.asarray(picture), self.uv)
+        values = check_values(picture)
+        found = look_up(values, place(self.uv, values.shape))
+        return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
+
+    def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
+        """Map a picture onto the surface (Zigelman et al. 2002, section V).
+
+        It is laid over the map as in `texture`, and by the map onto the surface, which keeps its triangles; those that
+        are torn are left out.
+
+        Parameters
+        ----------
+        picture : path, ndarray or PIL.Image.Image
+            Grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of
+            floats from 0 to 1.
+        texel_size : float, optional
+            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+        repeat : bool
+            Whether the picture goes on beyond its borders.
+
+        Returns
+        -------
+        TexturedSurface
+            To be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+
+        Raises
+        ------
+        InputError
+            If it is no picture, or does not cover the map and is not to be repeated.
+        FileNotFoundError, PermissionError
+            If the file cannot be opened.
+        """
+        colours, source = as_picture(picture)
+        coordinates = place(self.uv, colours.shape, texel_size)
+        if texel_size is not None and not repeat:
+            check_cover(coordinates, colours.shape, texel_size)
+        faces = self.faces[~self.torn].astype(np.int64)
+        return TexturedSurface(self.points, faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Put values of the points into a volume of the flattened volume's shape.
@@ -352,6 +399,15 @@ class FlatMap:
                 len(self.faces),
             )
         return first, faces
+
+    def _surface_texture(self, volume: object) -> _surfacetexture.SurfaceTexture | NDArray[np.uint8] | None:
+        """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
+        count = self.metadata["vertices"]
+        if isinstance(volume, str | os.PathLike):
+            path = Path(volume)
+            is_textured = path.name.lower().endswith(_surfacetexture.TEXTURE_ENDINGS)
+            return _surfacetexture.read_texture(path, count) if is_textured else None
+        return np.asarray(volume) if _surfacetexture.are_colours(volume, count) else None
 
     def _overlay(self, volume: object) -> NDArray[Any] | None:
         """Return values at the mesh's vertices, if that is what was given."""

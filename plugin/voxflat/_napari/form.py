@@ -25,7 +25,11 @@ if TYPE_CHECKING:
     from napari.layers import Layer
 
 _RADIUS = 45.0  # mm, as the demo's
-_METHODS = {"voxflat": "voxflat: over triangles", "grossmann2002": "Grossmann et al. 2002: over voxels"}
+_METHODS = {
+    "voxflat": "voxflat: over triangles",
+    "grossmann2002": "Grossmann et al. 2002: over voxels",
+    "zigelman2002": "Zigelman et al. 2002: fast marching",
+}
 _PATCHES = {
     "disk": "disk around a seed point",
     "whole": "whole surface",
@@ -65,7 +69,8 @@ class SurfaceForm(QWidget):
         self.threshold = _spin(QDoubleSpinBox(), -1e9, 1e9, "The surface encloses what is greater than this")
         self.world = _choice(WORLDS, "Where the viewer's axes grow to. With a wrong choice the map is mirrored!")
         self.method = _choice(
-            _METHODS, "By default over triangles, which keep apart what only touches; the other is the paper's method"
+            _METHODS,
+            "By default over triangles, which keep apart what only touches; the others are the papers' methods",
         )
         self.patch = _choice(
             _PATCHES, "A closed surface, such as a brain's whole, is cut open; a smaller patch is distorted less"

@@ -133,6 +133,12 @@ pub enum Error {
     #[error("the decimation's {name} is {value}: give a positive number (evenness may be 0, but is finite)")]
     DecimationOption { name: &'static str, value: f64 },
 
+    #[error(
+        "no cell of the grid has a point at all of its four corners ({sources} sources lie on the grid): give more sources, \
+         or let decimation choose them"
+    )]
+    NoCell { sources: usize },
+
     #[error("a polygon has at least 3 corners; {corners} are given")]
     FewCorners { corners: usize },
 

@@ -1,5 +1,7 @@
 //! Whole methods, composed from the stages.
 
+pub mod zigelman;
+
 use std::path::Path;
 
 use nalgebra::Vector3;

@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
-//! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes |
+//! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes; decimation |
 //! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far |
 //! | [`geodesic`] | | chain-code links over voxels, straight links over triangles; shortest paths |
 //! | [`patch`] | surface → surface | the part that is flattened |
@@ -14,7 +14,7 @@
 //! | [`rows`] | sources → distance rows | many sources in parallel |
 //! | [`store`] | | distance rows on disk |
 //! | [`embed`] | distance rows → embedding | classical scaling |
-//! | [`place`] | embedding → every point | radial functions, landmark placement |
+//! | [`place`] | embedding → every point | radial functions, landmark placement, re-insertion, bilinear placement |
 //! | [`orient`] | | the map's up and its handedness |
 //! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |

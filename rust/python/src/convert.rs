@@ -8,6 +8,7 @@ use voxflat::distortion::faces::FaceDistortion;
 use voxflat::distortion::overlap::Overlap;
 use voxflat::distortion::{Distortion, Figures};
 use voxflat::flatten::FlatMap;
+use voxflat::geodesic::marching::Wave;
 use voxflat::sources::Sources;
 use voxflat::surface::level::Level;
 use voxflat::volume::Mask;
@@ -77,6 +78,15 @@ pub fn sources(sampling: &str, count: usize, seed: u64) -> PyResult<Sources> {
         "farthest" => Ok(Sources::Farthest { count, seed }),
         "random" => Ok(Sources::Random { count, seed }),
         _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest' or 'random'"))),
+    }
+}
+
+/// What a front is taken for: "circle" or "plane".
+pub fn wave(name: &str) -> PyResult<Wave> {
+    match name {
+        "circle" => Ok(Wave::Circle),
+        "plane" => Ok(Wave::Plane),
+        _ => Err(InputError::new_err(format!("wave is {name:?}; give 'circle' or 'plane'"))),
     }
 }
 

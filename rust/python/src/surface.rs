@@ -12,6 +12,7 @@ use voxflat::control::Control;
 use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::flatten;
+use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::engine::Engine;
 use voxflat::geodesic::exact::{Exact, Site};
@@ -548,6 +549,47 @@ impl Surface {
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
         Ok(dict)
+    }
+
+    /// Flattens after Zigelman et al. from what decimation to `count` vertices leaves, from given vertices, or from about `count`
+    /// pixels of a grid: the pixel (N, 2) that each vertex is and the distance of rows and columns, mm. `wave` is "circle" or
+    /// "plane".
+    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn zigelman2002<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        seed: u64,
+        vertices: Option<PyReadonlyArray1<'py, u32>>,
+        grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
+        wave: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let wave = convert::wave(wave)?;
+        let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
+        let grid =
+            grid.map(|(pixels, spacing)| Ok::<_, PyErr>((convert::rows::<_, 2>(&pixels, "the pixels")?, spacing)));
+        let grid = grid.transpose()?;
+        if let Some((pixels, _)) = &grid {
+            self.check_length(pixels.len(), "the pixels")?;
+        }
+        let inner = Arc::clone(&self.0);
+        let map = run(py, threads, progress.as_ref(), move |control| {
+            let sampling = match (&vertices, &grid) {
+                (Some(vertices), _) => Sampling::Vertices(vertices),
+                (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
+                (None, None) => Sampling::Decimation { count },
+            };
+            zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
+        })?;
+        convert::map_dict(py, map)
+    }
+
+    /// The memory in bytes that flattening after Zigelman et al. needs at most.
+    fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
+        zigelman::memory_need(self.0.surface.len(), sources, threads)
     }
 }
 

@@ -1,0 +1,208 @@
+"""Reproduce Zigelman, Kimmel, Kiryati (2002): prints the paper's figures beside ours, writes pictures.
+
+make paper-zigelman
+"""
+
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pyvista as pv
+from grossmann2002 import bricks, chessboard
+from matplotlib.figure import Figure
+from scipy import ndimage
+from scipy.spatial.distance import pdist
+
+import voxflat
+from voxflat import figures
+from voxflat._pyvista import to_surface_polydata
+from voxflat._rangeimage import pixels_of
+
+ROOT = Path(__file__).resolve().parents[2]
+PICTURES = ROOT / "docs" / "pictures"
+sys.path.insert(0, str(ROOT / "tests"))
+
+import shapes  # noqa: E402
+
+SOURCES = 625  # 25 x 25, as in the paper
+PAIRS = 1500  # points whose distances are compared where the truth is known
+
+
+def main():
+    """Print the table and write the pictures."""
+    matplotlib.use("Agg")
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    print(f"{'':72}{'paper':>12}{'ours':>12}")
+    cylinder()
+    waves()
+    face()
+    cortex()
+    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
+
+
+def row(what, paper, ours):
+    """Print one line of the table."""
+    print(f"{what:72}{paper:>12}{ours:>12}", flush=True)
+
+
+def flatten(surface, **options):
+    """Flatten, and return the CPU seconds that it took as well."""
+    start = time.process_time()
+    flat_map = voxflat.flatten(surface, method="zigelman2002", sources=SOURCES, **options)
+    return flat_map, time.process_time() - start
+
+
+# ------------------------------------------------------------------------------------------ cylinder
+
+
+def cylinder(side=100, arc=150):
+    """Figure 4: a cylinder as a range image, which can be flattened without any error."""
+    half = np.radians(arc) / 2
+    across = np.linspace(-np.sin(half), np.sin(half), side)
+    radius = (side - 1) / (2 * np.sin(half))
+    image = voxflat.range_image(np.broadcast_to(radius * np.sqrt(1 - across**2), (side, side)), 1.0)
+    rows, columns = np.unravel_index(image.ids, (side, side))
+    truth = np.stack([radius * np.arcsin(across[columns]), -rows], axis=1)
+    chosen = np.random.default_rng(0).choice(len(truth), PAIRS, replace=False)
+    row(f"cylinder, {len(image)} vertices: mean relative error of flat distances, %", "", "")
+    for sampling, how in (("grid", "bilinear"), ("decimation", "re-insertion")):
+        for wave in ("circle", "plane"):
+            grid = pixels_of(image) if sampling == "grid" else None
+            uv = image.core.zigelman2002(SOURCES, 0, None, grid, wave)["uv"]
+            error = np.abs(pdist(uv[chosen]) / pdist(truth[chosen]) - 1).mean()
+            front = "circles" if wave == "circle" else "the paper's straight fronts"
+            row(f"  {how}, {front}", "0", f"{100 * error:.3f}")
+    flat_map, _ = flatten(image)
+    wall = bricks(640, 512)
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    space, plane = figure.subplots(1, 2)
+    space.imshow(textured(flat_map, wall, azimuth=35, elevation=25))
+    space.set_title("a cylinder with a picture")
+    space.set_axis_off()
+    show_flat(plane, flat_map, wall)
+    figures.save(figure, PICTURES / "zigelman_cylinder.png")
+
+
+# --------------------------------------------------------------------------------------------- waves
+
+
+def waves(side=141):
+    """Figure 11: the graph of sin x sin y with a chessboard."""
+    x = np.linspace(-np.pi, np.pi, side)
+    image = voxflat.range_image(np.outer(np.sin(x), np.sin(x)), 2 * np.pi / (side - 1))
+    flat_map, _ = flatten(image)
+    grid, _ = flatten(image, sampling="grid")
+    row(f"sin x sin y, {len(image)} vertices", "", "")
+    tell("bilinear", grid)
+    tell("re-insertion", flat_map)
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    space, plane = figure.subplots(1, 2)
+    board = coloured(chessboard(768, 768, 48))
+    space.imshow(textured(flat_map, board, azimuth=25, elevation=-40))
+    space.set_title("sin x sin y with a chessboard")
+    space.set_axis_off()
+    show_flat(plane, flat_map, board)
+    figures.save(figure, PICTURES / "zigelman_waves.png")
+
+
+def tell(how, flat_map):
+    """Print how well a map keeps distances and angles."""
+    distortion = flat_map.distortion
+    row(f"  {how}: mean relative error, %", "", f"{100 * distortion.raw.relative_error:.2f}")
+    row("    correlation of flat with geodesic distances", "", f"{distortion.pearson_r:.4f}")
+    row("    ratio of a triangle's two stretches, median", "", f"{distortion.triangles.quasi_conformal:.3f}")
+    row("    flipped triangles", "", f"{distortion.triangles.flipped}")
+
+
+# ---------------------------------------------------------------------------------------------- face
+
+
+def face():
+    """Figures 3 and 5: a face from a range image of 40,000 vertices by 25 x 25 samples."""
+    image = voxflat.range_image(bust(), 1.0, jump=np.inf)  # one sheet, as the paper takes a range image to be
+    grid, seconds = flatten(image, sampling="grid")
+    row(f"face, {len(grid)} vertices, {len(grid.sources)} pixels of a grid: CPU s", "about 30", f"{seconds:.1f}")
+    tell("bilinear", grid)
+    flat_map, seconds = flatten(image)
+    row(f"face, {len(flat_map.sources)} sources by decimation: CPU s", "", f"{seconds:.1f}")
+    tell("re-insertion", flat_map)
+    figures.save(figures.scatter(flat_map), PICTURES / "zigelman_scatter.png")
+    light = 0.25 + 0.75 * np.clip(flat_map.normals @ np.array([-0.3, 0.3, 0.9]), 0, 1)
+    figure = Figure(figsize=(13, 5), layout="constrained")
+    space, plane, mapped = figure.subplots(1, 3)
+    space.imshow(textured(flat_map, np.full((8, 8, 3), 225, np.uint8)))
+    space.set_title("range image")
+    raster = flat_map.raster(0.5)
+    plane.imshow(raster.interpolate(light), cmap="gray", vmin=0, vmax=1)
+    plane.set_title("flat surface image")
+    mapped.imshow(textured(flat_map, coloured(chessboard(720, 720, 30))))
+    mapped.set_title("chessboard")
+    for axes in (space, plane, mapped):
+        axes.set_axis_off()
+    figures.save(figure, PICTURES / "zigelman_face.png")
+
+
+def bust():
+    """Return the depths of a bust; its grey levels are smoothed, for whole numbers make a staircase."""
+    depth = shapes.head_depth().astype(float)
+    pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
+    there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
+    share = ndimage.gaussian_filter(there.astype(float), 1.5)
+    smooth = ndimage.gaussian_filter(np.where(there, depth, 0.0), 1.5)
+    return np.where(there, smooth / np.where(there, share, 1), np.nan)
+
+
+# -------------------------------------------------------------------------------------------- cortex
+
+
+def cortex():
+    """Flatten a patch of the cortex that the paper does not have: fsaverage5's, with its cuts."""
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    white, pial, flat = (str(folder / f"{name}_left.gii.gz") for name in ("white", "pial", "flat"))
+    surface = voxflat.surface(white, pial=pial)
+    flat_map, seconds = flatten(surface, keep=flat)
+    row(f"fsaverage5's flat patch, {len(flat_map)} vertices: CPU s", "", f"{seconds:.1f}")
+    tell("re-insertion", flat_map)
+    usual = voxflat.flatten(surface, keep=flat)
+    row("  relative error of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
+
+
+# ------------------------------------------------------------------------------------------- pictures
+
+
+def coloured(grey):
+    """Return a grey picture as colours: dark and light fields that shading does not hide."""
+    return np.where(grey[..., None] > 0, [245, 240, 228], [60, 78, 110]).astype(np.uint8)
+
+
+def textured(flat_map, picture, azimuth=0, elevation=0):
+    """Draw a surface with a picture mapped onto it."""
+    mesh = to_surface_polydata(flat_map, picture_shape=picture.shape)
+    plotter = pv.Plotter(off_screen=True, window_size=(1000, 1000))
+    plotter.add_mesh(mesh, texture=pv.numpy_to_texture(picture), smooth_shading=True, ambient=0.15, specular=0.0)
+    plotter.camera_position = "xy"
+    plotter.camera.azimuth = azimuth
+    plotter.camera.elevation = elevation
+    plotter.reset_camera()
+    plotter.camera.zoom(1.2)
+    return plotter.screenshot(return_img=True)
+
+
+def show_flat(axes, flat_map, picture):
+    """Draw the map with the picture that was mapped."""
+    raster = flat_map.raster(flat_map.spacing / 2)
+    values = flat_map.texture(picture).astype(float) / 255
+    shown = np.stack([raster.interpolate(values[:, channel]) for channel in range(3)], axis=-1)
+    left, top = raster.origin
+    height, width = raster.shape
+    extent = (left, left + width * raster.pixel_size, top - height * raster.pixel_size, top)
+    axes.imshow(np.where(np.isnan(shown), 1.0, shown), extent=extent)
+    axes.set(title="flattened", xlabel="mm", ylabel="mm")
+
+
+if __name__ == "__main__":
+    main()

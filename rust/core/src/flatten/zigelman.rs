@@ -1,0 +1,148 @@
+//! Flattening after Zigelman, Kimmel and Kiryati (2002).
+
+use super::{FlatMap, REFERENCE_SOURCES, check_disk, judge, map_area};
+use crate::control::Control;
+use crate::embed::classical::classical_scaling;
+use crate::error::{Error, Result};
+use crate::geodesic::engine::Engine;
+use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::marching::{Marching, Wave};
+use crate::orient::orient;
+use crate::place::bilinear::Lattice;
+use crate::place::reinsertion;
+use crate::rows::DistanceRows;
+use crate::sources::{FEWEST_SOURCES, Sources};
+use crate::surface::Surface;
+use crate::surface::decimate::{Decimation, Options, decimate};
+
+/// Against the quadric error edges count more than usual: sources are to lie evenly.
+const EVENNESS: f64 = 0.1;
+
+/// Which vertices are the sources, which decides how the rest is placed.
+#[derive(Debug, Clone)]
+pub enum Sampling<'a> {
+    /// What decimation to so many vertices leaves; the rest comes back by re-insertion.
+    Decimation {
+        /// How many.
+        count: usize,
+    },
+    /// Any vertices; decimation leaves them, the rest comes back by re-insertion.
+    Vertices(&'a [u32]),
+    /// The pixels on a lattice of a range image; the rest is placed between them by bilinear functions.
+    Grid {
+        /// The pixel (row, column) that each vertex is.
+        pixels: &'a [[u32; 2]],
+        /// Distance of rows and of columns, mm.
+        spacing: [f64; 2],
+        /// About how many.
+        count: usize,
+    },
+}
+
+/// How the vertices that are no sources are placed.
+enum Rest<'a> {
+    Reinserted(Box<Decimation>),
+    Between(Lattice<'a>),
+}
+
+/// Flattens a disk after Zigelman, Kimmel and Kiryati (2002): fast marching among the sources, classical scaling of them, and
+/// the rest between them. Distances for the figures are those of the graph, as for every other map.
+///
+/// Vertices that decimation cannot take away without harm to the surface become sources, too.
+///
+/// # Errors
+/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`], [`Error::TooManySources`] and those of the stages.
+///
+/// # Panics
+/// If there is not one pixel a vertex.
+pub fn zigelman2002(
+    surface: &Surface,
+    graph: &GeodesicGraph,
+    sampling: &Sampling<'_>,
+    wave: Wave,
+    seed: u64,
+    control: &Control,
+) -> Result<FlatMap> {
+    check_disk(surface)?;
+    let (sources, rest) = sample(surface, graph, sampling, control)?;
+    let among = DistanceRows::among_sources(&Marching::new(surface, wave, control)?, &sources, control)?;
+    control.begin("scaling", 1);
+    let scaling = classical_scaling(&among)?;
+    drop(among);
+    control.check()?;
+    let mut uv = match rest {
+        Rest::Between(lattice) => lattice.place(&scaling.places, control)?,
+        Rest::Reinserted(decimation) => reinserted(&decimation, surface.len(), &sources, &scaling.places, control)?,
+    };
+    orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
+    let distortion = judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, seed, control)?;
+    let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
+}
+
+fn sample<'a>(
+    surface: &Surface,
+    graph: &GeodesicGraph,
+    sampling: &Sampling<'a>,
+    control: &Control,
+) -> Result<(Vec<u32>, Rest<'a>)> {
+    let points = surface.len();
+    let checked = |count: usize| {
+        if count < FEWEST_SOURCES {
+            return Err(Error::TooFewSources { sources: count, needed: FEWEST_SOURCES });
+        }
+        if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
+    };
+    let left = |keep: &[u32], vertices: usize| {
+        let options = Options { vertices, evenness: EVENNESS, ..Options::default() };
+        decimate(surface, keep, &options, control)
+    };
+    match *sampling {
+        Sampling::Decimation { count } => {
+            let decimation = left(&[], checked(count)?)?;
+            Ok((decimation.survivors.clone(), Rest::Reinserted(Box::new(decimation))))
+        }
+        Sampling::Vertices(vertices) => {
+            let given = Sources::Given(vertices.iter().map(|&v| v as usize).collect());
+            let mut sources = given.choose(graph, control)?;
+            let decimation = left(&sources, checked(sources.len())?)?;
+            let mut is_source = vec![false; points];
+            sources.iter().for_each(|&v| is_source[v as usize] = true);
+            sources.extend(decimation.survivors.iter().filter(|&&v| !is_source[v as usize]));
+            Ok((sources, Rest::Reinserted(Box::new(decimation))))
+        }
+        Sampling::Grid { pixels, spacing, count } => {
+            assert_eq!(pixels.len(), points, "one pixel a vertex");
+            let lattice = Lattice::new(pixels, spacing, checked(count)?)?;
+            Ok((lattice.sources().to_vec(), Rest::Between(lattice)))
+        }
+    }
+}
+
+/// The places of all vertices from those of the sources, which are what decimation left.
+fn reinserted(
+    decimation: &Decimation,
+    points: usize,
+    sources: &[u32],
+    places: &[[f64; 2]],
+    control: &Control,
+) -> Result<Vec<[f64; 2]>> {
+    let mut uv = vec![[f64::NAN; 2]; points];
+    sources.iter().zip(places).for_each(|(&source, &place)| uv[source as usize] = place);
+    let coarse: Vec<[f64; 2]> = decimation.survivors.iter().map(|&v| uv[v as usize]).collect();
+    let is_mirrored = map_area(decimation.surface.faces(), &coarse) < 0.0;
+    reinsertion::place(&decimation.removals, &mut uv, is_mirrored, control)?;
+    Ok(uv)
+}
+
+/// What fast marching and decimation keep of a vertex, bytes.
+const WORK_BYTES: u64 = 1500;
+
+/// The memory in bytes that [`zigelman2002`] needs at most beside the surface's input.
+pub fn memory_need(points: usize, sources: usize, threads: usize) -> u64 {
+    let scaling = (4 + 8 + 8) * (sources as u64).pow(2);
+    super::surface_memory_need(points, REFERENCE_SOURCES, threads, false) + WORK_BYTES * points as u64 + scaling
+}
+
+#[cfg(test)]
+mod tests;
