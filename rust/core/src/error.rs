@@ -10,6 +10,11 @@ pub enum Error {
     #[error("the machine has not enough memory for this surface; take fewer points")]
     OutOfMemory,
 
+    #[error(
+        "no map without folds was found to start from: triangles are too thin, or the boundary is too short for what it encloses; cut the surface open further, or take a smaller patch"
+    )]
+    NoStart,
+
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 

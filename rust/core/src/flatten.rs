@@ -10,6 +10,7 @@ use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
+use crate::embed::stress::levels;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
@@ -17,7 +18,6 @@ use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
-use crate::place::landmark;
 use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::{self, FEWEST_SOURCES, Sources};
@@ -192,11 +192,8 @@ fn voxflat_by_rows<'g, R: Rows>(
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
     control.check()?;
-    let mut uv = landmark::place(&rows, &among, &scaling.places, control)?;
-    if map_area(surface.faces(), &uv) < 0.0 {
-        uv.iter_mut().for_each(|[x, _]| *x = -*x);
-    }
-    uv = crate::embed::stress::levels::flatten(surface, &rows, &uv, control)?;
+    drop(among);
+    let (mut uv, convergence) = levels::flatten(surface, &rows, control)?;
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;

@@ -1,4 +1,7 @@
-//! From coarse to fine: a map of few vertices, unfolded, then all others in between, and descent on every level.
+//! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
+//!
+//! The coarsest map is a [spread disk](super::tutte), which folds nowhere. Descent keeps it so, and so does re-insertion from
+//! one level to the next: no map on the way has a fold.
 
 use nalgebra::Vector2;
 
@@ -7,151 +10,185 @@ use super::descent::{Descended, Until, descend};
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
 use super::triangles::{Shape, Triangles};
+use super::tutte;
 use crate::control::Control;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::place::reinsertion;
 use crate::rows::Rows;
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 
-/// Vertices of the levels, from fine to coarse.
-const SIZES: [usize; 3] = [15_000, 5_000, 1_600];
+/// How many times as many vertices a level has as the next coarser one.
+const FALL: f64 = 3.0;
 
-/// A level has at most so many times the vertices of the next finer one.
-const LEAST_FALL: f64 = 0.7;
+/// Vertices of the coarsest level.
+const COARSEST: usize = 1600;
 
-/// No longer edge is made by decimation, mm.
-const LONGEST_EDGE: f64 = 8.0;
+/// Vertices of a level for each landmark, at least.
+const FOR_A_LANDMARK: usize = 3;
 
-/// What of a map is judged by its stress: at most so many vertices.
+/// Distances are kept to at most so many vertices.
 const MOST_JUDGED: usize = 15_000;
 
-pub fn flatten(
-    surface: &Surface,
-    rows: &impl Rows,
-    start: &[[f64; 2]],
-    control: &Control,
-) -> Result<Vec<[f64; 2]>> {
-    let t0 = std::time::Instant::now();
-    let levels = levels(surface, rows.sources(), control)?;
-    eprintln!("levels {:?} {:.2?}", levels.iter().map(|l| l.survivors.len()).collect::<Vec<_>>(), t0.elapsed());
-    // the vertices of every level, as those of the surface
-    let mut numbers: Vec<Vec<u32>> = vec![(0..surface.len() as u32).collect()];
-    for level in &levels {
-        let finer = &numbers[numbers.len() - 1];
-        numbers.push(level.survivors.iter().map(|&v| finer[v as usize]).collect());
-    }
-    let judged = numbers.iter().position(|numbers| numbers.len() <= env("MJ", 15000.0) as usize).unwrap_or(numbers.len() - 1);
-    let surfaces: Vec<&Surface> = std::iter::once(surface).chain(levels.iter().map(|level| &level.surface)).collect();
-    let mut uv: Vec<Vector2<f64>> = numbers[levels.len()].iter().map(|&v| start[v as usize].into()).collect();
-    for depth in (0..=levels.len()).rev() {
-        if depth < levels.len() {
-            uv = refine(&levels[depth], surfaces[depth].len(), &uv, control)?;
-        }
-        let judged = &numbers[judged.max(depth)];
-        let mut places = vec![u32::MAX; surface.len()];
-        (0..).zip(&numbers[depth]).for_each(|(n, &v)| places[v as usize] = n);
-        let of = |vertices: &[u32]| vertices.iter().map(|&v| places[v as usize]).collect::<Vec<u32>>();
-        let pairs = Pairs::new(rows, of(rows.sources()), of(judged), judged, control)?;
-        let triangles = Triangles::new(surfaces[depth]);
-        let springs = Springs::new(triangles.corners().collect(), surfaces[depth].len(), control)?;
-        let level = Level { pairs, triangles, springs };
-        eprintln!("level {depth}: {} vertices, folded {} {:.2?}", uv.len(), level.triangles.folded(&uv), t0.elapsed());
-        if depth == levels.len() {
-            level.unfold(&mut uv, control)?;
-            eprintln!("  unfolded: folded {} {:.2?}", level.triangles.folded(&uv), t0.elapsed());
-        }
-        if depth == levels.len() { level.settle(&mut uv, control)?; }
-        level.finish(&mut uv, control)?;
-        eprintln!("  finished: folded {} {:.2?}", level.triangles.folded(&uv), t0.elapsed());
-    }
-    Ok(uv.into_iter().map(Into::into).collect())
+/// Steps between two looks at what the springs and the scale should be.
+const ROUND: usize = 40;
+
+/// Most rounds of the first descent, which has the farthest way; and of those on the coarsest and on the finest level.
+const FIRST_ROUNDS: usize = 40;
+const MOST_ROUNDS: usize = 10;
+const FEWEST_ROUNDS: usize = 5;
+
+/// Five steps that gain less than this part of the energy are the end.
+const GAIN: f64 = 1e-4;
+
+/// The first descent: distances as they are, triangles that are hardly stiff.
+const LOOSE: Dials =
+    Dials { bands: Bands { weights: [1.0, 0.3, 0.0], outliers: [f64::INFINITY; 2] }, area: 0.0, stiffness: 0.02 };
+
+/// What makes the map (docs/decisions/0013).
+const FINAL: Dials =
+    Dials { bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] }, area: 6.0, stiffness: 0.08 };
+
+/// What counts how much.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Dials {
+    bands: Bands,
+    /// γ, the price of changes of area.
+    area: f64,
+    /// β, the weight of the triangles beside the distances.
+    stiffness: f64,
 }
 
-/// Coarser and coarser surfaces, all with the landmarks.
-fn levels(surface: &Surface, landmarks: &[u32], control: &Control) -> Result<Vec<Decimation>> {
-    let mut levels: Vec<Decimation> = Vec::new();
-    let mut keep = landmarks.to_vec();
-    for size in SIZES {
-        let finer = levels.last().map_or(surface, |level| &level.surface);
-        let size = size.max(2 * landmarks.len());
-        if size as f64 > LEAST_FALL * finer.len() as f64 {
-            continue;
+/// How descent on the finest level went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Convergence {
+    /// The energy at first and after every step.
+    pub energies: Vec<f64>,
+    /// It ended because little was gained any more.
+    pub converged: bool,
+}
+
+/// A map (mm) of a disk that keeps the distances of rows and the shape of triangles, and folds nowhere.
+///
+/// # Errors
+/// [`Error::OutOfMemory`], [`Error::Cancelled`], and those of reading rows.
+///
+/// # Panics
+/// If the rows do not reach to every vertex of the surface.
+pub fn flatten(surface: &Surface, rows: &impl Rows, control: &Control) -> Result<(Vec<[f64; 2]>, Convergence)> {
+    let levels = Levels::new(surface, rows.sources(), control)?;
+    let mut uv = Vec::new();
+    let mut convergence = None;
+    for depth in (0..=levels.coarser.len()).rev() {
+        let level = levels.prepare(depth, rows, control)?;
+        if depth == levels.coarser.len() {
+            control.begin("unfolding", (FIRST_ROUNDS * ROUND) as u64);
+            uv = tutte::spread(levels.surface(depth), &level.triangles, &level.springs, control)?;
+            if level.triangles.folded(&uv) > 0 {
+                return Err(Error::NoStart);
+            }
+            level.settle(&mut uv, LOOSE, FIRST_ROUNDS, control)?;
+        } else {
+            uv = levels.refine(depth, &uv, control)?;
         }
-        let options = Options { vertices: size, longest_edge: 2.0 * LONGEST_EDGE, ..Options::default() };
-        let level = decimate(finer, &keep, &options, control)?;
-        keep.iter_mut().for_each(|vertex| *vertex = level.survivors.partition_point(|&other| other < *vertex) as u32);
-        levels.push(level);
+        control.begin(STAGES[depth.min(STAGES.len() - 1)], (MOST_ROUNDS * ROUND) as u64);
+        let rounds = (FEWEST_ROUNDS + depth).min(MOST_ROUNDS);
+        convergence = Some(level.settle(&mut uv, FINAL, rounds, control)?);
     }
-    Ok(levels)
+    let convergence = convergence.unwrap_or(Convergence { energies: Vec::new(), converged: true });
+    Ok((uv.into_iter().map(Into::into).collect(), convergence))
 }
 
-/// The map of a finer level.
-fn refine(level: &Decimation, vertices: usize, uv: &[Vector2<f64>], control: &Control) -> Result<Vec<Vector2<f64>>> {
-    let mut finer = vec![[0.0; 2]; vertices];
-    level.survivors.iter().zip(uv).for_each(|(&vertex, &place)| finer[vertex as usize] = place.into());
-    let turned = reinsertion::place(&level.removals, &mut finer, false, control)?;
-    eprintln!("  reinsertion turned {turned}");
-    Ok(finer.into_iter().map(Into::into).collect())
+/// What the user is told, on the finest level and on coarser ones.
+const STAGES: [&str; 2] = ["keeping distances and shapes", "keeping distances and shapes, coarsely"];
+
+/// Coarser and coarser surfaces, all of them with the landmarks.
+struct Levels<'a> {
+    finest: &'a Surface,
+    coarser: Vec<Decimation>,
+    /// The vertices of every level, as those of the finest.
+    vertices: Vec<Vec<u32>>,
 }
 
+/// What descent on a level needs.
 struct Level {
     pairs: Pairs,
     triangles: Triangles,
     springs: Springs,
 }
 
-impl Level {
-    fn descend(
-        &self,
-        uv: &mut Vec<Vector2<f64>>,
-        bands: Bands,
-        shape: Shape,
-        stiffness: f64,
-        until: Until,
-        control: &Control,
-    ) -> Result<Descended> {
-        let Self { pairs, triangles, springs } = self;
-        let t = std::time::Instant::now();
-        let d = descend(&MapEnergy { pairs, bands, triangles, shape, stiffness, springs }, uv, until, control)?;
-        eprintln!("   eps {} mu {:.3}: {} steps {:.6} -> {:.6} folded {} {:.2?}", shape.folds, shape.scale, d.energies.len()-1, d.energies[0], d.energies[d.energies.len()-1], triangles.folded(uv), t.elapsed());
-        Ok(d)
-    }
-
-    /// Leads a map with folds to one without.
-    fn unfold(&self, uv: &mut Vec<Vector2<f64>>, control: &Control) -> Result<()> {
-        let bands = Bands { weights: [1.0, 0.3, 0.0], outlier: f64::INFINITY, local: f64::INFINITY };
-        let mut shape = Shape { area: 0.0, folds: 1.0, scale: 1.0 };
-        for folds in [1.0, 0.3, 0.1, 0.03, 0.01, 0.003] {
-            shape.folds = folds;
-            self.descend(uv, bands, shape, 0.02, Until { steps: 25, gain: 1e-5 }, control)?;
-            if folds <= 0.1 && self.triangles.folded(uv) == 0 {
-                break;
+impl<'a> Levels<'a> {
+    fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
+        let mut levels = Self { finest, coarser: Vec::new(), vertices: vec![(0..finest.len() as u32).collect()] };
+        let mut keep = landmarks.to_vec();
+        let coarsest = COARSEST.max(FOR_A_LANDMARK * landmarks.len());
+        loop {
+            let finer = levels.surface(levels.coarser.len());
+            let size = (finer.len() as f64 / FALL) as usize;
+            if size < coarsest {
+                return Ok(levels);
             }
-        }
-        Ok(())
-    }
-
-    fn settle(&self, uv: &mut Vec<Vector2<f64>>, control: &Control) -> Result<()> {
-        let bands = Bands { weights: [1.0, 0.3, 0.0], outlier: f64::INFINITY, local: f64::INFINITY };
-        let shape = Shape { area: 0.0, folds: 0.0, scale: 1.0 };
-        for _ in 0..4 {
-        self.descend(uv, bands, shape, 0.02, Until { steps: 15, gain: 1e-4 }, control)?;
-        }
-        Ok(())
-    }
-
-    fn finish(&self, uv: &mut Vec<Vector2<f64>>, control: &Control) -> Result<()> {
-        let bands = Bands { weights: [env("A0",1.0), env("A1",4.0), env("A2",0.5)], outlier: env("KG",0.05), local: env("KL", 0.05) };
-        for _ in 0..env("RO",12.0) as usize {
-            let shape = Shape { area: env("GA",6.0), folds: 0.0, scale: self.triangles.best_scale(uv) };
-            let d = self.descend(uv, bands, shape, env("BE",0.15), Until { steps: env("ST",15.0) as usize, gain: 1e-4 }, control)?;
-            if d.energies.len() <= 6 {
-                break;
+            let level = decimate(finer, &keep, &Options { vertices: size, ..Options::default() }, control)?;
+            if level.survivors.len() as f64 > 0.8 * finer.len() as f64 {
+                return Ok(levels);
             }
+            let number = |vertex: u32| level.survivors.partition_point(|&other| other < vertex) as u32;
+            keep.iter_mut().for_each(|vertex| *vertex = number(*vertex));
+            let known = &levels.vertices[levels.coarser.len()];
+            let vertices = level.survivors.iter().map(|&vertex| known[vertex as usize]).collect();
+            levels.vertices.push(vertices);
+            levels.coarser.push(level);
         }
-        Ok(())
+    }
+
+    fn surface(&self, depth: usize) -> &Surface {
+        if depth == 0 { self.finest } else { &self.coarser[depth - 1].surface }
+    }
+
+    fn prepare(&self, depth: usize, rows: &impl Rows, control: &Control) -> Result<Level> {
+        let surface = self.surface(depth);
+        let small = self.vertices.iter().position(|vertices| vertices.len() <= MOST_JUDGED);
+        let judged = &self.vertices[small.unwrap_or(self.vertices.len() - 1).max(depth)];
+        let number = |vertex: &u32| self.vertices[depth].partition_point(|other| other < vertex) as u32;
+        let [landmarks, numbers] = [rows.sources(), judged].map(|list| list.iter().map(number).collect());
+        let pairs = Pairs::new(rows, landmarks, numbers, judged, control)?;
+        let triangles = Triangles::new(surface);
+        let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
+        Ok(Level { pairs, triangles, springs })
+    }
+
+    /// The map of a level from that of the next coarser one.
+    fn refine(&self, depth: usize, uv: &[Vector2<f64>], control: &Control) -> Result<Vec<Vector2<f64>>> {
+        let Decimation { survivors, removals, .. } = &self.coarser[depth];
+        let mut finer = vec![[0.0; 2]; self.surface(depth).len()];
+        survivors.iter().zip(uv).for_each(|(&vertex, &place)| finer[vertex as usize] = place.into());
+        reinsertion::place(removals, &mut finer, false, control)?;
+        Ok(finer.into_iter().map(Into::into).collect())
     }
 }
 
-fn env(name: &str, usual: f64) -> f64 { std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(usual) }
+impl Level {
+    /// Descent in rounds, until little is gained.
+    fn settle(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        dials: Dials,
+        rounds: usize,
+        control: &Control,
+    ) -> Result<Convergence> {
+        let Self { pairs, triangles, springs } = self;
+        let mut curve: Vec<f64> = Vec::new();
+        for _ in 0..rounds {
+            let scale = if dials.area > 0.0 { triangles.best_scale(uv) } else { 1.0 };
+            let shape = Shape { area: dials.area, scale };
+            let energy = MapEnergy { pairs, bands: dials.bands, triangles, shape, stiffness: dials.stiffness, springs };
+            let Descended { energies, converged } = descend(&energy, uv, Until { steps: ROUND, gain: GAIN }, control)?;
+            let steps = energies.len() - 1;
+            curve.extend(energies);
+            if converged && steps < ROUND / 4 {
+                return Ok(Convergence { energies: curve, converged: true });
+            }
+        }
+        Ok(Convergence { energies: curve, converged: false })
+    }
+}

@@ -5,6 +5,7 @@ pub mod levels;
 pub mod pairs;
 pub mod springs;
 pub mod triangles;
+pub mod tutte;
 
 use nalgebra::Vector2;
 
@@ -49,7 +50,7 @@ impl Objective for MapEnergy<'_> {
     }
 
     fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
-        if self.shape.folds > 0.0 { f64::INFINITY } else { self.triangles.farthest_step(uv, direction) }
+        self.triangles.farthest_step(uv, direction)
     }
 }
 

@@ -32,10 +32,8 @@ pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
 pub struct Bands {
     /// a_b, of all pairs, of those up to 30 mm, and of those up to 10 mm.
     pub weights: [f64; 3],
-    /// κ; infinity for plain squares.
-    pub outlier: f64,
-    /// The same for pairs up to 30 mm.
-    pub local: f64,
+    /// κ of pairs beyond 30 mm, and of nearer ones; infinity for plain squares.
+    pub outliers: [f64; 2],
 }
 
 /// Distances from landmarks to some vertices.
@@ -102,7 +100,11 @@ impl Pairs {
             control.check()?;
             let sums = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
             let batch = Batch { places: &landmarks, uv, vertices, table, width: self.width, sums };
-            Ok(Arch::new().dispatch(Kernel { batch, steps: self.steps(bands), sharp: [bands.outlier.recip() as f32, bands.local.recip() as f32] }))
+            Ok(Arch::new().dispatch(Kernel {
+                batch,
+                steps: self.steps(bands),
+                sharp: bands.outliers.map(|outlier| outlier.recip() as f32),
+            }))
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<Found> = batches.map(of_batch).collect::<Result<_>>()?;
@@ -166,7 +168,8 @@ impl WithSimd for Kernel<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Found {
         let Batch { places, uv, vertices, table, width, mut sums } = self.batch;
-        let mut found = Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
+        let mut found =
+            Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();

@@ -13,9 +13,6 @@ use nalgebra::Vector2;
 use crate::control::Control;
 use crate::error::Result;
 
-/// A share of the mean stiffness that is added everywhere, so that the matrix can be factored.
-const GROUND: f64 = 1e-7;
-
 /// Which entries the matrix has, and how they are factored; the same for every map of a surface.
 #[derive(Debug)]
 pub struct Springs {
@@ -61,8 +58,8 @@ impl Springs {
         Ok(Self { pattern, order, triangles, edges, diagonal })
     }
 
-    /// The factor for the stiffness of each triangle's edges (minus the entries off the diagonal), with `ground` added to the
-    /// diagonal.
+    /// The factor for the entries off the diagonal that each triangle adds (minus the stiffness of its edges), and springs from
+    /// each vertex to the ground: some of these must be stiff, or the whole could float away.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
@@ -75,8 +72,7 @@ impl Springs {
                 values[self.diagonal[corners[b] as usize]] -= entry;
             }
         }
-        let mean = self.diagonal.iter().map(|&at| values[at]).sum::<f64>() / self.diagonal.len().max(1) as f64;
-        self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground + GROUND * mean);
+        self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground);
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
         let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix, Side::Lower);
         Ok(Factor(factor.map_err(|_| crate::Error::OutOfMemory)?))

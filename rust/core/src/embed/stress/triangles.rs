@@ -4,10 +4,10 @@
 //! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is the mean
 //! over the surface of
 //!
-//!   ψ(J) = ½ ‖J‖² (1 + 1/χ²) − 2 + γ log² χ,   χ = ½ (D + √(D² + 4ε²)).
+//!   ψ(J) = ½ ‖J‖² (1 + 1/D²) − 2 + γ log² D.
 //!
-//! For ε = 0 this is the symmetric Dirichlet energy (Smith, Schaefer 2015), with γ a further price on changes of area, and
-//! infinite for triangles that are folded. With ε > 0 folded triangles have an energy, too, which leads them back.
+//! This is the symmetric Dirichlet energy (Smith, Schaefer 2015), with γ a further price on changes of area; it is infinite for
+//! triangles that are folded.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
@@ -16,6 +16,9 @@ use crate::surface::Surface;
 
 /// Thinner triangles count as so many times as high as their longest side: their shape is noise.
 const THINNEST: f64 = 0.12;
+
+/// Triangles whose area shrinks to less than this have no say in the scale.
+const LEAST_GROWTH: f64 = 0.05;
 
 /// Triangles that are visited together.
 const BATCH: usize = 2048;
@@ -42,6 +45,12 @@ impl Rest {
         let inverse = Matrix2::new(length.recip(), -along / (length * height), 0.0, height.recip());
         Self { corners, inverse, area: 0.5 * length * height }
     }
+
+    /// J, for a map that is so much larger than the surface.
+    fn jacobian(&self, uv: &[Vector2<f64>], scale: f64) -> Matrix2<f64> {
+        let [a, b, c] = self.corners.map(|vertex| uv[vertex as usize]);
+        Matrix2::from_columns(&[b - a, c - a]) * self.inverse / scale
+    }
 }
 
 /// The dials of the triangles' energy.
@@ -49,8 +58,6 @@ impl Rest {
 pub struct Shape {
     /// γ, the price of changes of area.
     pub area: f64,
-    /// ε, how much folds are forgiven; 0 for not at all.
-    pub folds: f64,
     /// The scale of the map at which triangles are compared: a map may be larger than the surface as a whole.
     pub scale: f64,
 }
@@ -96,7 +103,12 @@ impl Triangles {
         self.rests.iter().map(|rest| rest.corners)
     }
 
-    /// The mean energy, and `weight` times its gradient added to `gradient`.
+    /// The surface's area, mm².
+    pub fn area(&self) -> f64 {
+        self.area
+    }
+
+    /// `weight` times the mean energy, and its gradient added to `gradient`.
     pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
         let of_batch = |rests: &[Rest]| rests.iter().map(|rest| part(rest, uv, shape)).collect::<Vec<_>>();
         let parts: Vec<Part> = self.rests.par_chunks(BATCH).flat_map_iter(of_batch).collect();
@@ -110,12 +122,12 @@ impl Triangles {
         weight / self.area * parts.iter().map(|part| part.energy).sum::<f64>()
     }
 
-    /// Of each triangle what it adds to the entries of the matrix of springs that is as stiff as the energy around a map: for
-    /// the corners' products 01, 02, 12 (negative for acute angles); the diagonal's follow from rows that sum to 0.
+    /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
+    /// energy around a map: for corners 01, 02, 12.
     pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
         let of_triangle = |rest: &Rest| {
-            let (_, stretch, chi) = jacobian(rest, uv, shape);
-            let inverse = chi.powi(2).recip();
+            let jacobian = rest.jacobian(uv, shape.scale);
+            let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
             let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
             let scale = weight / self.area * rest.area * stiff / shape.scale.powi(2);
             let (b, c) = (rest.inverse.row(0), rest.inverse.row(1));
@@ -125,14 +137,13 @@ impl Triangles {
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }
 
-    /// The scale at which the symmetric Dirichlet energy of a map is least, folded triangles aside.
+    /// The scale at which the symmetric Dirichlet energy of a map is least, triangles that nearly vanish aside.
     pub fn best_scale(&self, uv: &[Vector2<f64>]) -> f64 {
-        let shape = Shape { area: 0.0, folds: 0.0, scale: 1.0 };
         let mut sums = [0.0; 2];
         for rest in &self.rests {
-            let (jacobian, stretch, _) = jacobian(rest, uv, shape);
-            let determinant = jacobian.determinant();
-            if determinant > 0.05 {
+            let jacobian = rest.jacobian(uv, 1.0);
+            let (stretch, determinant) = (jacobian.norm_squared(), jacobian.determinant());
+            if determinant > LEAST_GROWTH {
                 sums[0] += rest.area * stretch;
                 sums[1] += rest.area * stretch / determinant.powi(2);
             }
@@ -141,9 +152,14 @@ impl Triangles {
         if scale.is_finite() && scale > 0.0 { scale } else { 1.0 }
     }
 
+    /// Of each triangle the part of its area that it has in a map, negative where it is folded.
+    pub fn growths(&self, uv: &[Vector2<f64>]) -> Vec<f64> {
+        self.rests.iter().map(|rest| signed_area(rest.corners, uv) / rest.area).collect()
+    }
+
     /// Number of triangles that are folded or have no area in a map.
     pub fn folded(&self, uv: &[Vector2<f64>]) -> usize {
-        self.rests.par_iter().with_min_len(BATCH).filter(|rest| doubled_area(rest.corners, uv) <= 0.0).count()
+        self.rests.par_iter().with_min_len(BATCH).filter(|rest| signed_area(rest.corners, uv) <= 0.0).count()
     }
 
     /// How far a map without folds may move along `direction`, as a part of it, until the first triangle has no area.
@@ -158,10 +174,10 @@ impl Triangles {
     }
 }
 
-/// Twice the signed area of a flat triangle.
-pub fn doubled_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
+/// The signed area of a flat triangle, mm².
+fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
     let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
-    (b - a).perp(&(c - a))
+    0.5 * (b - a).perp(&(c - a))
 }
 
 /// The least positive root of a t² + b t + c, where c is positive.
@@ -175,30 +191,16 @@ fn first_root(a: f64, b: f64, c: f64) -> f64 {
     positive(q / a).min(positive(c / q))
 }
 
-/// J at the shape's scale, ‖J‖², and χ.
-fn jacobian(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> (Matrix2<f64>, f64, f64) {
-    let [a, b, c] = rest.corners.map(|vertex| uv[vertex as usize]);
-    let jacobian = Matrix2::from_columns(&[b - a, c - a]) * rest.inverse / shape.scale;
-    let determinant = jacobian.determinant();
-    let chi = if shape.folds > 0.0 {
-        0.5 * (determinant + determinant.hypot(2.0 * shape.folds))
-    } else {
-        determinant.max(0.0)
-    };
-    (jacobian, jacobian.norm_squared(), chi)
-}
-
 fn part(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
-    let (jacobian, stretch, chi) = jacobian(rest, uv, shape);
-    if chi < 1e-12 {
+    let jacobian = rest.jacobian(uv, shape.scale);
+    let (stretch, determinant) = (jacobian.norm_squared(), jacobian.determinant());
+    if determinant <= 0.0 {
         return Part { energy: f64::INFINITY, gradient: Default::default() };
     }
-    let (inverse, log) = (chi.powi(2).recip(), chi.ln());
+    let (inverse, log) = (determinant.powi(2).recip(), determinant.ln());
     let energy = rest.area * (0.5 * stretch * (1.0 + inverse) - 2.0 + shape.area * log * log);
-    // dχ/dD = χ / √(D² + 4ε²)
-    let by_determinant = if shape.folds > 0.0 { chi / jacobian.determinant().hypot(2.0 * shape.folds) } else { 1.0 };
-    let slope = (2.0 * shape.area * log - stretch * inverse) / chi * by_determinant;
-    let cofactor = Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11);
+    let slope = (2.0 * shape.area * log - stretch * inverse) / determinant;
+    let cofactor = Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11); // the determinant's gradient
     let by_jacobian = jacobian * (1.0 + inverse) + cofactor * slope;
     let by_sides = by_jacobian * rest.inverse.transpose() * (rest.area / shape.scale);
     Part { energy, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
