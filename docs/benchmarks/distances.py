@@ -14,13 +14,20 @@ import time
 
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read by numpy when it is imported
 
+import anatomy
+import distances_anatomy
 import distances_meshes
+import distances_sheets
 import distances_tables
 
 SECTIONS = {
     "cortex": distances_meshes.cortex,
     "paths": distances_meshes.paths,
     "known": distances_meshes.known,
+    "voxels": distances_anatomy.voxels,
+    "sheets": distances_sheets.sheets,
+    "balls": distances_sheets.balls,
+    "maps": distances_sheets.maps,
 }
 
 
@@ -30,6 +37,12 @@ def main():
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
     parser.add_argument("--sources", type=int, default=200, help="sources a surface of cortex")
     parser.add_argument("--paths", type=int, default=20, help="exact paths a surface")
+    parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
+    parser.add_argument("--spacings", nargs="+", type=float, default=list(anatomy.SPACINGS), help="of voxels, mm")
+    parser.add_argument("--voxel-sources", type=int, default=50, help="sources a voxelised hemisphere")
+    parser.add_argument("--targets", type=int, default=20_000, help="targets a voxelised hemisphere")
+    parser.add_argument("--orientations", type=int, default=20, help="of curled sheets")
+    parser.add_argument("--maps", type=int, default=5, help="flat maps of curled sheets")
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(SECTIONS)
     if unknown := set(chosen) - set(SECTIONS):
