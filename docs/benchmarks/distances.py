@@ -17,6 +17,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read
 import anatomy
 import distances_anatomy
 import distances_meshes
+import distances_rows
 import distances_sheets
 import distances_tables
 
@@ -28,6 +29,8 @@ SECTIONS = {
     "sheets": distances_sheets.sheets,
     "balls": distances_sheets.balls,
     "maps": distances_sheets.maps,
+    "rows": distances_rows.few,
+    "many": distances_rows.many,
 }
 
 
@@ -43,6 +46,8 @@ def main():
     parser.add_argument("--targets", type=int, default=20_000, help="targets a voxelised hemisphere")
     parser.add_argument("--orientations", type=int, default=20, help="of curled sheets")
     parser.add_argument("--maps", type=int, default=5, help="flat maps of curled sheets")
+    parser.add_argument("--sizes", nargs="+", default=list(distances_rows.RADII), choices=distances_rows.RADII)
+    parser.add_argument("--rounds", type=int, default=5, help="repetitions of what is timed")
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(SECTIONS)
     if unknown := set(chosen) - set(SECTIONS):

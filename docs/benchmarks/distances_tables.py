@@ -1,11 +1,15 @@
 """What the parts of `distances.py` share: tables, targets, errors, times."""
 
 import time
+from collections import defaultdict
 
 import numpy as np
 
 misses = []
 """What is not met: one line each."""
+
+measured = defaultdict(dict)
+"""Curves of growth: of each, seconds by size."""
 
 
 def table(title, columns, rows, note=""):
