@@ -24,11 +24,11 @@ class Path:
     Parameters
     ----------
     ids : ndarray of int64, shape (k, 3) or (k,)
-        The voxels, or the vertices, that it passes, both ends included.
+        The voxels, or the vertices, that it passes, both ends included; -1 where an exact path crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm.
+        Their places, RAS+ mm. Between them an exact path is straight; one of links runs over the triangles.
     length : float
-        mm.
+        Of the path over the surface, mm.
     """
 
     ids: NDArray[np.int64]
@@ -58,8 +58,9 @@ def path(
     a, b, *further : sequence of 3 ints, or int
         The ends, and further stops after `b`, in the order in which they are passed: voxel indices, or vertex numbers
         of a mesh.
-    geodesic : {"graph", "edges", "chain"}
-        "graph" and "chain" as in `voxflat.geodesic`. "edges" runs along edges from neighbour to neighbour, as cuts do.
+    geodesic : {"graph", "exact", "edges", "chain"}
+        "graph", "exact" and "chain" as in `voxflat.geodesic`. "edges" runs along edges from neighbour to neighbour, as
+        cuts do.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def path(
         ).whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find = core.voxels, core.path
-    elif geodesic in ("graph", "edges"):
+    elif geodesic in ("graph", "exact", "edges"):
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
         whole = _surface(surface, **place, memory_limit=memory_limit)
@@ -86,17 +87,23 @@ def path(
         vertices = whole.find(stops, "the stops")
         ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
     else:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'edges' or 'chain'")
-    passed, length = [vertices[:1]], 0.0
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'exact', 'edges' or 'chain'")
+    points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
     for (start, end), leg in zip(pairwise(vertices.tolist()), pairwise(stops), strict=True):
         try:
-            steps, leg_length = find(start, end)
+            if geodesic == "exact":
+                places, steps, leg_length = core.exact_path(start, end)
+            else:
+                steps, leg_length = find(start, end)
+                places = core.points[steps]
         except InputError:
             raise InputError(
                 f"no path leads from {np.asarray(leg[0]).tolist()} to {np.asarray(leg[1]).tolist()}: they lie in "
                 "different components of the surface; choose all stops in one"
             ) from None
-        passed.append(steps[1:])
+        points.append(places[1:])
+        passed.append(steps[1:].astype(np.int64))
         length += float(leg_length)
     along = np.concatenate(passed)
-    return Path(ids[along].astype(np.int64), core.points[along], length)
+    at_vertex = (along >= 0).reshape(-1, *[1] * (ids.ndim - 1))
+    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length)

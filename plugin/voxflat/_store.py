@@ -10,17 +10,15 @@ import uuid
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import _core
 from voxflat._errors import InputError
 from voxflat._prepare import Progress, amount, log
 from voxflat.io import atomic_path
-
-if TYPE_CHECKING:
-    from voxflat import _core
 
 FORMAT = "voxflat rows 1"
 ARRAYS = ("points", "ids", "sources")
@@ -34,6 +32,7 @@ class Store:
 
     path: Path
     identity: str
+    geodesic: str
 
     @property
     def key(self) -> tuple[Path, str]:
@@ -89,13 +88,15 @@ def prepare_store(
         raise InputError(f"the store is {path!r}; give a directory")
     path = Path(os.path.abspath(path))  # messages name it in full, and no later change of directory moves it
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
+    named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
+    fingerprint = core.fingerprint(**named, progress=progress)
     identity: dict[str, Any] = {
         "format": FORMAT,
         "geodesic": geodesic,
         "link_lengths": link_lengths,
         "points": len(core),
         "sources": len(chosen),
-        "links_hash": f"{core.links_hash(progress):016x}",
+        "fingerprint": f"{fingerprint:016x}",
         **{f"{name}_sha256": array_hash(array) for name, array in arrays.items()},
     }
     try:
@@ -111,7 +112,7 @@ def prepare_store(
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
     text = json.dumps(identity, sort_keys=True)
-    return Store(path, hashlib.sha256(text.encode()).hexdigest())
+    return Store(path, hashlib.sha256(text.encode()).hexdigest(), geodesic)
 
 
 def read_description(path: Path) -> dict[str, Any]:
@@ -124,7 +125,7 @@ def read_description(path: Path) -> dict[str, Any]:
     try:
         described = json.loads(file.read_text())
         named = described["format"]
-        wanted = ["geodesic", "points", "sources", "links_hash", *(f"{name}_sha256" for name in ARRAYS)]
+        wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
         if named == FORMAT and not all(name in described for name in wanted):
             raise ValueError("it is not complete")
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -207,7 +208,7 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
         pass  # its points are numbered in another way, too
     elif {"points", "points_sha256", "ids_sha256"} & set(differ):
         told.append(f"its surface is another ({there['points']} points; this one has {identity['points']})")
-    elif "links_hash" in differ:
+    elif "fingerprint" in differ:
         told.append("its surface has other triangles, or was joined by another version of voxflat")
     if "sources_sha256" in differ and not told:
         told.append(f"its sources are others ({there['sources']}; these are {identity['sources']})")

@@ -208,9 +208,10 @@ Examples:
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="Write what it passes, one in each line, for --cut.")
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "edges", "chain"]),
+    type=click.Choice(["graph", "exact", "edges", "chain"]),
     default="graph",
-    help="Straight links over the surface, along edges as cuts run, or the paper's links between voxels.",
+    help="Straight links over the surface, the exact shortest path, along edges as cuts run, or the paper's links "
+    "between voxels.",
 )
 @_options.volume
 @_options.making
@@ -225,6 +226,8 @@ def path(input_: Path, stops: list[Any], output: Path | None, as_json: bool, **o
     if len(stops) < 2:
         raise click.UsageError("Give at least two stops.")
     if output is not None:
+        if options["geodesic"] == "exact":
+            raise click.UsageError("An exact path crosses triangles, no cut can: give --geodesic edges with -o.")
         _check_output(output, (), (input_,))
     with bars() as shown:
         found = voxflat.path(_source(input_, options, shown), *stops, **options)
@@ -281,9 +284,10 @@ Examples:
 @_options.store(required=True)
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "chain"]),
+    type=click.Choice(["graph", "marching", "exact", "chain"]),
     default="graph",
-    help="Over the triangles of a surface, or by chain codes over the voxels of a volume.",
+    help="Over the triangles of a surface: by straight links, fast marching, or exactly; or by chain codes over the "
+    "voxels of a volume.",
 )
 @_options.making
 @_options.volume

@@ -14,12 +14,14 @@ use voxflat::distortion::overlap::overlaps;
 use voxflat::flatten;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::engine::Engine;
+use voxflat::geodesic::exact::{Exact, Site};
 use voxflat::geodesic::graph::GeodesicGraph;
+use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
-use voxflat::store::{self, Store};
+use voxflat::store::Store;
 use voxflat::surface::Surface as CoreSurface;
 use voxflat::surface::cuts::{self, Reason};
 use voxflat::surface::holes::{fill_holes, small_holes};
@@ -33,7 +35,48 @@ use voxflat::volume::Affine;
 use crate::convert;
 use crate::work::{InputError, run, to_python};
 
+type ExactPath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
 type FromMask<'py> = (Surface, Bound<'py, PyArray2<u32>>, Bound<'py, PyDict>);
+
+/// The solvers that measure distances on a surface.
+#[derive(Clone, Copy)]
+enum Geodesic {
+    Graph,
+    Marching(Wave),
+    Exact,
+}
+
+impl Geodesic {
+    fn named(name: &str) -> PyResult<Self> {
+        match name {
+            "graph" => Ok(Self::Graph),
+            "marching" => Ok(Self::Marching(Wave::Circle)),
+            "marching-plane" => Ok(Self::Marching(Wave::Plane)),
+            "exact" => Ok(Self::Exact),
+            _ => Err(InputError::new_err(format!("geodesic is {name:?}; give 'graph', 'marching' or 'exact'"))),
+        }
+    }
+}
+
+/// Evaluates an expression with the solver that a [`Geodesic`] names.
+macro_rules! with_solver {
+    ($geodesic:expr, $inner:expr, $control:expr, |$solver:ident| $body:expr) => {
+        match $geodesic {
+            Geodesic::Graph => {
+                let $solver = &*$inner.graph($control)?;
+                $body
+            }
+            Geodesic::Marching(wave) => {
+                let $solver = &Marching::new(&$inner.surface, wave, $control)?;
+                $body
+            }
+            Geodesic::Exact => {
+                let $solver = &Exact::new(&$inner.surface);
+                $body
+            }
+        }
+    };
+}
 
 /// A surface of triangles with the graph that measures distances on it.
 #[pyclass(frozen, module = "voxflat._core")]
@@ -356,29 +399,37 @@ impl Surface {
         flatten::surface_memory_need(self.0.surface.len(), sources, threads, stored)
     }
 
-    /// A hash of the links, on which alone distances depend.
-    #[pyo3(signature = (progress=None))]
-    fn links_hash(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+    /// A hash of what distances depend on.
+    #[pyo3(signature = (geodesic, progress=None))]
+    fn fingerprint(&self, py: Python<'_>, geodesic: &str, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+        let geodesic = Geodesic::named(geodesic)?;
         let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| store::fingerprint(&*inner.graph(control)?, control))
+        run(py, None, progress.as_ref(), move |control| {
+            with_solver!(geodesic, inner, control, |solver| solver.fingerprint(control))
+        })
     }
 
     /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
-    #[pyo3(signature = (directory, identity, sources, threads=None, progress=None))]
+    #[pyo3(signature = (directory, identity, sources, geodesic="graph", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)] // Python's, by name
     fn store_rows(
         &self,
         py: Python<'_>,
         directory: PathBuf,
         identity: String,
         sources: PyReadonlyArray1<'_, u32>,
+        geodesic: &str,
         threads: Option<usize>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<(usize, usize)> {
+        let geodesic = Geodesic::named(geodesic)?;
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         let found = run(py, threads, progress.as_ref(), move |control| {
-            Ok(Store::compute(&directory, &identity, &*inner.graph(control)?, &sources, control)?.found())
+            with_solver!(geodesic, inner, control, |solver| {
+                Ok(Store::compute(&directory, &identity, solver, &sources, control)?.found())
+            })
         })?;
         Ok((found.rows, found.damaged))
     }
@@ -407,19 +458,21 @@ impl Surface {
     }
 
     /// Distance rows (m, N) in mm from sources (vertices).
-    #[pyo3(signature = (sources, threads=None, progress=None))]
+    #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
     fn rows<'py>(
         &self,
         py: Python<'py>,
         sources: PyReadonlyArray1<'py, u32>,
+        geodesic: &str,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let geodesic = Geodesic::named(geodesic)?;
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         let rows = run(py, threads, progress.as_ref(), move |control| {
-            DistanceRows::compute(&*inner.graph(control)?, &sources, control)
+            with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control))
         })?;
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
@@ -435,6 +488,25 @@ impl Surface {
             Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
         })?;
         Ok((path.into_pyarray(py), length))
+    }
+
+    /// The exact shortest path: its points (k, 3) in mm, the vertices they lie at, or -1 for those on edges, and its length
+    /// in mm.
+    fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<ExactPath<'py>> {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let (path, length) = run(py, Some(1), None, move |control| {
+            let exact = Exact::new(&inner.surface);
+            let (mut wave, mut row) = (exact.scratch(), vec![0.0; inner.surface.len()]);
+            exact.distances(source, &mut row, &mut wave, control)?;
+            let mut path = exact.path(&wave, target)?;
+            path.reverse();
+            Ok((path, row[target as usize]))
+        })?;
+        let points: Vec<[f64; 3]> = path.iter().map(|passed| passed.point.into()).collect();
+        let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
+        let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
+        Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
     }
 
     /// The vertices of a shortest path along edges, both ends included, and its length in mm.

@@ -15,7 +15,7 @@ use voxflat::patch::{Disk, Patch};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
-use voxflat::store::{self, Store};
+use voxflat::store::Store;
 use voxflat::surface::VoxelSurface as CoreSurface;
 use voxflat::surface::cubes::CubeTopology;
 use voxflat::volume::Affine;
@@ -187,11 +187,11 @@ impl VoxelSurface {
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
-    /// A hash of the links, on which alone distances depend.
+    /// A hash of what distances depend on.
     #[pyo3(signature = (progress=None))]
-    fn links_hash(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+    fn fingerprint(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
         let inner = Arc::clone(&self.0);
-        run(py, Some(1), progress.as_ref(), move |control| store::fingerprint(&inner.graph, control))
+        run(py, Some(1), progress.as_ref(), move |control| inner.graph.fingerprint(control))
     }
 
     /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.

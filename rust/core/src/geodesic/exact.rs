@@ -18,7 +18,7 @@ mod tests;
 mod wave;
 mod window;
 
-use super::Solver;
+use super::{Fingerprint, Solver};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
@@ -93,5 +93,16 @@ impl Solver for Exact<'_> {
         wave.run(self, source, control)?;
         row.iter_mut().zip(&wave.distance).for_each(|(value, &distance)| *value = distance as f32);
         Ok(())
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        control.check()?;
+        let mut hash = Fingerprint::default();
+        let coordinates = self.surface.points().iter().flat_map(|point| point.iter());
+        coordinates.for_each(|coordinate| hash.mix(coordinate.to_bits()));
+        self.surface.faces().iter().flatten().for_each(|&vertex| hash.mix(u64::from(vertex)));
+        hash.mix(self.reach.mm.to_bits());
+        hash.mix(self.reach.rings.map_or(0, |rings| 1 + u64::from(rings)));
+        Ok(hash.finish())
     }
 }

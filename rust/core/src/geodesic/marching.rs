@@ -15,8 +15,8 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector2;
 
-use super::Solver;
 use super::graph::unfold;
+use super::{Fingerprint, Solver};
 use crate::adjacency::Arc;
 use crate::control::Control;
 use crate::error::Result;
@@ -172,6 +172,19 @@ impl Solver for Marching<'_> {
         }
         row.iter_mut().zip(distance).for_each(|(to, &mut from)| *to = from as f32);
         Ok(())
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        control.check()?;
+        let mut hash = Fingerprint::default();
+        hash.mix(u64::from(self.wave == Wave::Plane));
+        self.starts.iter().for_each(|&start| hash.mix(u64::from(start)));
+        for front in &self.fronts {
+            hash.mix(u64::from(front.to) << 32 | u64::from(front.other));
+            hash.mix(u64::from(front.apex[0].to_bits()) << 32 | u64::from(front.apex[1].to_bits()));
+            hash.mix(u64::from(front.side.to_bits()));
+        }
+        Ok(hash.finish())
     }
 }
 

@@ -32,6 +32,12 @@ pub trait Solver: Sync {
     /// [`crate::Error::Cancelled`].
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
 
+    /// A hash of what distances depend on, the same on every machine.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn fingerprint(&self, control: &Control) -> Result<u64>;
+
     /// The same distances, prepared for the rows of many sources at once, if that is the faster way to those of so many and
     /// needs no more than so many bytes. Depends on what is to be solved and on these numbers alone.
     ///
@@ -40,5 +46,22 @@ pub trait Solver: Sync {
     fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
         let _ = (sources, bytes, control);
         Ok(None)
+    }
+}
+
+/// A hash of words: the same on every machine, other for another order.
+#[derive(Debug, Default)]
+pub(crate) struct Fingerprint(u64);
+
+impl Fingerprint {
+    /// Takes in another word.
+    pub fn mix(&mut self, word: u64) {
+        self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
+        self.0 ^= self.0 >> 32;
+    }
+
+    /// The hash of all words.
+    pub fn finish(&self) -> u64 {
+        self.0
     }
 }

@@ -4,8 +4,8 @@
 //! bucket is then final, as in Dijkstra's algorithm, but the queue costs no comparison. Only the few buckets that one link
 //! can span are alive at a time, so they are kept in a ring.
 
-use super::Solver;
 use super::sweep::Sweep;
+use super::{Fingerprint, Solver};
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -102,6 +102,19 @@ impl<G: Links> Solver for G {
         row.fill(f32::INFINITY);
         row[source as usize] = 0.0;
         search.lower(self, &[source], row, control)
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        let mut hash = Fingerprint::default();
+        hash.mix(self.vertices() as u64);
+        for vertex in 0..self.vertices() as u32 {
+            if vertex.is_multiple_of(4096) {
+                control.check()?;
+            }
+            hash.mix(u64::from(vertex));
+            self.arcs(vertex).for_each(|arc| hash.mix(u64::from(arc.to) << 32 | u64::from(arc.length.to_bits())));
+        }
+        Ok(hash.finish())
     }
 
     fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {

@@ -20,7 +20,6 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
@@ -55,23 +54,6 @@ pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = block_rows(columns, rows);
     let at_once = threads.min(rows.div_ceil(height.max(1)));
     at_once as u64 * (CHUNK as u64 + (height * VALUE + 16) as u64 * columns as u64)
-}
-
-/// A hash of a graph, the same on every machine: distances depend on nothing else.
-pub fn fingerprint(graph: &impl Links, control: &Control) -> Result<u64> {
-    let mut hash = graph.vertices() as u64;
-    let mut mix = |word: u64| {
-        hash = (hash ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
-        hash ^= hash >> 32;
-    };
-    for vertex in 0..graph.vertices() as u32 {
-        if vertex.is_multiple_of(4096) {
-            control.check()?;
-        }
-        mix(u64::from(vertex));
-        graph.arcs(vertex).for_each(|arc| mix(u64::from(arc.to) << 32 | u64::from(arc.length.to_bits())));
-    }
-    Ok(hash)
 }
 
 /// What was in a store when it was opened.

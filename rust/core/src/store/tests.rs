@@ -88,6 +88,10 @@ impl Solver for Counting<'_> {
         }
         self.0.row(source, row, scratch, control)
     }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        self.0.fingerprint(control)
+    }
 }
 
 fn compute<S: Solver>(folder: &Folder, solver: &S) -> Result<Store> {
@@ -284,7 +288,7 @@ fn fingerprints_tell_graphs_apart() {
     let control = Control::default();
     let of = |mask: Mask, spacing| {
         let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
-        fingerprint(&chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap(), &control).unwrap()
+        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap().fingerprint(&control).unwrap()
     };
     let plate = || Mask::from_fn([5, 5, 1], |_| true).unwrap();
     let dented = Mask::from_fn([5, 5, 1], |[i, j, _]| (i, j) != (0, 0)).unwrap();

@@ -1,0 +1,159 @@
+"""Distances by every solver, and paths, through the API and the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat.cli import main
+
+SOLVERS = ["graph", "marching", "exact"]
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A sphere of radius 10 mm: points and faces."""
+    pyvista = pytest.importorskip("pyvista")
+    return voxflat.surface(pyvista.Icosphere(radius=10.0, nsub=4))
+
+
+@pytest.fixture(scope="module")
+def rows(ball):
+    return {solver: voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver) for solver in SOLVERS}
+
+
+def on_sphere(points, a):
+    return 10 * np.arccos(np.clip(points @ points[a] / 100, -1, 1))
+
+
+@pytest.mark.parametrize(("solver", "worst"), [("graph", 0.03), ("marching", 0.015), ("exact", 0.003)])
+def test_distances_on_a_sphere(rows, solver, worst):
+    row = rows[solver]
+    for n, source in enumerate([0, 7, 1000]):
+        truth = on_sphere(row.points, source)
+        far = truth > 1
+        assert row[n][source] == 0
+        assert np.abs(row[n][far] / truth[far] - 1).max() < worst
+
+
+def test_exact_is_never_longer_than_a_path_of_the_graph(rows):
+    exact, graph = (np.asarray(rows[solver], dtype=float) for solver in ("exact", "graph"))
+    assert (exact <= graph * (1 + 1e-6) + 1e-6).all()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_rows_have_the_same_bits_for_any_threads_and_in_a_store(ball, rows, solver, tmp_path):
+    for threads in (1, 2, 7):
+        again = voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver, threads=threads)
+        np.testing.assert_array_equal(again, rows[solver])
+    stored = voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver, store=tmp_path / "store")
+    np.testing.assert_array_equal(stored, rows[solver])
+    other = SOLVERS[SOLVERS.index(solver) - 1]
+    with pytest.raises(voxflat.InputError, match=f"its geodesic is '{solver}'"):
+        voxflat.geodesic(ball, [0, 7, 1000], geodesic=other, store=tmp_path / "store")
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_nothing_crosses_a_slit(solver):
+    sheet = np.ones((21, 21, 1), dtype=np.uint8)
+    sheet[10, :18] = 0
+    row = voxflat.geodesic(sheet, [[8, 0, 0]], geodesic=solver)
+    across = np.flatnonzero((row.ids == [12, 0, 0]).all(axis=1))
+    assert row[0][across] > 2 * 17  # round the end of the slit
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_work_is_cancelled(ball, solver):
+    def stop(stage, done, total):
+        return stage != "measuring distances"
+
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.geodesic(ball, 50, geodesic=solver, progress=stop)
+
+
+def test_an_unknown_solver_is_named(ball):
+    with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact' or 'chain'"):
+        voxflat.geodesic(ball, 5, geodesic="heat")
+    with pytest.raises(voxflat.InputError, match="'marching'; give 'graph', 'exact', 'edges' or 'chain'"):
+        voxflat.path(ball, 0, 5, geodesic="marching")
+    with pytest.raises(voxflat.InputError, match="link_lengths"):
+        voxflat.geodesic(ball, 5, geodesic="exact", link_lengths="euclidean")
+
+
+class TestPaths:
+    @pytest.mark.parametrize("solver", ["graph", "exact", "edges"])
+    def test_are_as_long_as_the_distance_says(self, ball, rows, solver):
+        for target in (3, 500, 2000):
+            found = voxflat.path(ball, 7, target, geodesic=solver)
+            steps = np.linalg.norm(np.diff(found.points, axis=0), axis=1)
+            if solver == "graph":
+                assert steps.sum() < found.length < 1.005 * steps.sum()  # links run over faces from vertex to vertex
+            else:
+                assert found.length == pytest.approx(steps.sum(), rel=1e-6)
+            if solver != "edges":
+                assert found.length == pytest.approx(float(rows[solver][1][target]), rel=1e-6)
+            assert (found.ids[0], found.ids[-1]) == (7, target)
+
+    def test_exact_ones_cross_edges_on_the_surface(self, ball):
+        found = voxflat.path(ball, 7, 2000, 33, geodesic="exact")
+        assert (found.ids == -1).sum() > 10
+        np.testing.assert_array_equal(found.ids[found.ids >= 0][[0, -1]], [7, 33])
+        assert 2000 in found.ids
+        at = found.ids >= 0
+        np.testing.assert_allclose(found.points[at], ball.points[found.ids[at]], atol=1e-9)
+        assert np.abs(np.linalg.norm(found.points, axis=1) - 10).max() < 0.03
+
+    def test_over_voxels_are_straight_on_a_plane(self):
+        found = voxflat.path(np.ones((9, 9, 1), np.uint8), (0, 0, 0), (8, 3, 0), geodesic="exact")
+        assert found.length == pytest.approx(np.hypot(8, 3), rel=1e-9)
+        assert found.ids.shape == (len(found.points), 3)
+        assert (found.ids[1:-1] == -1).all()
+
+    def test_to_itself_is_a_point(self, ball):
+        found = voxflat.path(ball, 7, 7, geodesic="exact")
+        assert (found.length, found.ids.tolist()) == (0.0, [7])
+
+    def test_in_different_components_is_refused(self):
+        apart = np.ones((9, 9, 1), np.uint8)
+        apart[4] = 0
+        with pytest.raises(voxflat.InputError, match="different components"):
+            voxflat.path(apart, (0, 0, 0), (8, 0, 0), geodesic="exact")
+
+
+class TestCommandLine:
+    @pytest.fixture
+    def mesh(self, ball, tmp_path):
+        ball.save(tmp_path / "ball.surf.gii")
+        return tmp_path / "ball.surf.gii"
+
+    def test_prints_the_exact_path(self, mesh, ball):
+        done = CliRunner().invoke(main, ["path", str(mesh), "7", "2000", "--geodesic", "exact", "--json"])
+        told = json.loads(done.stdout)
+        assert told["length"] == pytest.approx(voxflat.path(ball, 7, 2000, geodesic="exact").length, rel=1e-6)
+        assert -1 in told["ids"]
+
+    def test_writes_no_exact_path_for_cuts(self, mesh, tmp_path):
+        command = ["path", str(mesh), "7", "2000", "--geodesic", "exact", "-o", str(tmp_path / "cut.txt")]
+        done = CliRunner().invoke(main, command)
+        assert done.exit_code == 2
+        assert "--geodesic edges" in done.stderr
+        assert not (tmp_path / "cut.txt").exists()
+
+    @pytest.mark.parametrize("solver", SOLVERS)
+    def test_fills_a_store(self, mesh, tmp_path, solver):
+        command = [
+            "rows",
+            str(mesh),
+            "--sources",
+            "5",
+            "--geodesic",
+            solver,
+            "--store",
+            str(tmp_path / "store"),
+            "--quiet",
+        ]
+        assert CliRunner().invoke(main, command).exit_code == 0
+        rows = voxflat.open_rows(tmp_path / "store")
+        np.testing.assert_array_equal(rows, voxflat.geodesic(mesh, 5, geodesic=solver))
