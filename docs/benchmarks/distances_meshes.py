@@ -14,6 +14,8 @@ SIZES = (640, 2560, 10240, 40960)
 KNOWN_SOURCES = 10
 WORKBENCH_SOURCES = 20
 
+NAMES = tuple(f"voxflat {geodesic}" for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS))
+
 
 def cortex(options):
     """Compare all solvers with pygeodesic on the cortex of fsaverage5."""
@@ -25,7 +27,7 @@ def cortex(options):
                 gathered.setdefault((kind, name), []).append(relative)
     rows = []
     for kind in ("pial", "white"):
-        for name in ("voxflat exact", "voxflat marching", "voxflat graph", *solvers.PEERS, "Workbench"):
+        for name in (*NAMES, *solvers.PEERS, "Workbench"):
             if (kind, name) in gathered:
                 relative = np.concatenate(gathered[kind, name])
                 rows.append([kind, name, f"{len(relative):,}", *cortex_cells(kind, name, relative)])
@@ -45,7 +47,7 @@ def cortex_errors(points, faces, count):
     exact = solvers.exact(points, faces)
     true = np.array([exact(source) for source in sources])
     mine = solvers.Mine(points, faces)
-    for geodesic in solvers.OURS:
+    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
         yield f"voxflat {geodesic}", errors(mine.rows(sources, geodesic), true)
     for name, make in solvers.PEERS.items():
         solve = make(points, faces)
@@ -124,7 +126,7 @@ def known(options):
         rows = []
         for name, means in found.items():
             order = -exponent(np.sqrt(sizes), means)
-            limit = 1.0 if name.startswith("voxflat") else None
+            limit = 1.0 if name in NAMES[:-1] else None
             cells = [f"{100 * mean:.3f}" for mean in means]
             rows.append([name, *cells, judged(order, ".2f", limit, f"{title}, {name}, order", least=True)])
         table(
@@ -137,7 +139,7 @@ def known(options):
 def known_rows(points, faces, sources):
     """Yield each solver's name and rows."""
     mine = solvers.Mine(points, faces)
-    for geodesic in solvers.OURS:
+    for geodesic in (*solvers.OURS, solvers.STRAIGHT_FRONTS):
         yield f"voxflat {geodesic}", mine.rows(sources, geodesic).astype(float)
     for name, make in list(solvers.PEERS.items())[:2]:
         solve = make(points, faces)

@@ -14,6 +14,9 @@ from voxflat.meshes import Mesh, read_overlay, write_mesh
 
 OURS = ("exact", "marching", "graph")
 
+STRAIGHT_FRONTS = "marching-plane"
+"""Fast marching as Kimmel and Sethian have it, for comparison; not public."""
+
 
 class Mine:
     """voxflat on a mesh: `rows` of one or more sources by one of its solvers, on one thread."""
