@@ -19,6 +19,7 @@ import distances_anatomy
 import distances_meshes
 import distances_rows
 import distances_sheets
+import distances_speed
 import distances_tables
 
 SECTIONS = {
@@ -31,6 +32,8 @@ SECTIONS = {
     "maps": distances_sheets.maps,
     "rows": distances_rows.few,
     "many": distances_rows.many,
+    "meshes": distances_speed.meshes,
+    "growth": distances_speed.growth,
 }
 
 
@@ -48,6 +51,7 @@ def main():
     parser.add_argument("--maps", type=int, default=5, help="flat maps of curled sheets")
     parser.add_argument("--sizes", nargs="+", default=list(distances_rows.RADII), choices=distances_rows.RADII)
     parser.add_argument("--rounds", type=int, default=5, help="repetitions of what is timed")
+    parser.add_argument("--meshes", nargs="+", default=list(distances_speed.MESHES), choices=distances_speed.MESHES)
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(SECTIONS)
     if unknown := set(chosen) - set(SECTIONS):

@@ -20,7 +20,10 @@ WIDTHS = (49.0, 98.0, 165.0)
 """Of the sheets, voxels; they are twice as long: 4,000, 16,000 and 45,000 voxels."""
 
 RADII = (20, 40, 80)
-SOURCES = 30
+SOURCES = 8
+
+FEW = 4
+"""Orientations of the sheets that are smaller or larger."""
 
 
 def sheets(options):
@@ -29,7 +32,7 @@ def sheets(options):
     means = {}
     for width in WIDTHS:
         sizes, gathered = [], {}
-        for number in range(options.orientations):
+        for number in range(options.orientations if width == WIDTHS[1] else min(FEW, options.orientations)):
             volume, surface, plane = curled_sheet(width, number)
             sizes.append(len(surface))
             sources = np.random.default_rng(number).choice(len(surface), SOURCES, replace=False)
@@ -60,7 +63,8 @@ def sheets(options):
         f"Curled sheet of voxels, {options.orientations} random orientations: errors against the truth",
         ["voxels", "estimator", "mean error, %", "worst orientation, %", "|bias|, %"],
         rows,
-        f"{SOURCES} random sources to all voxels. Errors fall from size to size: {', '.join(falling) or 'none'}.",
+        f"{SOURCES} random sources to all voxels; {FEW} orientations of the first and the last size."
+        f" Errors fall from size to size: {', '.join(falling) or 'none'}.",
     )
 
 
