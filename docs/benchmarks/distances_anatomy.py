@@ -45,7 +45,7 @@ def voxels(options):
             "voxels",
             "estimator",
             *(f"{low}-{high} mm" for low, high in BANDS),
-            "beyond 15 mm: |bias|, %",
+            "beyond 15 mm: size of the bias, %",
             "short by > 20 %, in a million",
         ],
         rows,
@@ -67,7 +67,7 @@ def cells(spacing, name, relative, true):
     short = 1e6 * np.mean(relative[true >= BANDS[0][0]] < -0.2)
     return [
         *texts,
-        judged(abs(bias), ".2f", MOST_BIAS if ours else None, f"{what}, |bias| beyond 15 mm, %"),
+        judged(abs(bias), ".2f", MOST_BIAS if ours else None, f"{what}, size of the bias beyond 15 mm, %"),
         judged(short, ".0f", MOST_SHORT if ours else None, f"{what}, short by > 20 %, in a million"),
     ]
 

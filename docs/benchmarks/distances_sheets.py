@@ -5,7 +5,7 @@ from pathlib import Path
 
 import distances_solvers as solvers
 import numpy as np
-from distances_tables import judged, table
+from distances_tables import exponent, judged, table
 from scipy.spatial.transform import Rotation
 
 import voxflat
@@ -52,19 +52,22 @@ def sheets(options):
                     name,
                     judged(mean, ".2f", 0.3 if held else None, f"{what}, mean error, %"),
                     f"{max(np.abs(100 * part).mean() for part in parts):.2f}",
-                    judged(abs(bias), ".2f", 0.2 if held else None, f"{what}, |bias|, %") + f" ({bias:+.2f})",
+                    f"{bias:+.2f}; size " + judged(abs(bias), ".2f", 0.2, f"{what}, size of the bias, %")
+                    if held
+                    else f"{bias:+.2f}",
                 ]
             )
     falling = [name for name, found in means.items() if np.all(np.diff(found) < 0)]
     for name in means:
         if name.startswith("voxflat"):
             judged(float(name in falling), ".0f", 1.0, f"curled sheet, {name}, falls with the size", least=True)
+    falls = ", ".join(f"{name} {exponent(WIDTHS, found):.2f}" for name, found in means.items() if name in falling)
     table(
         f"Curled sheet of voxels, {options.orientations} random orientations: errors against the truth",
-        ["voxels", "estimator", "mean error, %", "worst orientation, %", "|bias|, %"],
+        ["voxels", "estimator", "mean error, %", "worst orientation, %", "bias, %"],
         rows,
         f"{SOURCES} random sources to all voxels; {FEW} orientations of the first and the last size."
-        f" Errors fall from size to size: {', '.join(falling) or 'none'}.",
+        f" Errors fall from size to size, as the width to the power of: {falls}.",
     )
 
 
