@@ -39,10 +39,10 @@ def main():
         shares = f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
         print(f"{name:16}{cells}{shares}")
     print("(last columns: voxflat's time as a share of it)\n")
-    ratios = threads(surface)
+    ratios, more = threads(surface)
     print(
         f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one "
-        f"({min(ratios):.2f} to {max(ratios):.2f})"
+        f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time"
     )
 
 
@@ -77,9 +77,9 @@ def solvers_of(surface):
     return {"voxflat": ours, "navis-fastcore": navis, "scipy": scipy}
 
 
-def some_sources(points):
+def some_sources(points, count=FURTHER + 1):
     """Return the sources of which rows are timed."""
-    return np.random.default_rng(0).choice(points, FURTHER + 1, replace=False).astype(np.uint32)
+    return np.random.default_rng(0).choice(points, count, replace=False).astype(np.uint32)
 
 
 def check_equal(solvers, sources):
@@ -93,9 +93,9 @@ def check_equal(solvers, sources):
     return apart
 
 
-def compare(solvers, points, rounds=ROUNDS):
+def compare(solvers, points, rounds=ROUNDS, more=FURTHER):
     """Return the CPU seconds of one row and of a further row, by name."""
-    sources = some_sources(points)
+    sources = some_sources(points, more + 1)
     one = {name: [] for name in solvers}
     many = {name: [] for name in solvers}
     for _ in tqdm(range(rounds), leave=False):
@@ -103,7 +103,7 @@ def compare(solvers, points, rounds=ROUNDS):
             one[name].append(cpu(solve, sources[:1]))
             many[name].append(cpu(solve, sources))
     first = {name: np.median(times) for name, times in one.items()}
-    further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
+    further = {name: np.median(np.subtract(many[name], one[name])) / more for name in solvers}
     return first, further
 
 
@@ -115,17 +115,19 @@ def cpu(solve, sources):
 
 
 def threads(surface, rounds=ROUNDS):
-    """Return how much faster two threads are than one, wall time of 64 rows, of several rounds."""
+    """Return, a round, how much faster two threads are than one, wall time of 64 rows, and their share of CPU time."""
     sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
-    ratios = []
+    ratios, more = [], []
     for _ in range(rounds):
-        walls = []
+        walls, cpus = [], []
         for count in (1, 2):
-            start = time.perf_counter()
+            start = time.perf_counter(), time.process_time()
             surface.rows(sources, count)
-            walls.append(time.perf_counter() - start)
+            walls.append(time.perf_counter() - start[0])
+            cpus.append(time.process_time() - start[1])
         ratios.append(walls[0] / walls[1])
-    return ratios
+        more.append(cpus[1] / cpus[0])
+    return ratios, more
 
 
 if __name__ == "__main__":
