@@ -39,8 +39,10 @@ def few(options):
             measured[f"a row by {name}"][points] = further[name]
             mine = name == "voxflat"
             ratios = [
-                "" if mine else judged(time[name] / time["voxflat"], ".1f", limit, f"{size} voxels, {what}", least=True)
-                for time, what in ((first, "one row"), (further, "a further row"))
+                ""
+                if mine
+                else judged(taken[name] / taken["voxflat"], ".1f", limit, f"{size} voxels, {what}", least=True)
+                for taken, what in ((first, "one row"), (further, "a further row"))
                 for limit in [2.5 if name == "navis-fastcore" else None]
             ]
             lines.append(
@@ -76,7 +78,7 @@ def many(options):
         sources = np.random.default_rng(6).choice(points, ALL, replace=False).astype(np.uint32)
         held = min(ALL, HELD if points > 500_000 else ALL)
         counts = [count for count in (1, 4, 16, 64, 256, 1000, ALL) if count <= held]
-        rows = surface.rows(sources[:held], 1)[:: held // 4]
+        rows = surface.rows(sources[:held], 1)[:: held // 4].copy()  # a view would keep them all
         check = np.asarray(solvers["navis-fastcore"](sources[:held][:: held // 4]))
         np.testing.assert_allclose(rows, check, rtol=1e-5, err_msg="swept rows are navis-fastcore's")
         times = {count: stages(surface, sources[:count]) for count in counts[:-1]}
