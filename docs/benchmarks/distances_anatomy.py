@@ -156,5 +156,12 @@ def with_places(points, faces, face, places):
         triangles[turned] = triangles[turned][:, ::-1]
         divided.append(corners[triangles])
     kept = np.delete(faces, np.unique(owner), axis=0)
-    numbers = len(points) + which.reshape(-1)
-    return np.concatenate([points, new_points]), np.concatenate([kept, *divided]), numbers
+    more_points, more_faces = np.concatenate([points, new_points]), np.concatenate([kept, *divided])
+    np.testing.assert_allclose(area(more_points, more_faces), area(points, faces), err_msg="the same surface")
+    return more_points, more_faces, len(points) + which.reshape(-1)
+
+
+def area(points, faces):
+    """Area of a mesh, mm²."""
+    a, b, c = points[faces].swapaxes(0, 1)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
