@@ -79,7 +79,7 @@ def of_hemisphere(side, spacing, options, notes):
     mask, _ = _core.repair(labels.astype(bool), [spacing] * 3)
     changed = np.count_nonzero(mask != labels.astype(bool))
     if changed:
-        notes.append(f"{side} {spacing} mm: {changed} voxels were changed to leave no handle.")
+        notes.append(f"{side} {spacing} mm: voxels changed to leave no handle: {changed}.")
     surface = voxflat.surface(mask.astype(np.uint8), affine=affine)
     picked = np.random.default_rng(5).permutation(len(surface))
     picked = picked[: options.targets + options.voxel_sources]
