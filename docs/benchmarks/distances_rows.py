@@ -10,7 +10,7 @@ RADII = {"20k": 42, "200k": 133, "1M": 294}
 """Of bumpy balls, voxels."""
 
 ROUNDS = {"20k": 7, "200k": 3, "1M": 1}
-"""Repetitions of 4,000 rows."""
+"""Repetitions of 4,000 rows, at most."""
 
 ALL = 4000
 HELD = 1000
@@ -36,12 +36,12 @@ def few(options):
         bench.check_equal(solvers, bench.some_sources(points)[:2])
         first, further = bench.compare(solvers, points, options.rounds, 64 if points < 100_000 else bench.FURTHER)
         for name in solvers:
-            measured[f"a row by {name}"][points] = further[name]
+            measured[f"a row by {name.replace('voxflat', 'voxflat chain')}"][points] = further[name]
             mine = name == "voxflat"
             ratios = [
                 ""
                 if mine
-                else judged(taken[name] / taken["voxflat"], ".1f", limit, f"{size} voxels, {what}", least=True)
+                else judged(taken[name] / taken["voxflat"], ".2f", limit, f"{size} voxels, {what}", least=True)
                 for taken, what in ((first, "one row"), (further, "a further row"))
                 for limit in [2.5 if name == "navis-fastcore" else None]
             ]
@@ -83,7 +83,7 @@ def many(options):
         np.testing.assert_allclose(rows, check, rtol=1e-5, err_msg="swept rows are navis-fastcore's")
         times = {count: stages(surface, sources[:count]) for count in counts[:-1]}
         firsts, furthers, wholes = [], [], []
-        for _ in range(ROUNDS[size]):
+        for _ in range(min(ROUNDS[size], options.rounds)):
             first, further = bench.compare({"navis-fastcore": solvers["navis-fastcore"]}, points, 1)
             firsts.append(first["navis-fastcore"])
             furthers.append(further["navis-fastcore"])
@@ -97,7 +97,7 @@ def many(options):
         whole, prepared, wall = times[held]
         batches = ALL // held
         ours = batches * whole
-        ratio = judged(peer / ours, ".1f", 10 if points < 100_000 else 5, f"{size} voxels, 4,000 rows", least=True)
+        ratio = judged(peer / ours, ".2f", 10 if points < 100_000 else 5, f"{size} voxels, 4,000 rows", least=True)
         once = "" if batches == 1 else f"{peer / (prepared + batches * (whole - prepared)):.1f}"
         lines.append(
             [
@@ -125,7 +125,7 @@ def many(options):
         ],
         lines,
         "navis-fastcore: one row and 3,999 times a further row, for each of its rows costs the same (medians of "
-        + ", ".join(f"{ROUNDS[size]} at {size}" for size in options.sizes)
+        + ", ".join(f"{min(ROUNDS[size], options.rounds)} at {size}" for size in options.sizes)
         + ")."
         f" Of a million voxels 4,000 rows are 16 GB: {HELD:,} are made at a time, four times, each time with a"
         " preparation of its own, as somebody without that memory would. One batch is measured.",

@@ -19,6 +19,21 @@ MESHES = {"fsaverage5": None, "1.2 mm": 1.2, "0.7 mm": 0.7, "0.43 mm": 0.43}
 FURTHER = {"graph": 4, "marching": 4, "exact": 1, "potpourri3d marching": 4, "potpourri3d heat": 4, "pygeodesic": 1}
 """How many sources beyond the first are timed."""
 
+KINDS = {
+    "chain": ("voxflat chain", "navis-fastcore", "scipy"),
+    "marching": ("voxflat marching", "potpourri3d marching", "potpourri3d heat"),
+    "exact": ("voxflat exact", "pygeodesic"),
+}
+"""Solvers that are drawn in the same colour."""
+
+DASHES = {
+    "navis-fastcore": "s--",
+    "scipy": "^:",
+    "potpourri3d marching": "s--",
+    "potpourri3d heat": "^:",
+    "pygeodesic": "s--",
+}
+
 SLOW = 200_000
 """Vertices from which on pygeodesic is timed once only; it takes ten seconds a source and more there."""
 
@@ -136,17 +151,19 @@ def growth(options):
 
 
 def draw():
-    """Draw the curves of growth on logarithmic axes."""
+    """Draw the curves of growth on logarithmic axes: a solver in the colour of its peer, peers dashed."""
     figure = Figure(figsize=(12, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2)
+    colours = {}
     for name, curve in measured.items():
         sizes = sorted(curve)
-        many = name.startswith("m rows")
-        peer = "voxflat" not in name
-        label = name.removeprefix("m rows of ").removeprefix("a row by ").replace(" by ", ": ")
-        (right if many else left).loglog(
-            sizes, [curve[size] for size in sizes], "o--" if peer else "o-", label=label, alpha=0.7 if peer else 1
-        )
+        what, solver = name.rsplit(" by ", 1)
+        many = what.startswith("m rows")
+        kind = what if many else next((kind for kind, names in KINDS.items() if solver in names), solver)
+        colour = colours.setdefault(kind, f"C{len(colours)}")
+        label = f"{what.removeprefix('m rows of ')}, {solver}" if many else solver
+        style = "o-" if solver.startswith("voxflat") else DASHES[solver]
+        (right if many else left).loglog(sizes, [curve[size] for size in sizes], style, color=colour, label=label)
     left.set(title="one more source", xlabel="vertices, or surface voxels", ylabel="CPU time (s)")
     right.set(
         title="m sources over the 26-neighbour graph", xlabel="sources m", ylabel="CPU time (s), with preparation"
@@ -154,6 +171,7 @@ def draw():
     for axes in (left, right):
         axes.grid(which="major", alpha=0.3)
         if axes.lines:
-            axes.legend(fontsize="small", frameon=False)
+            axes.set_ylim(top=60 * axes.get_ylim()[1])  # room for the legend
+            axes.legend(fontsize="small", frameon=False, ncols=2, loc="upper left")
     figures.save(figure, PICTURE)
     print(f"drawn: {PICTURE.relative_to(PICTURE.parents[2])}")
