@@ -8,7 +8,7 @@ UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test lint test-rust test-python bench bench-surfaces bench-store soak paper-grossmann paper-zigelman pictures docs format clean
+.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-surfaces bench-store soak paper-grossmann paper-zigelman pictures docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -41,6 +41,9 @@ test-python: setup ## tests of the Python package, napari's real window among th
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
 	$(RUN) python docs/benchmarks/rows.py
+
+bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
+	$(RUN) --group bench python docs/benchmarks/distances.py
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py

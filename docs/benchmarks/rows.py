@@ -4,6 +4,7 @@
 
 One row: CPU time of a whole call for one source. A further row: what each source beyond the first adds (what a peer
 spends on building its own graph is left out). All take turns, and medians are given: compare ratios, machines differ.
+`distances.py` does the same at more sizes.
 """
 
 import os
@@ -26,10 +27,37 @@ def main():
     """Measure and print."""
     surface = bumpy_ball()
     points = len(surface)
-    starts, neighbours, lengths = surface.csr
-    print(f"{points} surface voxels, {len(neighbours) / points:.1f} links a voxel")
+    print(f"{points} surface voxels, {len(surface.csr[1]) / points:.1f} links a voxel")
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+    solvers = solvers_of(surface)
+    for name, apart in check_equal(solvers, some_sources(points)[:2]).items():
+        print(f"{name}: largest difference {apart:.1e} mm")
+    first, further = compare(solvers, points)
+    print(f"\n{'CPU time':16}{'one row':>12}{'further row':>14}{'a vertex':>12}{'one':>9}{'further':>9}")
+    for name in solvers:
+        cells = f"{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
+        shares = f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
+        print(f"{name:16}{cells}{shares}")
+    print("(last columns: voxflat's time as a share of it)\n")
+    ratios, more = threads(surface)
+    print(
+        f"two threads, wall time of 64 rows: {np.median(ratios):.2f} times as fast as one "
+        f"({min(ratios):.2f} to {max(ratios):.2f}), for {np.median(more):.2f} times the CPU time"
+    )
 
+
+def bumpy_ball(radius=133):
+    """Return the surface of a ball with bumps, a little above 200,000 voxels."""
+    axis = np.arange(-radius - 12, radius + 13, dtype=np.float32)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
+    mask = np.sqrt(x**2 + y**2 + z**2) < radius + 8 * np.sin(x / 9) * np.sin(y / 9) * np.sin(z / 9)
+    return _core.VoxelSurface.from_mask(mask, np.eye(4).tolist(), "chain-code").cut_out()
+
+
+def solvers_of(surface):
+    """Return functions from sources to rows by the name of their solver, all over the links of a surface."""
+    points = len(surface)
+    starts, neighbours, lengths = surface.csr
     graph = csr_matrix(
         (lengths.astype(float), neighbours.astype(np.int64), starts.astype(np.int64)), shape=(points,) * 2
     )
@@ -46,43 +74,37 @@ def main():
     def scipy(sources):
         return dijkstra(graph, indices=sources.astype(int))
 
-    solvers = {"voxflat": ours, "navis-fastcore": navis, "scipy": scipy}
-    sources = np.random.default_rng(0).choice(points, FURTHER + 1, replace=False).astype(np.uint32)
-    check_equal(solvers, sources[:2])
-
-    one = {name: [] for name in solvers}
-    many = {name: [] for name in solvers}
-    for _ in tqdm(range(ROUNDS), leave=False):
-        for name, solve in solvers.items():
-            one[name].append(cpu(solve, sources[:1]))
-            many[name].append(cpu(solve, sources))
-    print(f"{'CPU time':16}{'one row':>12}{'further row':>14}{'a vertex':>12}{'one':>9}{'further':>9}")
-    first = {name: np.median(times) for name, times in one.items()}
-    further = {name: np.median(np.subtract(many[name], one[name])) / FURTHER for name in solvers}
-    for name in solvers:
-        cells = f"{1e3 * first[name]:>9.1f} ms{1e3 * further[name]:>11.1f} ms{1e9 * further[name] / points:>9.1f} ns"
-        shares = f"{first['voxflat'] / first[name]:>9.2f}{further['voxflat'] / further[name]:>9.2f}"
-        print(f"{name:16}{cells}{shares}")
-    print("(last columns: voxflat's time as a share of it)\n")
-    threads(surface)
+    return {"voxflat": ours, "navis-fastcore": navis, "scipy": scipy}
 
 
-def bumpy_ball(radius=133):
-    """Return the surface of a ball with bumps, a little above 200,000 voxels."""
-    axis = np.arange(-radius - 12, radius + 13, dtype=np.float32)
-    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
-    mask = np.sqrt(x**2 + y**2 + z**2) < radius + 8 * np.sin(x / 9) * np.sin(y / 9) * np.sin(z / 9)
-    return _core.VoxelSurface.from_mask(mask, np.eye(4).tolist(), "chain-code").cut_out()
+def some_sources(points, count=FURTHER + 1):
+    """Return the sources of which rows are timed."""
+    return np.random.default_rng(0).choice(points, count, replace=False).astype(np.uint32)
 
 
 def check_equal(solvers, sources):
-    """Assert that all solvers give the same rows, to the rounding of their number types."""
+    """Assert that all give the same rows, to the rounding of their number types; return the largest differences, mm."""
     expected = solvers["voxflat"](sources)
+    apart = {}
     for name, solve in solvers.items():
         rows = np.asarray(solve(sources))
         np.testing.assert_allclose(rows, expected, rtol=1e-5, err_msg=name)
-        print(f"{name}: largest difference {np.abs(rows - expected).max():.1e} mm")
-    print()
+        apart[name] = np.abs(rows - expected).max()
+    return apart
+
+
+def compare(solvers, points, rounds=ROUNDS, more=FURTHER):
+    """Return the CPU seconds of one row and of a further row, by name."""
+    sources = some_sources(points, more + 1)
+    one = {name: [] for name in solvers}
+    many = {name: [] for name in solvers}
+    for _ in tqdm(range(rounds), leave=False):
+        for name, solve in solvers.items():
+            one[name].append(cpu(solve, sources[:1]))
+            many[name].append(cpu(solve, sources))
+    first = {name: np.median(times) for name, times in one.items()}
+    further = {name: np.median(np.subtract(many[name], one[name])) / more for name in solvers}
+    return first, further
 
 
 def cpu(solve, sources):
@@ -92,21 +114,20 @@ def cpu(solve, sources):
     return time.process_time() - start
 
 
-def threads(surface):
-    """Print how much faster two threads are than one."""
+def threads(surface, rounds=ROUNDS):
+    """Return, a round, how much faster two threads are than one, wall time of 64 rows, and their share of CPU time."""
     sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
-    ratios = []
-    for _ in range(ROUNDS):
-        walls = []
+    ratios, more = [], []
+    for _ in range(rounds):
+        walls, cpus = [], []
         for count in (1, 2):
-            start = time.perf_counter()
+            start = time.perf_counter(), time.process_time()
             surface.rows(sources, count)
-            walls.append(time.perf_counter() - start)
+            walls.append(time.perf_counter() - start[0])
+            cpus.append(time.process_time() - start[1])
         ratios.append(walls[0] / walls[1])
-    print(
-        f"two threads, wall time of {len(sources)} rows: {np.median(ratios):.2f} times as fast as one "
-        f"({min(ratios):.2f} to {max(ratios):.2f})"
-    )
+        more.append(cpus[1] / cpus[0])
+    return ratios, more
 
 
 if __name__ == "__main__":

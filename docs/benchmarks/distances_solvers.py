@@ -1,0 +1,75 @@
+"""Geodesic solvers of voxflat and of its peers, as functions from a source to a row of distances on one mesh."""
+
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import potpourri3d
+from pygeodesic import geodesic as pygeodesic
+
+import voxflat
+from voxflat.meshes import Mesh, read_overlay, write_mesh
+
+OURS = ("exact", "marching", "graph")
+
+STRAIGHT_FRONTS = "marching-plane"
+"""Fast marching as Kimmel and Sethian have it, for comparison; not public."""
+
+
+class Mine:
+    """voxflat on a mesh: `rows` of one or more sources by one of its solvers, on one thread."""
+
+    def __init__(self, points, faces):
+        self.core = voxflat.surface((points, faces)).core
+        if not np.array_equal(self.core.ids, np.arange(len(points))):
+            raise ValueError("the mesh has vertices that no face uses")
+
+    def rows(self, sources, geodesic):
+        """Distances, mm, shape (m, N)."""
+        return self.core.rows(np.asarray(sources, dtype=np.uint32), geodesic=geodesic, threads=1)
+
+
+def exact(points, faces):
+    """Mitchell, Mount, Papadimitriou by pygeodesic, f64."""
+    solver = pygeodesic.PyGeodesicAlgorithmExact(points, faces)
+    return lambda source: solver.geodesicDistances([int(source)], None)[0]
+
+
+def marching(points, faces):
+    """Fast marching by potpourri3d (geometry-central), f64."""
+    solver = potpourri3d.MeshFastMarchingDistanceSolver(points, faces)
+    return lambda source: np.asarray(solver.compute_distance([[(int(source), [])]]))
+
+
+def heat(points, faces):
+    """Heat method by potpourri3d, with its intrinsic Delaunay triangulation, f64."""
+    return potpourri3d.MeshHeatMethodDistanceSolver(points, faces).compute_distance
+
+
+def plain_heat(points, faces):
+    """Heat method over the mesh's own cotangents and one time step of a mean edge squared, as pycortex has it."""
+    return potpourri3d.MeshHeatMethodDistanceSolver(points, faces, use_robust=False).compute_distance
+
+
+PEERS = {
+    "potpourri3d marching": marching,
+    "potpourri3d heat": heat,
+    "heat over plain cotangents (as pycortex)": plain_heat,
+}
+
+
+def workbench(points, faces, sources):
+    """Connectome Workbench's distances, shape (m, N), or None where it is not installed."""
+    if not shutil.which("wb_command"):
+        return None
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        surface, out = Path(folder) / "mesh.surf.gii", Path(folder) / "out.func.gii"
+        write_mesh(surface, Mesh(points, faces))
+        for source in sources:
+            command = ["wb_command", "-surface-geodesic-distance", surface, str(source), out]
+            subprocess.run(command, check=True, capture_output=True)
+            rows.append(read_overlay(out, len(points)))
+    return np.array(rows, dtype=float)
