@@ -214,6 +214,8 @@ def _voxflat(cut: Cutout, how: _How) -> FlatMap:
         told["store"], rows = str(store.path), open_rows(store.path).rows
     elif how.keep_rows:
         rows = part.core.rows(chosen, threads=how.threads, progress=how.progress)
+    energies, converged = result["convergence"]
+    told["descent"] = {"converged": converged, "energies": energies}
     return _over_triangles("voxflat", cut, how, result, need, rows, told)
 
 
@@ -253,6 +255,11 @@ def _over_triangles(
     part, chosen = cut.part, result["sources"]
     warnings = list(cut.remarks)
     distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
+    if not told.get("descent", {"converged": True})["converged"]:
+        steps = len(told["descent"]["energies"])
+        warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
+    if distortion.triangles is not None and distortion.triangles.crossings:
+        warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"

@@ -10,7 +10,7 @@ use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::distortion::{Distortion, measure};
 use crate::embed::classical::classical_scaling;
-use crate::embed::stress::levels;
+use crate::embed::stress::levels::{self, Convergence};
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
@@ -43,6 +43,8 @@ pub struct FlatMap {
     pub planarity: f64,
     /// What flattening did to the distances.
     pub distortion: Distortion,
+    /// How descent went, where the method descends.
+    pub convergence: Option<Convergence>,
 }
 
 /// The 26-neighbour graph of a surface.
@@ -129,11 +131,19 @@ pub fn grossmann2002(
 
     let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { uv, normals: outward_normals(surface, graph), sources, eigenvalues, planarity, distortion })
+    Ok(FlatMap {
+        uv,
+        normals: outward_normals(surface, graph),
+        sources,
+        eigenvalues,
+        planarity,
+        distortion,
+        convergence: None,
+    })
 }
 
-/// Flattens a connected surface: distances through the graph of straight links, classical scaling of the sources, landmark
-/// placement of the rest.
+/// Flattens a connected surface: distances through the graph of straight links, then the map of least stress whose triangles
+/// keep their shape, from coarse to fine. No triangle is turned over.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
@@ -194,11 +204,12 @@ fn voxflat_by_rows<'g, R: Rows>(
     control.check()?;
     drop(among);
     let (mut uv, convergence) = levels::flatten(surface, &rows, control)?;
+    let convergence = Some(convergence);
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence })
 }
 
 /// Can this surface be flattened as it is?
@@ -276,8 +287,12 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
     let scaling = (4 + 8 + 8) * sources * sources;
     let workers = threads * (4 + 16) * points;
     let shortcuts = if stored { store::TABLE_BYTES } else { 8 * SURFACE_SHORTCUTS * points }; // and the tables they are found in: less than the rows, and before them
-    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts
+    let descent = DESCENT_BYTES * points + 8 * points.min(levels::MOST_JUDGED as u64) * sources;
+    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts + descent
 }
+
+/// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
+const DESCENT_BYTES: u64 = 2600;
 
 /// Usual number of links of a vertex of the graph of straight links.
 const LINKS: u64 = 52; // before any is dropped

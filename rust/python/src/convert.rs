@@ -149,5 +149,7 @@ pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
     dict.set_item("planarity", map.planarity)?;
     dict.set_item("distortion", distortion_dict(py, map.distortion)?)?;
+    let convergence = map.convergence.map(|convergence| (convergence.energies, convergence.converged));
+    dict.set_item("convergence", convergence)?;
     Ok(dict)
 }

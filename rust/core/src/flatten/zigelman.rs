@@ -77,7 +77,7 @@ pub fn zigelman2002(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion })
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None })
 }
 
 fn sample<'a>(

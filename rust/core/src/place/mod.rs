@@ -1,6 +1,5 @@
 //! From the places of the sources to the places of all points.
 
 pub mod bilinear;
-pub mod landmark;
 pub mod radial;
 pub mod reinsertion;

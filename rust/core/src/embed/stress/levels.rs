@@ -28,18 +28,18 @@ const COARSEST: usize = 1600;
 const FOR_A_LANDMARK: usize = 3;
 
 /// Distances are kept to at most so many vertices.
-const MOST_JUDGED: usize = 15_000;
+pub const MOST_JUDGED: usize = 15_000;
 
 /// Steps between two looks at what the springs and the scale should be.
 const ROUND: usize = 40;
 
-/// Most rounds of the first descent, which has the farthest way; and of those on the coarsest and on the finest level.
+/// Most rounds of the first descent, which has the farthest way, and of the others.
 const FIRST_ROUNDS: usize = 40;
 const MOST_ROUNDS: usize = 10;
-const FEWEST_ROUNDS: usize = 5;
 
-/// Five steps that gain less than this part of the energy are the end.
+/// Five steps that gain less than this part of the energy are the end, and so is a round.
 const GAIN: f64 = 1e-4;
+const ROUND_GAIN: f64 = 2e-3;
 
 /// The first descent: distances as they are, triangles that are hardly stiff.
 const LOOSE: Dials =
@@ -77,10 +77,11 @@ pub struct Convergence {
 /// If the rows do not reach to every vertex of the surface.
 pub fn flatten(surface: &Surface, rows: &impl Rows, control: &Control) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let levels = Levels::new(surface, rows.sources(), control)?;
+    let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut uv = Vec::new();
-    let mut convergence = None;
+    let mut convergence = Convergence { energies: Vec::new(), converged: true };
     for depth in (0..=levels.coarser.len()).rev() {
-        let level = levels.prepare(depth, rows, control)?;
+        let level = levels.prepare(depth, &pairs, control)?;
         if depth == levels.coarser.len() {
             control.begin("unfolding", (FIRST_ROUNDS * ROUND) as u64);
             uv = tutte::spread(levels.surface(depth), &level.triangles, &level.springs, control)?;
@@ -92,10 +93,8 @@ pub fn flatten(surface: &Surface, rows: &impl Rows, control: &Control) -> Result
             uv = levels.refine(depth, &uv, control)?;
         }
         control.begin(STAGES[depth.min(STAGES.len() - 1)], (MOST_ROUNDS * ROUND) as u64);
-        let rounds = (FEWEST_ROUNDS + depth).min(MOST_ROUNDS);
-        convergence = Some(level.settle(&mut uv, FINAL, rounds, control)?);
+        convergence = level.settle(&mut uv, FINAL, MOST_ROUNDS, control)?;
     }
-    let convergence = convergence.unwrap_or(Convergence { energies: Vec::new(), converged: true });
     Ok((uv.into_iter().map(Into::into).collect(), convergence))
 }
 
@@ -145,16 +144,17 @@ impl<'a> Levels<'a> {
         if depth == 0 { self.finest } else { &self.coarser[depth - 1].surface }
     }
 
-    fn prepare(&self, depth: usize, rows: &impl Rows, control: &Control) -> Result<Level> {
+    /// The vertices to which distances are kept: those of the finest level that has few enough.
+    fn judged(&self) -> &[u32] {
+        let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_JUDGED);
+        small.unwrap_or(&self.vertices[self.vertices.len() - 1])
+    }
+
+    fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
         let surface = self.surface(depth);
-        let small = self.vertices.iter().position(|vertices| vertices.len() <= MOST_JUDGED);
-        let judged = &self.vertices[small.unwrap_or(self.vertices.len() - 1).max(depth)];
-        let number = |vertex: &u32| self.vertices[depth].partition_point(|other| other < vertex) as u32;
-        let [landmarks, numbers] = [rows.sources(), judged].map(|list| list.iter().map(number).collect());
-        let pairs = Pairs::new(rows, landmarks, numbers, judged, control)?;
         let triangles = Triangles::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
-        Ok(Level { pairs, triangles, springs })
+        Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs })
     }
 
     /// The map of a level from that of the next coarser one.
@@ -183,9 +183,9 @@ impl Level {
             let shape = Shape { area: dials.area, scale };
             let energy = MapEnergy { pairs, bands: dials.bands, triangles, shape, stiffness: dials.stiffness, springs };
             let Descended { energies, converged } = descend(&energy, uv, Until { steps: ROUND, gain: GAIN }, control)?;
-            let steps = energies.len() - 1;
+            let [first, last] = [energies[0], energies[energies.len() - 1]];
             curve.extend(energies);
-            if converged && steps < ROUND / 4 {
+            if converged || first - last < ROUND_GAIN * first {
                 return Ok(Convergence { energies: curve, converged: true });
             }
         }

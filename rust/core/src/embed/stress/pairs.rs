@@ -49,30 +49,38 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// The columns of some vertices, of distance rows from the landmarks. A vertex is named by its number in the map,
-    /// `landmarks` name the rows' sources there, too.
+    /// The columns of some vertices, of distance rows from the landmarks.
     ///
     /// # Errors
     /// Those of reading rows.
-    pub fn new(
-        rows: &impl Rows,
-        landmarks: Vec<u32>,
-        vertices: Vec<u32>,
-        columns: &[u32],
-        control: &Control,
-    ) -> Result<Self> {
+    pub fn new(rows: &impl Rows, vertices: &[u32], control: &Control) -> Result<Self> {
+        let landmarks = rows.sources().to_vec();
         let width = landmarks.len().next_multiple_of(LANES);
         let mut table = vec![0.0; width * vertices.len()];
         rows.visit(control, &mut |first, block| {
             for (n, row) in (first..).zip(block.chunks(rows.columns())) {
                 control.check()?;
-                table[n..].iter_mut().step_by(width).zip(columns).for_each(|(to, &column)| *to = row[column as usize]);
+                table[n..].iter_mut().step_by(width).zip(vertices).for_each(|(to, &vertex)| *to = row[vertex as usize]);
             }
             Ok(())
         })?;
+        Ok(Self::of(landmarks, vertices.to_vec(), table, width))
+    }
+
+    fn of(landmarks: Vec<u32>, vertices: Vec<u32>, table: Vec<f32>, width: usize) -> Self {
         let within = |reach: f32| table.par_iter().filter(|&&distance| distance > NEAREST && distance <= reach).count();
         let counts = BANDS.map(within);
-        Ok(Self { landmarks, vertices, table, width, counts })
+        Self { landmarks, vertices, table, width, counts }
+    }
+
+    /// The pairs among some vertices, in ascending order and with all landmarks, by their numbers in this order.
+    pub fn among(&self, vertices: &[u32]) -> Self {
+        let number = |vertex: &u32| vertices.binary_search(vertex).ok().map(|number| number as u32);
+        let rows = self.vertices.iter().zip(self.table.chunks_exact(self.width.max(1)));
+        let kept: Vec<(u32, &[f32])> = rows.filter_map(|(vertex, row)| Some((number(vertex)?, row))).collect();
+        let table = kept.iter().flat_map(|(_, row)| row.iter().copied()).collect();
+        let numbers = kept.iter().map(|&(number, _)| number).collect();
+        Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width)
     }
 
     /// The weight of a pair by its distance, in steps.

@@ -1,19 +1,20 @@
 use super::*;
 use crate::rows::DistanceRows;
+use crate::surface::Surface;
 use crate::surface::mesh::shapes;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-fn sheet() -> (crate::surface::Surface, DistanceRows, Vec<u32>) {
+fn sheet() -> (Surface, DistanceRows) {
     let surface = shapes::surface(shapes::sheet(20, 14));
     let sources: Vec<u32> = (0..surface.len() as u32).step_by(7).collect();
     let apart = |a: u32, b: usize| (surface.points()[a as usize] - surface.points()[b]).norm() as f32;
     let data = sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| apart(a, b))).collect();
-    let rows = DistanceRows::new(sources.clone(), surface.len(), data);
-    (surface, rows, sources)
+    let rows = DistanceRows::new(sources, surface.len(), data);
+    (surface, rows)
 }
 
-fn shaken(surface: &crate::surface::Surface, by: f64) -> Vec<Vector2<f64>> {
+fn shaken(surface: &Surface, by: f64) -> Vec<Vector2<f64>> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     surface
         .points()
@@ -22,11 +23,11 @@ fn shaken(surface: &crate::surface::Surface, by: f64) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-fn with_energy(check: impl Fn(&mut MapEnergy, &crate::surface::Surface)) {
-    let (surface, rows, sources) = sheet();
+fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
+    let (surface, rows) = sheet();
     let all: Vec<u32> = (0..surface.len() as u32).collect();
     let control = Control::default();
-    let pairs = Pairs::new(&rows, sources, all.clone(), &all, &control).unwrap();
+    let pairs = Pairs::new(&rows, &all, &control).unwrap();
     let triangles = Triangles::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
     let shape = Shape { area: 2.0, scale: 1.1 };
