@@ -254,17 +254,21 @@ class TestFlatten:
         )
         assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0).all()
 
-    def test_places_are_those_of_the_definition(self):
-        """Classical scaling of the sources, then de Silva and Tenenbaum's landmark placement."""
-        flat = voxflat.flatten(bump(), sources=60, keep_rows=True)
-        rows = flat.rows.astype(float) ** 2
-        among = rows[:, flat.sources]
-        m = len(among)
-        centring = np.eye(m) - 1 / m
-        values, vectors = np.linalg.eigh(-0.5 * centring @ (among + among.T) / 2 @ centring)
-        places = vectors[:, -2:] * np.sqrt(values[-2:])
-        expected = -0.5 * np.linalg.pinv(places) @ (rows - among.mean(axis=1, keepdims=True))
-        np.testing.assert_allclose(apart(flat.uv)[::40], apart(expected.T)[::40], atol=1e-3)
+    def test_no_triangle_is_turned_over_and_descent_is_told(self, flat_map):
+        of = flat_map.distortion.triangles
+        assert (of.flipped, of.collapsed, of.crossings, of.covering) == (0, 0, 0, 0)
+        descent = flat_map.metadata["descent"]
+        assert descent["converged"]
+        energies = np.array(descent["energies"])
+        assert (np.diff(energies) < 0.01 * energies[0]).all()  # between rounds the scale is found anew
+        assert energies[-1] < energies[0]
+
+    def test_better_than_the_shipped_map_in_every_column(self, white, shipped, flat_map):
+        ours, theirs = (voxflat.measure(white, flat, sources=60) for flat in (flat_map, shipped))
+        for name in ("relative_error", "relative_error_10mm", "relative_error_30mm", "stress_1"):
+            assert getattr(ours.best_scale, name) < getattr(theirs.best_scale, name)
+        for name in ("edge", "areal_median", "areal_p95"):
+            assert getattr(ours.triangles, name) < getattr(theirs.triangles, name)
 
     @pytest.mark.parametrize("threads", [1, 2, 3])
     def test_bits_do_not_depend_on_threads(self, threads):
@@ -279,16 +283,9 @@ class TestFlatten:
         np.testing.assert_allclose(moved.uv, flat.uv, atol=1e-4)
 
     def test_a_left_hemisphere_is_not_mirrored(self, flat_map):
-        # most of the map is seen from outside; the poles of the mesh's frame keep their order
-        of = flat_map.distortion.triangles
-        assert of.flipped_share < 0.1
         corners = flat_map.uv[flat_map.faces]
         u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[~of.is_flipped].min() >= 0
-
-    def test_as_good_globally_as_the_shipped_map(self, white, shipped, flat_map):
-        ours, theirs = (voxflat.measure(white, flat, sources=60).raw.relative_error for flat in (flat_map, shipped))
-        assert ours < theirs
+        assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).min() > 0  # seen from outside
 
     def test_measured_midway_between_white_and_pial(self, fsaverage, white):
         pial = (fsaverage["pial"], fsaverage["faces"])
@@ -362,13 +359,16 @@ class TestEveryWayIn:
         for name in ("lh.white", "white.surf.gii", "white.ply", "white.obj"):
             write_mesh(tmp_path / name, Mesh(*white))
             flat = voxflat.flatten(tmp_path / name, keep=keep, sources=100)
-            np.testing.assert_allclose(flat.uv, expected.uv, atol=0.02)  # some formats hold f32
+            moved = np.linalg.norm(flat.uv - expected.uv, axis=1)  # some formats hold f32
+            assert moved.mean() < 0.5
+            assert moved.max() < 3
 
 
 class TestMeasure:
     def test_a_map_of_our_own(self, white, shipped, flat_map):
         again = voxflat.measure(white, flat_map, sources=200, seed=flat_map.metadata["seed"])
-        assert again.raw == flat_map.distortion.raw
+        assert again.raw.relative_error == pytest.approx(flat_map.distortion.raw.relative_error, rel=1e-5)
+        assert again.raw.stress_1 == pytest.approx(flat_map.distortion.raw.stress_1, rel=1e-5)
         assert again.triangles.flipped == flat_map.distortion.triangles.flipped
 
     def test_the_shipped_map_has_no_flips(self, white, shipped):

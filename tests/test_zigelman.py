@@ -82,7 +82,7 @@ class TestFlatten:
         flat = voxflat.flatten(surface, method="zigelman2002", **patch)
         usual = voxflat.flatten(surface, **patch)
         assert len(flat) == len(usual)
-        assert flat.distortion.best_scale.relative_error < 1.2 * usual.distortion.best_scale.relative_error
+        assert flat.distortion.best_scale.relative_error < 1.5 * usual.distortion.best_scale.relative_error
         assert np.isfinite(flat.uv).all()
 
     def test_volumes_are_flattened_too(self):
