@@ -65,7 +65,8 @@ impl GeodesicGraph {
         links.par_sort_unstable_by_key(|&(a, b, length)| (a, b, length.to_bits())); // lengths are not negative
         links.dedup_by_key(|&mut (a, b, _)| (a, b));
         control.check()?;
-        let needed = Self::in_rows(surface.len(), &links).needed(&links, control)?;
+        let all = Self::in_rows(surface.len(), &links);
+        let needed = all.needed(&links, all.perhaps_needless(&links, control)?, control)?;
         let mut needed = needed.into_iter();
         links.retain(|_| needed.next().unwrap_or(true));
         control.check()?;
@@ -98,8 +99,8 @@ impl GeodesicGraph {
         Self { starts, arcs, most_links, extremes }
     }
 
-    /// Which links no two others replace.
-    fn needed(&self, links: &[(u32, u32, f32)], control: &Control) -> Result<Vec<bool>> {
+    /// Which links two others would replace, if these stayed.
+    fn perhaps_needless(&self, links: &[(u32, u32, f32)], control: &Control) -> Result<Vec<bool>> {
         let of_vertex = |lengths: &mut Vec<f32>, links: &[(u32, u32, f32)]| {
             control.check()?;
             lengths.resize(self.vertices(), f32::INFINITY);
@@ -108,13 +109,61 @@ impl GeodesicGraph {
                 let through = self.arcs(to).map(|second| lengths[second.to as usize] + second.length);
                 through.fold(f32::INFINITY, f32::min)
             };
-            let needed: Vec<bool> = links.iter().map(|&(_, to, length)| detour(to) > length * DETOUR).collect();
+            let needless: Vec<bool> = links.iter().map(|&(_, to, length)| detour(to) <= length * DETOUR).collect();
             self.arcs(links[0].0).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
-            Ok(needed)
+            Ok(needless)
         };
         let by_vertex: Vec<_> = links.chunk_by(|a, b| a.0 == b.0).collect();
-        let needed: Vec<Vec<bool>> = by_vertex.into_par_iter().map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
-        Ok(needed.concat())
+        let needless: Vec<Vec<bool>> =
+            by_vertex.into_par_iter().map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
+        Ok(needless.concat())
+    }
+
+    /// Which links stay, so that every other is replaced by two that do. Shorter ones are judged first.
+    fn needed(&self, links: &[(u32, u32, f32)], needless: Vec<bool>, control: &Control) -> Result<Vec<bool>> {
+        let mut needed: Vec<bool> = needless.iter().map(|needless| !needless).collect();
+        let mut stays = vec![false; self.arcs.len()];
+        let keep = |stays: &mut [bool], (a, b, _): (u32, u32, f32)| {
+            for (from, to) in [(a, b), (b, a)] {
+                stays[self.starts[from as usize] as usize + self.links_of(from).partition_point(|arc| arc.to < to)] = true;
+            }
+        };
+        links.iter().zip(&needed).filter(|&(_, &needed)| needed).for_each(|(&link, _)| keep(&mut stays, link));
+        let mut open: Vec<usize> = (0..links.len()).filter(|&link| needless[link]).collect();
+        open.par_sort_unstable_by_key(|&link| (links[link].2.to_bits(), link));
+        for (count, link) in open.into_iter().enumerate() {
+            if count.is_multiple_of(1024) {
+                control.check()?;
+            }
+            if !self.is_replaced(links[link], &stays) {
+                keep(&mut stays, links[link]);
+                needed[link] = true;
+            }
+        }
+        Ok(needed)
+    }
+
+    /// Are two links that stay together hardly longer than a link?
+    fn is_replaced(&self, (a, b, length): (u32, u32, f32), stays: &[bool]) -> bool {
+        let [mut of_a, mut of_b] =
+            [a, b].map(|v| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize);
+        while let (false, false) = (of_a.is_empty(), of_b.is_empty()) {
+            let [first, second] = [self.arcs[of_a.start], self.arcs[of_b.start]];
+            if first.to == second.to
+                && stays[of_a.start]
+                && stays[of_b.start]
+                && first.length + second.length <= length * DETOUR
+            {
+                return true;
+            }
+            of_a.start += usize::from(first.to <= second.to);
+            of_b.start += usize::from(second.to <= first.to);
+        }
+        false
+    }
+
+    fn links_of(&self, vertex: u32) -> &[Arc] {
+        &self.arcs[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
     }
 
     /// Number of links, each counted from both of its ends.
@@ -135,7 +184,7 @@ impl Links for GeodesicGraph {
 
     #[inline]
     fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
-        self.arcs[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize].iter().copied()
+        self.links_of(vertex).iter().copied()
     }
 
     fn most_links(&self) -> usize {
@@ -287,6 +336,20 @@ mod tests {
         }
         let mean = sum / (surface.len() - 1) as f64;
         assert!(mean < 0.006, "{mean}");
+    }
+
+    #[test]
+    fn links_that_are_dropped_are_replaced_even_where_triangles_are_thin() {
+        let (mut points, faces) = shapes::sheet(12, 40);
+        points.iter_mut().for_each(|point| point[1] *= 1e-3); // edges of 1 and of 0.001 mm
+        let surface = shapes::surface((points, faces));
+        let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
+        assert_eq!(graph.components().sizes.len(), 1);
+        let all = row(&graph, 5);
+        for (point, &distance) in surface.points().iter().zip(&all) {
+            let straight = (point - surface.points()[5]).norm();
+            assert!(f64::from(distance) >= straight - 1e-5 && f64::from(distance) < 1.05 * straight + 1e-5);
+        }
     }
 
     #[test]
