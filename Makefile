@@ -8,7 +8,7 @@ UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-surfaces bench-store soak paper-grossmann paper-zigelman pictures docs format clean
+.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman pictures docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -44,6 +44,9 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 
 bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
+
+bench-flatten: setup ## maps beside fsaverage5's own, and of whole hemispheres up to 220,000 vertices
+	$(RUN) python docs/benchmarks/maps.py
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py

@@ -280,7 +280,7 @@ const BASE_BYTES: u64 = 16 << 20;
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
     let in_flight = store::memory_need(points, sources, threads);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (2 * 12 + 8) * LINKS * points; // the links as both ends see them, in a list that may grow; then sorted
+    let graph = (8 + 8 + 2) * LINKS * points; // links from their lower ends, from both, and which of them stay
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
     let reference = 4 * points * REFERENCE_SOURCES as u64;
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
@@ -295,7 +295,7 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
 const DESCENT_BYTES: u64 = 2600;
 
 /// Usual number of links of a vertex of the graph of straight links.
-const LINKS: u64 = 52; // before any is dropped
+const LINKS: u64 = 80; // before any is dropped
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
 const SURFACE_SHORTCUTS: u64 = 220;

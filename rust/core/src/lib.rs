@@ -14,7 +14,7 @@
 //! | [`rows`] | sources → distance rows | many sources in parallel |
 //! | [`store`] | | distance rows on disk |
 //! | [`embed`] | distance rows → embedding | classical scaling |
-//! | [`place`] | embedding → every point | radial functions, landmark placement, re-insertion, bilinear placement |
+//! | [`place`] | embedding → every point | radial functions, re-insertion, bilinear placement |
 //! | [`orient`] | | the map's up and its handedness |
 //! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |

@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
-const CROSSED: u32 = 5;
+const CROSSED: u32 = 7;
 
 /// Vertices whose links are found together, before they are packed.
 const TOGETHER: usize = 1 << 16;
@@ -29,6 +29,39 @@ pub struct GeodesicGraph {
     arcs: Vec<Arc>,
     most_links: usize,
     extremes: [f32; 2],
+}
+
+/// Links, each from its lower to its higher vertex, in compressed rows ordered by neighbour.
+struct Upward {
+    starts: Vec<u32>,
+    arcs: Vec<Arc>,
+}
+
+impl Upward {
+    fn of(&self, vertex: u32) -> &[Arc] {
+        &self.arcs[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (u32, Arc)> + '_ {
+        (0..self.starts.len() as u32 - 1).flat_map(|vertex| self.of(vertex).iter().map(move |&arc| (vertex, arc)))
+    }
+
+    /// Those that are marked.
+    fn only(mut self, marked: &[bool]) -> Self {
+        let mut kept = 0;
+        for vertex in 0..self.starts.len() - 1 {
+            let links = self.starts[vertex] as usize..self.starts[vertex + 1] as usize;
+            self.starts[vertex] = kept as u32;
+            for link in links.filter(|&link| marked[link]) {
+                self.arcs[kept] = self.arcs[link];
+                kept += 1;
+            }
+        }
+        let vertices = self.starts.len() - 1;
+        self.starts[vertices] = kept as u32;
+        self.arcs.truncate(kept);
+        self
+    }
 }
 
 impl GeodesicGraph {
@@ -47,112 +80,116 @@ impl GeodesicGraph {
             if vertex.is_multiple_of(1024) {
                 control.check()?;
             }
-            let mut seen = Vec::with_capacity(32);
+            let mut seen = Vec::with_capacity(64);
             for &half_edge in outgoing.of(vertex) {
                 unfold(surface, half_edge, crossed, &mut seen);
             }
+            seen.retain(|arc| arc.to > vertex); // the others see this one
+            seen.sort_unstable_by_key(|arc| (arc.to, arc.length.to_bits())); // lengths are not negative
+            seen.dedup_by_key(|arc| arc.to); // of all lines between two vertices the shortest counts
             Ok(seen)
         };
-        // both ends see each other, but rounding may differ: of all lines between two vertices the shortest counts
-        let mut links: Vec<(u32, u32, f32)> = Vec::new(); // from the lower vertex to the higher
+        let mut links = Upward { starts: vec![0], arcs: Vec::new() };
         for first in (0..surface.len() as u32).step_by(TOGETHER) {
             let vertices = first..(first + TOGETHER as u32).min(surface.len() as u32);
-            let seen: Vec<Vec<Arc>> = vertices.clone().into_par_iter().map(of_vertex).collect::<Result<_>>()?;
-            for (vertex, arcs) in vertices.zip(seen) {
-                links.extend(arcs.iter().map(|arc| (vertex.min(arc.to), vertex.max(arc.to), arc.length)));
+            let seen: Vec<Vec<Arc>> = vertices.into_par_iter().map(of_vertex).collect::<Result<_>>()?;
+            for arcs in seen {
+                links.arcs.extend(arcs);
+                links.starts.push(links.arcs.len() as u32);
             }
         }
-        links.par_sort_unstable_by_key(|&(a, b, length)| (a, b, length.to_bits())); // lengths are not negative
-        links.dedup_by_key(|&mut (a, b, _)| (a, b));
-        control.check()?;
-        let all = Self::in_rows(surface.len(), &links);
+        let all = Self::from_both_ends(&links);
         let needed = all.needed(&links, all.perhaps_needless(&links, control)?, control)?;
-        let mut needed = needed.into_iter();
-        links.retain(|_| needed.next().unwrap_or(true));
+        drop(all);
         control.check()?;
-        Ok(Self::in_rows(surface.len(), &links))
+        let kept = links.only(&needed);
+        Ok(Self::from_both_ends(&kept))
     }
 
-    /// From links ordered by their ends.
-    fn in_rows(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
+    fn from_both_ends(links: &Upward) -> Self {
+        let vertices = links.starts.len() - 1;
         let mut starts = vec![0u32; vertices + 1];
-        for &(a, b, _) in links {
+        for (a, arc) in links.iter() {
             starts[a as usize + 1] += 1;
-            starts[b as usize + 1] += 1;
+            starts[arc.to as usize + 1] += 1;
         }
         let most_links = starts.iter().copied().max().unwrap_or(0) as usize;
         for vertex in 0..vertices {
             starts[vertex + 1] += starts[vertex];
         }
         // links are sorted, so each vertex meets its lower neighbours first, then its higher ones, both in their order
-        let mut arcs = vec![Arc { to: 0, length: 0.0 }; 2 * links.len()];
+        let mut arcs = vec![Arc { to: 0, length: 0.0 }; 2 * links.arcs.len()];
         let mut free = starts.clone();
-        for &(a, b, length) in links {
-            for (from, to) in [(a, b), (b, a)] {
-                arcs[free[from as usize] as usize] = Arc { to, length };
+        for (a, arc) in links.iter() {
+            for (from, to) in [(a, arc.to), (arc.to, a)] {
+                arcs[free[from as usize] as usize] = Arc { to, ..arc };
                 free[from as usize] += 1;
             }
         }
-        let lengths = || links.iter().map(|&(_, _, length)| length);
+        let lengths = || links.arcs.iter().map(|arc| arc.length);
         let longest = lengths().fold(0.0, f32::max);
         let extremes = [lengths().fold(longest, f32::min), longest];
         Self { starts, arcs, most_links, extremes }
     }
 
     /// Which links two others would replace, if these stayed.
-    fn perhaps_needless(&self, links: &[(u32, u32, f32)], control: &Control) -> Result<Vec<bool>> {
-        let of_vertex = |lengths: &mut Vec<f32>, links: &[(u32, u32, f32)]| {
+    fn perhaps_needless(&self, links: &Upward, control: &Control) -> Result<Vec<bool>> {
+        let of_vertex = |lengths: &mut Vec<f32>, vertex: u32| {
             control.check()?;
             lengths.resize(self.vertices(), f32::INFINITY);
-            self.arcs(links[0].0).for_each(|arc| lengths[arc.to as usize] = arc.length);
+            self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = arc.length);
             let detour = |to: u32| {
                 let through = self.arcs(to).map(|second| lengths[second.to as usize] + second.length);
                 through.fold(f32::INFINITY, f32::min)
             };
-            let needless: Vec<bool> = links.iter().map(|&(_, to, length)| detour(to) <= length * DETOUR).collect();
-            self.arcs(links[0].0).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
+            let needless = |arc: &Arc| detour(arc.to) <= arc.length * DETOUR;
+            let needless: Vec<bool> = links.of(vertex).iter().map(needless).collect();
+            self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
             Ok(needless)
         };
-        let by_vertex: Vec<_> = links.chunk_by(|a, b| a.0 == b.0).collect();
-        let needless: Vec<Vec<bool>> =
-            by_vertex.into_par_iter().map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
+        let vertices = (0..self.vertices() as u32).into_par_iter();
+        let needless: Vec<Vec<bool>> = vertices.map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
         Ok(needless.concat())
     }
 
     /// Which links stay, so that every other is replaced by two that do. Shorter ones are judged first.
-    fn needed(&self, links: &[(u32, u32, f32)], needless: Vec<bool>, control: &Control) -> Result<Vec<bool>> {
+    fn needed(&self, links: &Upward, needless: Vec<bool>, control: &Control) -> Result<Vec<bool>> {
         let mut needed: Vec<bool> = needless.iter().map(|needless| !needless).collect();
         let mut stays = vec![false; self.arcs.len()];
-        let keep = |stays: &mut [bool], (a, b, _): (u32, u32, f32)| {
+        let keep = |stays: &mut [bool], a: u32, b: u32| {
             for (from, to) in [(a, b), (b, a)] {
-                stays[self.starts[from as usize] as usize + self.links_of(from).partition_point(|arc| arc.to < to)] = true;
+                let place = self.links_of(from).partition_point(|arc| arc.to < to);
+                stays[self.starts[from as usize] as usize + place] = true;
             }
         };
-        links.iter().zip(&needed).filter(|&(_, &needed)| needed).for_each(|(&link, _)| keep(&mut stays, link));
-        let mut open: Vec<usize> = (0..links.len()).filter(|&link| needless[link]).collect();
-        open.par_sort_unstable_by_key(|&link| (links[link].2.to_bits(), link));
-        for (count, link) in open.into_iter().enumerate() {
+        let sure = links.iter().zip(&needed).filter(|&(_, &needed)| needed);
+        sure.for_each(|((a, arc), _)| keep(&mut stays, a, arc.to));
+        let mut open: Vec<(u32, u32)> = (0..).zip(links.iter()).map(|(link, (a, _))| (link, a)).collect();
+        open.retain(|&(link, _)| needless[link as usize]);
+        open.par_sort_unstable_by_key(|&(link, _)| (links.arcs[link as usize].length.to_bits(), link));
+        for (count, (link, a)) in open.into_iter().enumerate() {
             if count.is_multiple_of(1024) {
                 control.check()?;
             }
-            if !self.is_replaced(links[link], &stays) {
-                keep(&mut stays, links[link]);
-                needed[link] = true;
+            let arc = links.arcs[link as usize];
+            if !self.is_replaced(a, arc, &stays) {
+                keep(&mut stays, a, arc.to);
+                needed[link as usize] = true;
             }
         }
         Ok(needed)
     }
 
     /// Are two links that stay together hardly longer than a link?
-    fn is_replaced(&self, (a, b, length): (u32, u32, f32), stays: &[bool]) -> bool {
+    fn is_replaced(&self, a: u32, link: Arc, stays: &[bool]) -> bool {
         let [mut of_a, mut of_b] =
-            [a, b].map(|v| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize);
+            [a, link.to].map(|v| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize);
         while let (false, false) = (of_a.is_empty(), of_b.is_empty()) {
             let [first, second] = [self.arcs[of_a.start], self.arcs[of_b.start]];
             if first.to == second.to
                 && stays[of_a.start]
                 && stays[of_b.start]
-                && first.length + second.length <= length * DETOUR
+                && first.length + second.length <= link.length * DETOUR
             {
                 return true;
             }
