@@ -79,7 +79,7 @@ def test_seams_of_the_texture_are_kept(mesh, flat_map, tmp_path):
     path = save_obj(tmp_path, (points, faces[shuffled], None), picture, corners[shuffled])
     image = flat_map.image(path, 0.25)
     at = faces_at(flat_map, image)
-    assert (at >= 0).sum() > 2000
+    assert (at >= 0).sum() > 1000
     number = {tuple(sorted(face)): k for k, face in enumerate(faces.tolist())}
     own = np.array([number[tuple(sorted(face))] for face in flat_map.ids[flat_map.faces].tolist()])
     expected = colours[row, column][own[at[at >= 0]]]

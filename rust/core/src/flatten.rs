@@ -203,7 +203,7 @@ fn voxflat_by_rows<'g, R: Rows>(
     let scaling = classical_scaling(&among)?;
     control.check()?;
     drop(among);
-    let (mut uv, convergence) = levels::flatten(surface, &rows, control)?;
+    let (mut uv, convergence) = levels::flatten(surface, &rows, &scaling.places, control)?;
     let convergence = Some(convergence);
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);

@@ -1,6 +1,6 @@
 //! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
 //!
-//! The coarsest map is a [spread disk](super::tutte), which folds nowhere. Descent keeps it so, and so does re-insertion from
+//! The coarsest map is [spread by springs](super::tutte), which fold nothing. Descent keeps it so, and so does re-insertion from
 //! one level to the next: no map on the way has a fold.
 
 use nalgebra::Vector2;
@@ -68,14 +68,20 @@ pub struct Convergence {
     pub converged: bool,
 }
 
-/// A map (mm) of a disk that keeps the distances of rows and the shape of triangles, and folds nowhere.
+/// A map (mm) of a disk that keeps the distances of rows and the shape of triangles, and folds nowhere. Where the rows' sources
+/// lie by classical scaling says how to begin.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`], [`Error::Cancelled`], and those of reading rows.
 ///
 /// # Panics
 /// If the rows do not reach to every vertex of the surface.
-pub fn flatten(surface: &Surface, rows: &impl Rows, control: &Control) -> Result<(Vec<[f64; 2]>, Convergence)> {
+pub fn flatten(
+    surface: &Surface,
+    rows: &impl Rows,
+    places: &[[f64; 2]],
+    control: &Control,
+) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let levels = Levels::new(surface, rows.sources(), control)?;
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut uv = Vec::new();
@@ -84,7 +90,9 @@ pub fn flatten(surface: &Surface, rows: &impl Rows, control: &Control) -> Result
         let level = levels.prepare(depth, &pairs, control)?;
         if depth == levels.coarser.len() {
             control.begin("unfolding", (FIRST_ROUNDS * ROUND) as u64);
-            uv = tutte::spread(levels.surface(depth), &level.triangles, &level.springs, control)?;
+            let coarsest = levels.surface(depth);
+            let places = level.pairs.landmark_places(places, coarsest.len());
+            uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
             if level.triangles.folded(&uv) > 0 {
                 return Err(Error::NoStart);
             }

@@ -7,7 +7,7 @@
 //! for the bands of all pairs, those up to 30 mm and those up to 10 mm. ρ is r² for small errors; κ is the error from which it
 //! grows no faster than |r| (pseudo-Huber), so that a few distances that no map can keep do not rule it.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -81,6 +81,32 @@ impl Pairs {
         let table = kept.iter().flat_map(|(_, row)| row.iter().copied()).collect();
         let numbers = kept.iter().map(|&(number, _)| number).collect();
         Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width)
+    }
+
+    /// Where the vertices lie by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the landmarks' places and
+    /// μ the means of their squared distances among each other, x = −½ X⁺ (δ² − μ) from the centre. Vertices that are in no pair
+    /// lie at the centre.
+    pub fn landmark_places(&self, places: &[[f64; 2]], vertices: usize) -> Vec<Vector2<f64>> {
+        let count = places.len() as f64;
+        let centre = places.iter().map(|&place| Vector2::from(place)).sum::<Vector2<f64>>() / count;
+        let centred: Vec<Vector2<f64>> = places.iter().map(|&place| Vector2::from(place) - centre).collect();
+        let gram: Matrix2<f64> = centred.iter().map(|place| place * place.transpose()).sum();
+        let Some(inverse) = gram.try_inverse() else { return vec![centre; vertices] };
+        let square = |distance: f32| f64::from(distance).powi(2);
+        let mut means = vec![0.0; places.len()];
+        let rows = || self.vertices.iter().zip(self.table.chunks_exact(self.width.max(1)));
+        let mut is_landmark = vec![false; vertices];
+        self.landmarks.iter().for_each(|&landmark| is_landmark[landmark as usize] = true);
+        for (_, row) in rows().filter(|&(&vertex, _)| is_landmark[vertex as usize]) {
+            means.iter_mut().zip(row).for_each(|(mean, &distance)| *mean += square(distance) / count);
+        }
+        let mut found = vec![centre; vertices];
+        for (&vertex, row) in rows() {
+            let terms = centred.iter().zip(&means).zip(row);
+            let sum: Vector2<f64> = terms.map(|((place, mean), &distance)| place * (square(distance) - mean)).sum();
+            found[vertex as usize] -= 0.5 * inverse * sum;
+        }
+        found
     }
 
     /// The weight of a pair by its distance, in steps.

@@ -1,11 +1,13 @@
-//! A map without folds to start from (Tutte 1963): the boundary on a circle, everything inside held by springs.
+//! A map without folds to start from (Tutte 1963): the boundary on an ellipse, everything inside held by springs.
 //!
+//! The ellipse is as long and as wide as the boundary lies by landmark placement, and turned so that each part is near its
+//! place: a strip starts as a strip.
 //! Whatever the springs, nothing folds. Springs of equal stiffness crowd what is far from the boundary; so they are made softer
 //! there, and the map is made again, until its triangles are of comparable size.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::springs::Springs;
 use super::triangles::Triangles;
@@ -25,28 +27,35 @@ const SOFTER: f64 = 1e-2;
 /// What holds the boundary, beside springs whose stiffness is about 1.
 const FIRM: f64 = 1e9;
 
-/// The map of a disk, as large as it is.
+/// Places on an ellipse at which lengths are summed up.
+const PLACES: usize = 4096;
+
+/// Turns of the boundary along the ellipse that are tried.
+const STARTS: usize = 128;
+
+/// An ellipse is at least so wide for its length.
+const NARROWEST: f64 = 0.005;
+
+/// The map of a disk whose vertices are about at some places, which may fold.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`], [`crate::Error::Cancelled`].
 pub fn spread(
     surface: &Surface,
+    places: &[Vector2<f64>],
     triangles: &Triangles,
     springs: &Springs,
     control: &Control,
 ) -> Result<Vec<Vector2<f64>>> {
     let mut ground = vec![0.0; surface.len()];
     let mut forces = vec![Vector2::zeros(); surface.len()];
-    let radius = (triangles.area() / PI).sqrt();
     for boundary in surface.boundary() {
-        let round: f64 = boundary.iter().map(|&half_edge| surface.length(half_edge)).sum();
-        let mut along = 0.0;
-        for half_edge in boundary {
-            let (sin, cos) = (along / round * TAU).sin_cos();
-            let vertex = surface.origin(half_edge) as usize;
+        let vertices: Vec<usize> = boundary.iter().map(|&half_edge| surface.origin(half_edge) as usize).collect();
+        let lengths: Vec<f64> = boundary.iter().map(|&half_edge| surface.length(half_edge)).collect();
+        let outline: Vec<Vector2<f64>> = vertices.iter().map(|&vertex| places[vertex]).collect();
+        for (&vertex, place) in vertices.iter().zip(on_ellipse(&outline, &lengths)) {
             ground[vertex] = FIRM;
-            forces[vertex] = FIRM * radius * Vector2::new(cos, sin);
-            along += surface.length(half_edge);
+            forces[vertex] = FIRM * place;
         }
     }
     let mut stiffness = vec![1.0f64; surface.faces().len()];
@@ -63,4 +72,51 @@ pub fn spread(
         let softer = |growth: f64| growth.max(0.0).sqrt().clamp(SOFTER, SOFTER.recip());
         stiffness.iter_mut().zip(growths).for_each(|(stiffness, growth)| *stiffness *= softer(growth));
     }
+}
+
+/// A closed line of places laid onto the ellipse that has its extents: in their order, counterclockwise, at distances as the
+/// given ones from each to the next, each as near to its place as the rest allows.
+fn on_ellipse(outline: &[Vector2<f64>], lengths: &[f64]) -> Vec<Vector2<f64>> {
+    let centre = outline.iter().sum::<Vector2<f64>>() / outline.len() as f64;
+    let next = |n: usize| outline[(n + 1) % outline.len()] - centre;
+    let area: f64 = (0..outline.len()).map(|n| (outline[n] - centre).perp(&next(n))).sum();
+    let mirror = Vector2::new(1.0, if area < 0.0 { -1.0 } else { 1.0 });
+    let centred: Vec<Vector2<f64>> = outline.iter().map(|place| (place - centre).component_mul(&mirror)).collect();
+    let round: f64 = lengths.iter().sum();
+    let spread: Matrix2<f64> =
+        centred.iter().zip(lengths).map(|(place, length)| place * place.transpose() * (length / round)).sum();
+    let axes = spread.symmetric_eigen();
+    let extents = axes.eigenvalues.map(|square| (2.0 * square.max(0.0)).sqrt());
+    let extents = extents.map(|extent| extent.max(NARROWEST * extents.max()).max(f64::MIN_POSITIVE));
+    let turn = if axes.eigenvectors.determinant() < 0.0 {
+        axes.eigenvectors * Matrix2::new(1.0, 0.0, 0.0, -1.0)
+    } else {
+        axes.eigenvectors
+    };
+    let ellipse: Vec<Vector2<f64>> = (0..PLACES)
+        .map(|n| {
+            let (sin, cos) = (n as f64 / PLACES as f64 * TAU).sin_cos();
+            turn * Vector2::new(extents.x * cos, extents.y * sin)
+        })
+        .collect();
+    let mut along = vec![0.0];
+    for n in 0..PLACES {
+        along.push(along[n] + (ellipse[(n + 1) % PLACES] - ellipse[n]).norm());
+    }
+    // where on the ellipse a share of its length leads to
+    let at = |share: f64| {
+        let length = share.rem_euclid(1.0) * along[PLACES];
+        let n = along.partition_point(|&other| other <= length).clamp(1, PLACES) - 1;
+        let part = (length - along[n]) / (along[n + 1] - along[n]);
+        ellipse[n] + (ellipse[(n + 1) % PLACES] - ellipse[n]) * part
+    };
+    let mut shares = Vec::with_capacity(lengths.len());
+    lengths.iter().fold(0.0, |sum, length| {
+        shares.push(sum / round);
+        sum + length
+    });
+    let fits =
+        |start: f64| centred.iter().zip(&shares).map(|(place, share)| place.dot(&at(start + share))).sum::<f64>();
+    let best = (0..STARTS).map(|n| n as f64 / STARTS as f64).max_by(|&a, &b| fits(a).total_cmp(&fits(b)));
+    shares.iter().map(|share| at(best.unwrap_or(0.0) + share)).collect()
 }
