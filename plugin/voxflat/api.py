@@ -77,8 +77,8 @@ def flatten(
         "voxflat" works on triangles: straight links over the surface, then the map of least stress whose triangles keep
         their shape; none is turned over. "grossmann2002" works on the 26-neighbour graph of a volume's surface voxels:
         chain-code geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002). "zigelman2002"
-        works on triangles: fast marching, classical scaling of what decimation leaves, and the rest re-inserted in reverse
-        order (Zigelman, Kimmel, Kiryati 2002).
+        works on triangles: fast marching, classical scaling of what decimation leaves, and the rest re-inserted in
+        reverse order (Zigelman, Kimmel, Kiryati 2002).
     label : int, optional
         Foreground is this label.
     threshold : float, optional
