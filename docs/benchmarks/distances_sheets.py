@@ -108,37 +108,41 @@ def curled_sheet(width, number):
 
 
 def balls(options):
-    """Compare distances on balls, at random places of the grid, with great circles."""
+    """Compare distances on shells and on balls, at random places of the grid, with great circles."""
     del options
-    rows = []
-    for radius in RADII:
-        gathered = {}
-        for number in range(3):
-            rng = np.random.default_rng(number)
-            centre = radius + 3 + rng.random(3)
-            axes = np.ogrid[tuple(slice(0, 2 * radius + 8) for _ in range(3))]
-            volume = sum((axis - at) ** 2 for axis, at in zip(axes, centre, strict=True)) < radius**2
-            surface = voxflat.surface(volume)
-            sources = rng.choice(len(surface), SOURCES, replace=False)
-            away = surface.points - centre
-            away /= np.linalg.norm(away, axis=1, keepdims=True)
-            true = 2 * radius * np.arcsin(np.linalg.norm(away[sources, None] - away[None], axis=2).clip(max=2) / 2)
-            apart = true > 0
-            for name, found in estimates(volume, surface, sources):
-                gathered.setdefault(name, []).append(100 * (found[apart] / true[apart] - 1))
-        for name, parts in gathered.items():
-            relative = np.concatenate(parts)
-            held = radius == 40 and name.startswith("voxflat")
-            mean = judged(
-                np.abs(relative).mean(), ".2f", 0.4 if held else None, f"sphere of radius {radius}, {name}, mean, %"
-            )
-            rows.append([str(radius), f"{len(surface):,}", name, mean, f"{relative.mean():+.2f}"])
+    rows = [row for shape in ("shell", "ball") for radius in RADII for row in sphere(shape, radius)]
     table(
         "Spheres of voxels: errors against great circles",
-        ["radius, voxels", "voxels", "estimator", "mean error, %", "bias, %"],
+        ["shape", "radius, voxels", "vertices", "estimator", "mean error, %", "bias, %"],
         rows,
-        f"The surface of a ball at 3 random places of the grid, {SOURCES} random sources to all voxels.",
+        f"Shells one voxel thick, and balls, at 3 random places of the grid, {SOURCES} random sources to all vertices.",
     )
+
+
+def sphere(shape, radius):
+    """Return the rows of a shell or a ball of a radius, voxels."""
+    gathered = {}
+    for number in range(3):
+        rng = np.random.default_rng(number)
+        centre = radius + 3 + rng.random(3)
+        axes = np.ogrid[tuple(slice(0, 2 * radius + 8) for _ in range(3))]
+        distance = np.sqrt(sum((axis - at) ** 2 for axis, at in zip(axes, centre, strict=True)))
+        volume = np.abs(distance - radius) <= 0.5 if shape == "shell" else distance < radius
+        surface = voxflat.surface(volume)
+        sources = rng.choice(len(surface), SOURCES, replace=False)
+        away = surface.points - centre
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        true = 2 * radius * np.arcsin(np.linalg.norm(away[sources, None] - away[None], axis=2).clip(max=2) / 2)
+        apart = true > 0
+        for name, found in estimates(volume, surface, sources):
+            gathered.setdefault(name, []).append(100 * (found[apart] / true[apart] - 1))
+    rows = []
+    for name, parts in gathered.items():
+        relative = np.concatenate(parts)
+        limit = 0.4 if shape == "shell" and radius == 40 and name.startswith("voxflat") else None
+        mean = judged(np.abs(relative).mean(), ".2f", limit, f"{shape} of radius {radius}, {name}, mean, %")
+        rows.append([shape, str(radius), f"{len(surface):,}", name, mean, f"{relative.mean():+.2f}"])
+    return rows
 
 
 def maps(options):
