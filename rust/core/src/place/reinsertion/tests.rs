@@ -24,11 +24,11 @@ fn carried(
     (uv, turned)
 }
 
-/// A sheet in a plane of space, its inner vertices moved at random.
+/// A sheet in a plane of space, its inner vertices moved at random, but not so far that a triangle turns over.
 fn jittered(side: usize, moves: &[[f64; 2]]) -> Surface {
     let (points, faces) = shapes::sheet(side, side);
     let moved = points.iter().zip(moves).map(|(&[x, y, _], [dx, dy])| {
-        let [x, y] = [(x, dx), (y, dy)].map(|(x, d)| if x == 0.0 || x == side as f64 { x } else { x + 0.3 * d });
+        let [x, y] = [(x, dx), (y, dy)].map(|(x, d)| if x == 0.0 || x == side as f64 { x } else { x + 0.24 * d });
         [x, 0.6 * y + 3.0, 0.8 * y]
     });
     shapes::surface((moved.collect(), faces))
