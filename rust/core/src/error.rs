@@ -7,13 +7,17 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
-    #[error("the machine has not enough memory for this surface; take fewer points")]
-    OutOfMemory,
+    #[error("the machine has not enough memory for springs between {vertices} vertices; take a smaller patch")]
+    TooManySprings { vertices: usize },
+
+    #[error("edges are too uneven in length for the map to be computed; remesh the surface, or take a smaller patch")]
+    Uneven,
 
     #[error(
-        "no map without folds was found to start from: triangles are too thin, or the boundary is too short for what it encloses; cut the surface open further, or take a smaller patch"
+        "{triangles} triangles are too thin, or enclosed by too short a boundary, for a map without folds; remesh the \
+         surface, cut it open further, or take a smaller patch"
     )]
-    NoStart,
+    Folded { triangles: usize },
 
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },

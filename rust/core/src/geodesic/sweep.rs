@@ -106,16 +106,6 @@ impl Sweep {
         self.contraction.dissection.order.len()
     }
 
-    /// Number of shortcuts.
-    pub fn shortcuts(&self) -> usize {
-        self.contraction.shortcuts.len()
-    }
-
-    /// Most vertices above one another.
-    pub fn depth(&self) -> usize {
-        self.contraction.depth
-    }
-
     /// What has to be swept to reach some vertices only.
     pub fn targets(&self, vertices: &[u32]) -> Targets {
         let Dissection { ranks, parts, .. } = &self.contraction.dissection;

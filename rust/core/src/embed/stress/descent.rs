@@ -34,7 +34,7 @@ pub trait Objective {
     /// The factor of the springs that are about as stiff as the energy around a map.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfMemory`].
+    /// [`crate::Error::TooManySprings`], [`crate::Error::Uneven`].
     fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor>;
 
     /// The largest step along a direction that is allowed.
@@ -147,6 +147,7 @@ pub fn descend(
         }
         (*uv, energy, gradient) = (next, reached, next_gradient);
         energies.push(energy);
+        control.advance();
         let before = energies.len().checked_sub(1 + JUDGED);
         if before.is_some_and(|before| energies[before] - energy < until.gain * energy.abs()) {
             return Ok(Descended { energies, converged: true });

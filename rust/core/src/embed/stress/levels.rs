@@ -62,7 +62,7 @@ struct Dials {
 /// How descent on the finest level went.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convergence {
-    /// The energy at first and after every step.
+    /// The energy at first and after every step, of one round after the other; between rounds the scale is found anew.
     pub energies: Vec<f64>,
     /// It ended because little was gained any more.
     pub converged: bool,
@@ -72,7 +72,8 @@ pub struct Convergence {
 /// lie by classical scaling says how to begin.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`], [`Error::Cancelled`], and those of reading rows.
+/// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
+/// [`Error::Cancelled`], and those of reading rows.
 ///
 /// # Panics
 /// If the rows do not reach to every vertex of the surface.
@@ -93,12 +94,11 @@ pub fn flatten(
             let coarsest = levels.surface(depth);
             let places = level.pairs.landmark_places(places, coarsest.len());
             uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
-            if level.triangles.folded(&uv) > 0 {
-                return Err(Error::NoStart);
-            }
+            level.check_unfolded(&uv)?;
             level.settle(&mut uv, LOOSE, FIRST_ROUNDS, control)?;
         } else {
             uv = levels.refine(depth, &uv, control)?;
+            level.check_unfolded(&uv)?;
         }
         control.begin(STAGES[depth.min(STAGES.len() - 1)], (MOST_ROUNDS * ROUND) as u64);
         convergence = level.settle(&mut uv, FINAL, MOST_ROUNDS, control)?;
@@ -176,6 +176,11 @@ impl<'a> Levels<'a> {
 }
 
 impl Level {
+    fn check_unfolded(&self, uv: &[Vector2<f64>]) -> Result<()> {
+        let triangles = self.triangles.folded(uv);
+        if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
+    }
+
     /// Descent in rounds, until little is gained.
     fn settle(
         &self,

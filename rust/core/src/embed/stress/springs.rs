@@ -5,13 +5,14 @@
 
 use faer::Side;
 use faer::linalg::solvers::SolveCore;
+use faer::sparse::linalg::LltError;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, Mat};
 use nalgebra::Vector2;
 
 use crate::control::Control;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Which entries the matrix has, and how they are factored; the same for every map of a surface.
 #[derive(Debug)]
@@ -33,7 +34,7 @@ impl Springs {
     /// Springs along the edges of triangles, given by their corners.
     ///
     /// # Errors
-    /// [`crate::Error::Cancelled`].
+    /// [`Error::TooManySprings`], [`Error::Cancelled`].
     pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
         let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
         let mut entries: Vec<(u32, u32)> = triangles.iter().flat_map(|&corners| ends(corners)).collect();
@@ -54,7 +55,8 @@ impl Springs {
         let diagonal = starts[..vertices].to_vec();
         let rows = entries.iter().map(|&(_, row)| row as usize).collect();
         let pattern = SymbolicSparseColMat::new_checked(vertices, vertices, starts, None, rows);
-        let order = SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|_| crate::Error::OutOfMemory)?;
+        let order =
+            SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|_| Error::TooManySprings { vertices })?;
         Ok(Self { pattern, order, triangles, edges, diagonal })
     }
 
@@ -62,7 +64,7 @@ impl Springs {
     /// each vertex to the ground: some of these must be stiff, or the whole could float away.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfMemory`].
+    /// [`Error::TooManySprings`], [`Error::Uneven`].
     pub fn factor(&self, stiffness: &[[f64; 3]], ground: &[f64]) -> Result<Factor> {
         let mut values = vec![0.0; self.pattern.compute_nnz()];
         for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
@@ -75,7 +77,10 @@ impl Springs {
         self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground);
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
         let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix, Side::Lower);
-        Ok(Factor(factor.map_err(|_| crate::Error::OutOfMemory)?))
+        Ok(Factor(factor.map_err(|error| match error {
+            LltError::Generic(_) => Error::TooManySprings { vertices: self.diagonal.len() },
+            LltError::Numeric(_) => Error::Uneven,
+        })?))
     }
 }
 

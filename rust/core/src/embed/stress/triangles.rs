@@ -14,8 +14,10 @@ use rayon::prelude::*;
 
 use crate::surface::Surface;
 
-/// Thinner triangles count as so many times as high as their longest side: their shape is noise.
+/// Thinner triangles count as so many times as high as their longest side: among others their shape is noise. Where half of
+/// all are thin, this is taken as a part of what they usually are.
 const THINNEST: f64 = 0.12;
+const THINNER_THAN_USUAL: f64 = 0.25;
 
 /// Triangles whose area shrinks to less than this have no say in the scale.
 const LEAST_GROWTH: f64 = 0.05;
@@ -34,16 +36,22 @@ struct Rest {
 }
 
 impl Rest {
-    fn new(points: &[Vector3<f64>], face: [u32; 3]) -> Self {
+    /// A triangle, and at least so many times as high as its longest side is long.
+    fn new(points: &[Vector3<f64>], face: [u32; 3], thinnest: f64) -> Self {
         let sides = [0, 1, 2].map(|n| points[face[(n + 1) % 3] as usize] - points[face[n] as usize]);
         let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);
         let corners = [0, 1, 2].map(|n| face[(longest + n) % 3]);
         let (base, other) = (sides[longest], -sides[(longest + 2) % 3]);
         let length = base.norm().max(f64::MIN_POSITIVE);
         let along = other.dot(&base) / length;
-        let height = (base.cross(&other).norm() / length).max(THINNEST * length);
+        let height = (base.cross(&other).norm() / length).max(thinnest * length);
         let inverse = Matrix2::new(length.recip(), -along / (length * height), 0.0, height.recip());
         Self { corners, inverse, area: 0.5 * length * height }
+    }
+
+    /// Height by the longest side, as a part of it.
+    fn height(&self) -> f64 {
+        2.0 * self.area * self.inverse.m11.powi(2)
     }
 
     /// J, for a map that is so much larger than the surface.
@@ -83,7 +91,11 @@ pub struct Triangles {
 impl Triangles {
     /// Those of a surface.
     pub fn new(surface: &Surface) -> Self {
-        let rests: Vec<Rest> = surface.faces().iter().map(|&face| Rest::new(surface.points(), face)).collect();
+        let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::new(surface.points(), face, thinnest));
+        let mut heights: Vec<f64> = rests(0.0).map(|rest| rest.height()).collect();
+        let middle = heights.len() / 2;
+        let usual = heights.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let rests: Vec<Rest> = rests(THINNEST.min(THINNER_THAN_USUAL * *usual)).collect();
         let mut starts = vec![0u32; surface.len() + 1];
         rests.iter().flat_map(|rest| rest.corners).for_each(|vertex| starts[vertex as usize + 1] += 1);
         for vertex in 0..surface.len() {

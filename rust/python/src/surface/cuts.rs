@@ -1,0 +1,146 @@
+//! What a surface is made of, and cutting it open.
+
+use std::sync::Arc;
+
+use numpy::IntoPyArray;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use voxflat::surface::cuts::{self, Reason};
+use voxflat::surface::holes::{fill_holes, small_holes};
+use voxflat::surface::loops::{Handle, cut_handles, handles};
+use voxflat::surface::thin::thin_places;
+use voxflat::surface::topology::Topology;
+
+use super::Surface;
+use crate::convert;
+use crate::work::{run, to_python};
+
+#[pymethods]
+impl Surface {
+    /// Components (largest first), boundary loops and what else counts the surface.
+    fn topology<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let inner = Arc::clone(&self.0);
+        let topology = run(py, Some(1), None, move |_| Ok(Topology::of(&inner.surface)))?;
+        let dict = PyDict::new(py);
+        dict.set_item("vertices", topology.vertices)?;
+        dict.set_item("edges", topology.edges)?;
+        dict.set_item("faces", topology.faces)?;
+        dict.set_item("euler", topology.euler)?;
+        dict.set_item("handles", topology.genus)?;
+        let components = PyList::empty(py);
+        for component in &topology.components {
+            let entry = PyDict::new(py);
+            entry.set_item("vertices", component.vertices)?;
+            entry.set_item("faces", component.faces)?;
+            entry.set_item("euler", component.euler)?;
+            entry.set_item("handles", component.genus)?;
+            entry.set_item("loops", component.loops)?;
+            components.append(entry)?;
+        }
+        dict.set_item("components", components)?;
+        let loops = PyList::empty(py);
+        for boundary in &topology.loops {
+            let entry = PyDict::new(py);
+            entry.set_item("length", boundary.length)?;
+            entry.set_item("vertices", boundary.vertices(&self.0.surface))?;
+            loops.append(entry)?;
+        }
+        dict.set_item("loops", loops)?;
+        Ok(dict)
+    }
+
+    /// A short loop around each handle: its vertices, length (mm) and centre (mm).
+    #[pyo3(signature = (progress=None))]
+    fn handles<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyList>> {
+        let inner = Arc::clone(&self.0);
+        let found = run(py, None, progress.as_ref(), move |control| handles(&inner.surface, control))?;
+        handle_list(py, &found)
+    }
+
+    /// The surface cut open along a short loop around each handle, and these.
+    #[pyo3(signature = (progress=None))]
+    fn cut_handles<'py>(
+        &self,
+        py: Python<'py>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Self, Bound<'py, PyList>)> {
+        let inner = Arc::clone(&self.0);
+        let (cut, found) = run(py, None, progress.as_ref(), move |control| cut_handles(&inner.surface, control))?;
+        Ok((cut.into(), handle_list(py, &found)?))
+    }
+
+    /// The surface cut open along paths of neighbouring vertices.
+    fn cut(&self, paths: Vec<Vec<u32>>) -> PyResult<Self> {
+        convert::check_vertices(paths.iter().flatten().copied(), self.0.surface.len())?;
+        Ok(cuts::cut(&self.0.surface, &paths).map_err(to_python)?.into())
+    }
+
+    /// The surface cut open to a disk, and the cuts: vertices, length (mm) and reason.
+    #[pyo3(signature = (progress=None))]
+    fn open_to_disk<'py>(
+        &self,
+        py: Python<'py>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Self, Bound<'py, PyList>)> {
+        let inner = Arc::clone(&self.0);
+        let opened = run(py, None, progress.as_ref(), move |control| cuts::open_to_disk(&inner.surface, control))?;
+        let list = PyList::empty(py);
+        for cut in opened.cuts {
+            let entry = PyDict::new(py);
+            entry.set_item("vertices", cut.vertices.into_pyarray(py))?;
+            entry.set_item("length", cut.length)?;
+            entry.set_item(
+                "reason",
+                match cut.reason {
+                    Reason::Handle => "handle",
+                    Reason::JoinBoundaries => "boundaries joined",
+                    Reason::Sphere => "closed sphere",
+                },
+            )?;
+            list.append(entry)?;
+        }
+        Ok((opened.surface.into(), list))
+    }
+
+    /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that
+    /// were filled and that could not be.
+    #[pyo3(signature = (longest, progress=None))]
+    fn fill_holes(
+        &self,
+        py: Python<'_>,
+        longest: f64,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(Self, usize, usize)> {
+        let inner = Arc::clone(&self.0);
+        let (filled, holes) = run(py, Some(1), progress.as_ref(), move |control| {
+            let holes = small_holes(&inner.surface, longest);
+            Ok((fill_holes(&inner.surface, &holes, control)?, holes.len()))
+        })?;
+        Ok((filled.surface.into(), holes - filled.left.len(), filled.left.len()))
+    }
+
+    /// Places where the solid is thinner than `thickness` mm: number of vertices, and of the worst its vertex and thickness.
+    #[pyo3(signature = (thickness, progress=None))]
+    fn thin_places(
+        &self,
+        py: Python<'_>,
+        thickness: f64,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, Option<(u32, f64)>)> {
+        let inner = Arc::clone(&self.0);
+        let thin = run(py, None, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
+        Ok((thin.vertices.len(), thin.worst.map(|worst| (worst.vertices[0], worst.thickness))))
+    }
+}
+
+fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<Bound<'py, PyList>> {
+    let list = PyList::empty(py);
+    for handle in handles {
+        let entry = PyDict::new(py);
+        entry.set_item("vertices", &handle.vertices)?;
+        entry.set_item("length", handle.length)?;
+        entry.set_item("centre", [handle.centre.x, handle.centre.y, handle.centre.z])?;
+        list.append(entry)?;
+    }
+    Ok(list)
+}

@@ -1,0 +1,187 @@
+//! Distances on a surface, and paths.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
+use pyo3::prelude::*;
+use voxflat::adjacency::Links;
+use voxflat::geodesic::Solver;
+use voxflat::geodesic::exact::{Exact, Site};
+use voxflat::geodesic::marching::{Marching, Wave};
+use voxflat::geodesic::shortest::trace_path;
+use voxflat::rows::DistanceRows;
+use voxflat::store::Store;
+use voxflat::surface::cuts;
+
+use super::Surface;
+use crate::convert;
+use crate::work::{InputError, run};
+
+type ExactPath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
+
+/// The solvers that measure distances on a surface.
+#[derive(Clone, Copy)]
+enum Geodesic {
+    Graph,
+    Marching(Wave),
+    Exact,
+}
+
+impl Geodesic {
+    fn named(name: &str) -> PyResult<Self> {
+        match name {
+            "graph" => Ok(Self::Graph),
+            "marching" => Ok(Self::Marching(Wave::Circle)),
+            "marching-plane" => Ok(Self::Marching(Wave::Plane)),
+            "exact" => Ok(Self::Exact),
+            _ => Err(InputError::new_err(format!("geodesic is {name:?}; give 'graph', 'marching' or 'exact'"))),
+        }
+    }
+}
+
+/// Evaluates an expression with the solver that a [`Geodesic`] names.
+macro_rules! with_solver {
+    ($geodesic:expr, $inner:expr, $control:expr, |$solver:ident| $body:expr) => {
+        match $geodesic {
+            Geodesic::Graph => {
+                let $solver = &*$inner.graph($control)?;
+                $body
+            }
+            Geodesic::Marching(wave) => {
+                let $solver = &Marching::new(&$inner.surface, wave, $control)?;
+                $body
+            }
+            Geodesic::Exact => {
+                let $solver = &Exact::new(&$inner.surface);
+                $body
+            }
+        }
+    };
+}
+#[pymethods]
+impl Surface {
+    /// A hash of what distances depend on.
+    #[pyo3(signature = (geodesic, progress=None))]
+    fn fingerprint(&self, py: Python<'_>, geodesic: &str, progress: Option<Bound<'_, PyAny>>) -> PyResult<u64> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let inner = Arc::clone(&self.0);
+        run(py, None, progress.as_ref(), move |control| {
+            with_solver!(geodesic, inner, control, |solver| solver.fingerprint(control))
+        })
+    }
+
+    /// Computes what a store lacks of the rows from sources (vertices): how many rows it had, and how many were damaged.
+    #[pyo3(signature = (directory, identity, sources, geodesic="graph", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)] // Python's, by name
+    fn store_rows(
+        &self,
+        py: Python<'_>,
+        directory: PathBuf,
+        identity: String,
+        sources: PyReadonlyArray1<'_, u32>,
+        geodesic: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, usize)> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let found = run(py, threads, progress.as_ref(), move |control| {
+            with_solver!(geodesic, inner, control, |solver| {
+                Ok(Store::compute(&directory, &identity, solver, &sources, control)?.found())
+            })
+        })?;
+        Ok((found.rows, found.damaged))
+    }
+
+    /// Number of links of the graph, each counted from both ends.
+    #[pyo3(signature = (progress=None))]
+    fn links(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<usize> {
+        let inner = Arc::clone(&self.0);
+        run(py, None, progress.as_ref(), move |control| Ok(inner.graph(control)?.links()))
+    }
+
+    /// Chooses sources: "farthest" or "random".
+    #[pyo3(signature = (sampling, count, seed, progress=None))]
+    fn choose_sources<'py>(
+        &self,
+        py: Python<'py>,
+        sampling: &str,
+        count: usize,
+        seed: u64,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let sources = convert::sources(sampling, count, seed)?;
+        let inner = Arc::clone(&self.0);
+        let chosen = run(py, None, progress.as_ref(), move |control| sources.choose(&*inner.graph(control)?, control))?;
+        Ok(chosen.into_pyarray(py))
+    }
+
+    /// Distance rows (m, N) in mm from sources (vertices).
+    #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
+    fn rows<'py>(
+        &self,
+        py: Python<'py>,
+        sources: PyReadonlyArray1<'py, u32>,
+        geodesic: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let rows = run(py, threads, progress.as_ref(), move |control| {
+            with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control))
+        })?;
+        convert::table(py, rows.into_data(), self.0.surface.len())
+    }
+
+    /// The vertices of a shortest path, both ends included, and its length in mm.
+    fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f32)> {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let (path, length) = run(py, Some(1), None, move |control| {
+            let graph = &*inner.graph(control)?;
+            let mut row = vec![0.0; graph.vertices()];
+            graph.row(source, &mut row, &mut graph.scratch(), control)?;
+            Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
+        })?;
+        Ok((path.into_pyarray(py), length))
+    }
+
+    /// The exact shortest path: its points (k, 3) in mm, the vertices they lie at, or -1 for those on edges, and its length
+    /// in mm.
+    fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<ExactPath<'py>> {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let (path, length) = run(py, Some(1), None, move |control| {
+            let exact = Exact::new(&inner.surface);
+            let (mut wave, mut row) = (exact.scratch(), vec![0.0; inner.surface.len()]);
+            exact.distances(source, &mut row, &mut wave, control)?;
+            let mut path = exact.path(&wave, target)?;
+            path.reverse();
+            Ok((path, row[target as usize]))
+        })?;
+        let points: Vec<[f64; 3]> = path.iter().map(|passed| passed.point.into()).collect();
+        let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
+        let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
+        Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
+    }
+
+    /// The vertices of a shortest path along edges, both ends included, and its length in mm.
+    fn edge_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Bound<'py, PyArray1<u32>>, f64)> {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let (path, length) = run(py, Some(1), None, move |control| {
+            let path = cuts::shortest_path(&inner.surface, &[source, target], None, control)?;
+            let points = inner.surface.points();
+            let steps = path.windows(2).map(|two| (points[two[0] as usize] - points[two[1] as usize]).norm());
+            let length = steps.sum::<f64>();
+            Ok((path, length))
+        })?;
+        Ok((path.into_pyarray(py), length))
+    }
+}

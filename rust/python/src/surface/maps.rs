@@ -1,0 +1,92 @@
+//! The flat maps of a surface.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use voxflat::flatten;
+use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
+use voxflat::sources::Sources;
+
+use super::Surface;
+use crate::convert;
+use crate::work::run;
+
+#[pymethods]
+impl Surface {
+    /// The memory in bytes that flattening needs at most, with rows in memory or in a store.
+    #[pyo3(signature = (sources, threads, stored=false))]
+    fn memory_need(&self, sources: usize, threads: usize, stored: bool) -> u64 {
+        flatten::surface_memory_need(self.0.surface.len(), sources, threads, stored)
+    }
+
+    /// Flattens from sources (vertices), by rows in memory or in a store: its directory and identity.
+    #[pyo3(signature = (sources, seed, threads=None, progress=None, store=None))]
+    fn voxflat<'py>(
+        &self,
+        py: Python<'py>,
+        sources: PyReadonlyArray1<'py, u32>,
+        seed: u64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+        store: Option<(PathBuf, String)>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
+        let inner = Arc::clone(&self.0);
+        let (map, found) = run(py, threads, progress.as_ref(), move |control| {
+            let (surface, graph) = (&inner.surface, &*inner.graph(control)?);
+            let Some((directory, identity)) = store else {
+                return Ok((flatten::voxflat(surface, graph, &given, seed, control)?, None));
+            };
+            let store = (directory.as_path(), identity.as_str());
+            let (map, found) = flatten::voxflat_stored(surface, graph, &given, store, seed, control)?;
+            Ok((map, Some(found)))
+        })?;
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
+        Ok(dict)
+    }
+
+    /// Flattens after Zigelman et al. from what decimation to `count` vertices leaves, from given vertices, or from about `count`
+    /// pixels of a grid: the pixel (N, 2) that each vertex is and the distance of rows and columns, mm. `wave` is "circle" or
+    /// "plane".
+    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn zigelman2002<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        seed: u64,
+        vertices: Option<PyReadonlyArray1<'py, u32>>,
+        grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
+        wave: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let wave = convert::wave(wave)?;
+        let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
+        let grid =
+            grid.map(|(pixels, spacing)| Ok::<_, PyErr>((convert::rows::<_, 2>(&pixels, "the pixels")?, spacing)));
+        let grid = grid.transpose()?;
+        if let Some((pixels, _)) = &grid {
+            self.check_length(pixels.len(), "the pixels")?;
+        }
+        let inner = Arc::clone(&self.0);
+        let map = run(py, threads, progress.as_ref(), move |control| {
+            let sampling = match (&vertices, &grid) {
+                (Some(vertices), _) => Sampling::Vertices(vertices),
+                (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
+                (None, None) => Sampling::Decimation { count },
+            };
+            zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
+        })?;
+        convert::map_dict(py, map)
+    }
+
+    /// The memory in bytes that flattening after Zigelman et al. needs at most.
+    fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
+        zigelman::memory_need(self.0.surface.len(), sources, threads)
+    }
+}
