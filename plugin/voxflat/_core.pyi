@@ -116,6 +116,8 @@ class Surface:
         self,
         sources: NDArray[np.uint32],
         seed: int,
+        geodesic: str = "graph",
+        weighting: float = 0.5,
         threads: int | None = None,
         progress: _Progress | None = None,
         store: tuple[str | PathLike[str], str] | None = None,

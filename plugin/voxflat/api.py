@@ -38,6 +38,7 @@ _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
 _SAMPLES = 625  # 25 x 25, as in the paper
 _SAMPLINGS = ("decimation", "farthest", "random", "grid")
+_SOLVERS = ("graph", "marching", "exact")
 
 __all__ = ["flatten", "geodesic"]
 
@@ -58,6 +59,8 @@ def flatten(
     cuts: object | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str | None = None,
+    geodesic: str | None = None,
+    weighting: float | None = None,
     link_lengths: str | None = None,
     seed: int = 0,
     keep_rows: bool = False,
@@ -112,6 +115,11 @@ def flatten(
         "zigelman2002" only: what decimation leaves (its default; vertices that cannot go without harm to the surface
         are sources, too); or the pixels on a grid over a `range_image`, between which the rest is placed by bilinear
         functions.
+    geodesic : {"graph", "marching", "exact"}, optional
+        "voxflat" only. What measures the distances that the map keeps, as in `voxflat.geodesic`; by default "graph".
+    weighting : float, optional
+        "voxflat" only. From 0, local, where near distances and the shape of triangles count ten times as much as usual,
+        to 1, global, where they count a tenth and far distances rule; by default 0.5.
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
@@ -146,6 +154,8 @@ def flatten(
     how = _How(sources, sampling, seed, keep_rows, store, threads, memory_limit, progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
+    if method != "voxflat":
+        _refuse(method, geodesic=geodesic, weighting=weighting)
     if method == "grossmann2002":
         _refuse(method, drop=drop, polygon=polygon, cuts=cuts)
         prepared = prepare(
@@ -164,7 +174,9 @@ def flatten(
         _refuse(method, store=store)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
     cut = cut_out(whole, **patch, drop=drop, polygon=polygon, cuts=cuts, progress=progress)
-    return _voxflat(cut, how) if method == "voxflat" else _zigelman2002(cut, how)
+    if method == "zigelman2002":
+        return _zigelman2002(cut, how)
+    return _voxflat(cut, how, geodesic or "graph", 0.5 if weighting is None else weighting)
 
 
 @dataclass(frozen=True)
@@ -197,23 +209,28 @@ def _refuse(method: str, **options: object) -> None:
             raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
 
 
-def _voxflat(cut: Cutout, how: _How) -> FlatMap:
+def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
+    if solver not in _SOLVERS:
+        raise InputError(f"geodesic is {solver!r}; give 'graph', 'marching' or 'exact'")
+    if not (isinstance(weighting, int | float) and 0 <= weighting <= 1):
+        raise InputError(f"weighting is {weighting!r}; give a number from 0, local, to 1, global")
     part = cut.part
     chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LANDMARKS)
     threads = how.threads or os.cpu_count() or 1
     need = how.check_memory(part.core.memory_need(len(chosen), threads, how.store is not None), 0, 0)
     store = None
     if how.store is not None:
-        store = prepare_store(how.store, part.core, part.ids, chosen, geodesic="graph", progress=how.progress)
-    result = part.core.voxflat(chosen, how.seed, how.threads, how.progress, None if store is None else store.key)
+        store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=solver, progress=how.progress)
+    key = None if store is None else store.key
+    result = part.core.voxflat(chosen, how.seed, solver, weighting, how.threads, how.progress, key)
     if store is not None:
         store.tell(result["found"])
-    told: dict[str, Any] = {}
+    told: dict[str, Any] = {"geodesic": solver, "weighting": float(weighting)}
     rows = None
     if store is not None:
         told["store"], rows = str(store.path), open_rows(store.path).rows
     elif how.keep_rows:
-        rows = part.core.rows(chosen, threads=how.threads, progress=how.progress)
+        rows = part.core.rows(chosen, solver, how.threads, how.progress)
     energies, converged = result["convergence"]
     told["descent"] = {"converged": converged, "energies": energies}
     return _over_triangles("voxflat", cut, how, result, need, rows, told)
@@ -435,7 +452,7 @@ seed, threads, memory_limit, progress
         chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
         what = {"geodesic": geodesic, "link_lengths": prepared.metadata["link_lengths"]}
         return _rows(voxels, voxels.voxels.astype(np.int64), chosen, what, store, threads, memory_limit, progress)
-    if geodesic not in ("graph", "marching", "exact"):
+    if geodesic not in _SOLVERS:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
     _refuse(geodesic, link_lengths=link_lengths)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)

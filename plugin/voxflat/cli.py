@@ -80,6 +80,16 @@ Examples:
     "  [default: farthest; zigelman2002: decimation]",
 )
 @click.option(
+    "--geodesic",
+    type=click.Choice(["graph", "marching", "exact"]),
+    help="voxflat: what measures the distances that are kept.  [default: graph]",
+)
+@click.option(
+    "--weighting",
+    type=click.FloatRange(0, 1),
+    help="voxflat: from 0, near distances and shapes above all, to 1, far distances above all.  [default: 0.5]",
+)
+@click.option(
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),
     help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",

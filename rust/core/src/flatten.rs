@@ -2,8 +2,6 @@
 
 pub mod zigelman;
 
-use std::path::Path;
-
 use nalgebra::Vector3;
 
 use crate::adjacency::{Graph, Links};
@@ -21,7 +19,7 @@ use crate::patch::{self, Patch};
 use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::{self, FEWEST_SOURCES, Sources};
-use crate::store::{self, Found, Store};
+use crate::store;
 use crate::surface::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
@@ -142,72 +140,35 @@ pub fn grossmann2002(
     })
 }
 
-/// Flattens a connected surface: distances through the graph of straight links, then the map of least stress whose triangles
-/// keep their shape, from coarse to fine. No triangle is turned over.
+/// Flattens a connected surface by distance rows from sources on it, of whatever solver: the map of least stress whose triangles
+/// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
+/// shapes count most, to 1, where far distances do. The map is judged by the engine's distances.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
-pub fn voxflat(
+pub fn voxflat<R: Rows>(
     surface: &Surface,
-    graph: &GeodesicGraph,
-    sources: &Sources,
-    seed: u64,
-    control: &Control,
-) -> Result<FlatMap> {
-    let rows_from = |sources: &[u32]| {
-        let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
-        Ok((DistanceRows::by(&engine, sources, control)?, engine))
-    };
-    voxflat_by_rows(surface, graph, sources, rows_from, seed, control)
-}
-
-/// [`voxflat`] with distance rows from a [`Store`] in a directory, which is computed as far as it is not; and what it had.
-///
-/// # Errors
-/// As [`voxflat`] and [`Store::compute`].
-pub fn voxflat_stored(
-    surface: &Surface,
-    graph: &GeodesicGraph,
-    sources: &Sources,
-    (directory, identity): (&Path, &str),
-    seed: u64,
-    control: &Control,
-) -> Result<(FlatMap, Found)> {
-    let mut found = Found::default();
-    let rows_from = |sources: &[u32]| {
-        let store = Store::compute(directory, identity, graph, sources, control)?;
-        found = store.found();
-        Ok((store, Engine::new(graph, REFERENCE_SOURCES, control)?))
-    };
-    let map = voxflat_by_rows(surface, graph, sources, rows_from, seed, control)?;
-    Ok((map, found))
-}
-
-/// [`voxflat`] by the distance rows from the chosen sources, and the engine for those that judge the map.
-fn voxflat_by_rows<'g, R: Rows>(
-    surface: &Surface,
-    graph: &'g GeodesicGraph,
-    sources: &Sources,
-    rows_from: impl FnOnce(&[u32]) -> Result<(R, Engine<'g, GeodesicGraph>)>,
+    rows: R,
+    weighting: f64,
+    engine: &Engine<GeodesicGraph>,
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
     check_disk(surface)?;
-    let sources = sources.choose(graph, control)?;
+    let sources = rows.sources().to_vec();
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let (rows, engine) = rows_from(&sources)?;
     control.begin("scaling", 1);
     let among = rows.among(control)?;
     let scaling = classical_scaling(&among)?;
     control.check()?;
     drop(among);
-    let (mut uv, convergence) = levels::flatten(surface, &rows, &scaling.places, control)?;
+    let (mut uv, convergence) = levels::flatten(surface, &rows, &scaling.places, weighting, control)?;
     let convergence = Some(convergence);
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence })
 }

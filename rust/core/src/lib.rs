@@ -26,6 +26,7 @@
 //! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources.
 
 pub mod adjacency;
+mod boxes;
 pub mod control;
 pub mod distortion;
 pub mod embed;

@@ -4,6 +4,7 @@ mod cuts;
 mod distances;
 mod maps;
 mod measure;
+mod solvers;
 
 use std::sync::{Arc, Mutex};
 

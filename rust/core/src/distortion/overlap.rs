@@ -11,11 +11,9 @@ use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
 use super::faces::{all_exist, sorted_edges};
+use crate::boxes::{Bounds, Tree};
 use crate::control::Control;
 use crate::error::Result;
-
-/// Boxes under one box of the tree.
-const FAN: usize = 8;
 
 /// Searches in one step of the progress.
 const CHUNK: usize = 256;
@@ -83,8 +81,9 @@ fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
     (0..3).all(|k| !outside(a, k, b) && !outside(b, k, a))
 }
 
-fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
-    let tree = Tree::over(segments);
+/// Number of pairs of segments that cross at a point that is an end of neither.
+pub(crate) fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
+    let tree = Tree::over(segments.iter().map(|ends| Bounds::around(ends)).collect());
     let of_chunk = |chunk: Range<usize>| {
         let mut count = 0;
         for position in chunk {
@@ -106,7 +105,7 @@ fn count_crossings(segments: &[Segment], control: &Control) -> Result<usize> {
 /// marked, so that a map with many folds takes no longer than a good one. Marks only ever say what is true, and the search
 /// from an unmarked one is complete: the order of the threads does not matter.
 fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>> {
-    let tree = Tree::over(triangles);
+    let tree = Tree::over(triangles.iter().map(|corners| Bounds::around(corners)).collect());
     let covering: Vec<AtomicBool> = triangles.iter().map(|_| AtomicBool::new(false)).collect();
     let is_marked = |n: u32| covering[n as usize].load(Ordering::Relaxed);
     let mark = |n: u32| covering[n as usize].store(true, Ordering::Relaxed);
@@ -135,104 +134,6 @@ fn find_covering(triangles: &[Triangle], control: &Control) -> Result<Vec<bool>>
 /// The numbers below `count`, in parallel, a step of the progress at a time.
 fn chunks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     (0..count.div_ceil(CHUNK)).into_par_iter().map(move |n| n * CHUNK..((n + 1) * CHUNK).min(count))
-}
-
-/// Boxes in boxes, packed along a space-filling curve. Unlike the cells of a grid they follow the size of the triangles, which
-/// in a conformal or a Tutte map varies by many orders of magnitude.
-struct Tree {
-    order: Vec<u32>,
-    /// First the items' boxes, last the one around all of them.
-    levels: Vec<Vec<Bounds>>,
-}
-
-impl Tree {
-    fn over<const N: usize>(items: &[[Coord<f64>; N]]) -> Self {
-        let bounds: Vec<Bounds> = items.iter().map(|item| Bounds::around(item)).collect();
-        let all = bounds.iter().fold(Bounds::NOTHING, |a, b| a.with(b));
-        let mut keyed: Vec<(u64, u32)> = bounds.iter().map(|b| all.curve_position(b)).zip(0..).collect();
-        keyed.par_sort_unstable();
-        let order: Vec<u32> = keyed.into_iter().map(|(_, n)| n).collect();
-        let mut levels = vec![order.iter().map(|&n| bounds[n as usize]).collect::<Vec<_>>()];
-        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
-            let above = below.chunks(FAN).map(|few| few.iter().fold(Bounds::NOTHING, |a, b| a.with(b))).collect();
-            levels.push(above);
-        }
-        Self { order, levels }
-    }
-
-    /// Is `hit` true of any other item with a box that meets the one at a position of the order? Begins with the nearest along
-    /// the curve, which in a fold are likely to be hit, and asks no more after the first.
-    fn any_other(&self, position: usize, hit: &mut impl FnMut(u32) -> bool) -> bool {
-        let window = &self.levels[0][position];
-        let mut own = position;
-        (0..self.levels.len()).any(|level| {
-            let mut beside = siblings(own / FAN, &self.levels[level]).filter(move |&node| node != own);
-            own /= FAN;
-            beside.any(|node| self.any_in(level, node, window, hit))
-        })
-    }
-
-    fn any_in(&self, level: usize, node: usize, window: &Bounds, hit: &mut impl FnMut(u32) -> bool) -> bool {
-        self.levels[level][node].meets(window)
-            && match level {
-                0 => hit(self.order[node]),
-                _ => siblings(node, &self.levels[level - 1]).any(|child| self.any_in(level - 1, child, window, hit)),
-            }
-    }
-}
-
-/// The nodes under a parent.
-fn siblings(parent: usize, level: &[Bounds]) -> Range<usize> {
-    parent * FAN..((parent + 1) * FAN).min(level.len())
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Bounds {
-    low: [f64; 2],
-    high: [f64; 2],
-}
-
-impl Bounds {
-    const NOTHING: Self = Self { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] };
-
-    fn around(corners: &[Coord<f64>]) -> Self {
-        corners.iter().fold(Self::NOTHING, |bounds, p| bounds.with(&Self { low: [p.x, p.y], high: [p.x, p.y] }))
-    }
-
-    fn with(self, other: &Self) -> Self {
-        let low = [self.low[0].min(other.low[0]), self.low[1].min(other.low[1])];
-        let high = [self.high[0].max(other.high[0]), self.high[1].max(other.high[1])];
-        Self { low, high }
-    }
-
-    /// Can interiors of what they hold meet? Those of boxes that only touch cannot.
-    #[inline]
-    fn meets(&self, other: &Self) -> bool {
-        (0..2).all(|axis| self.low[axis] < other.high[axis] && other.low[axis] < self.high[axis])
-    }
-
-    /// Where along the Z-shaped curve through this box the middle of another one lies.
-    fn curve_position(&self, other: &Self) -> u64 {
-        let size = (self.high[0] - self.low[0]).max(self.high[1] - self.low[1]);
-        let along = |axis: usize| {
-            let middle = 0.5 * (other.low[axis] + other.high[axis]);
-            spread(((middle - self.low[axis]) / size * f64::from(u32::MAX)) as u32)
-        };
-        along(0) | along(1) << 1
-    }
-}
-
-/// The bits of a number at every second place.
-fn spread(bits: u32) -> u64 {
-    [
-        (16, 0x0000_ffff_0000_ffff),
-        (8, 0x00ff_00ff_00ff_00ff),
-        (4, 0x0f0f_0f0f_0f0f_0f0f),
-        (2, 0x3333_3333_3333_3333),
-        (1, 0x5555_5555_5555_5555),
-    ]
-    .iter()
-    .fold(u64::from(bits), |bits, &(shift, mask)| (bits | bits << shift) & mask)
 }
 
 #[cfg(test)]

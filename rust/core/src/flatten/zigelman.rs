@@ -9,7 +9,7 @@ use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::orient;
 use crate::place::bilinear::Lattice;
-use crate::place::reinsertion;
+use crate::place::reinsertion::{self, Placing};
 use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
@@ -131,7 +131,8 @@ fn reinserted(
     sources.iter().zip(places).for_each(|(&source, &place)| uv[source as usize] = place);
     let coarse: Vec<[f64; 2]> = decimation.survivors.iter().map(|&v| uv[v as usize]).collect();
     let is_mirrored = map_area(decimation.surface.faces(), &coarse) < 0.0;
-    reinsertion::place(&decimation.removals, &mut uv, is_mirrored, control)?;
+    let placing = Placing { is_mirrored, ..Default::default() };
+    reinsertion::place(&decimation.removals, &mut uv, &placing, control)?;
     Ok(uv)
 }
 

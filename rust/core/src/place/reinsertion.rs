@@ -22,17 +22,33 @@ const MARGIN: f64 = 0.25;
 
 type Place = Vector2<f64>;
 
-/// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs; the map is mirrored if `is_mirrored`
-/// (its triangles run clockwise). Returns how many vertices had no place from which their triangles keep their orientation.
+/// How vertices are placed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placing {
+    /// The map's triangles run clockwise.
+    pub is_mirrored: bool,
+    /// How far a vertex of the boundary may lie outside the map as it was without it, as a part of the distance of its
+    /// neighbours on the boundary. Only one that has no other neighbours needs to lie outside at all: with little overhang no
+    /// two parts of a map run into each other that did not before.
+    pub overhang: f64,
+}
+
+impl Default for Placing {
+    fn default() -> Self {
+        Self { is_mirrored: false, overhang: f64::INFINITY }
+    }
+}
+
+/// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs. Returns how many vertices had no place from which their triangles keep their orientation.
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`].
 ///
 /// # Panics
 /// If `uv` is shorter than the surface has vertices.
-pub fn place(removals: &Removals, uv: &mut [[f64; 2]], is_mirrored: bool, control: &Control) -> Result<usize> {
+pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
     control.begin("placing the rest", removals.len() as u64);
-    let hand = if is_mirrored { -1.0 } else { 1.0 }; // the weights are those of a map that is not mirrored
+    let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights are those of a map that is not mirrored
     let mut ring: Vec<Place> = Vec::new();
     let mut turned = 0;
     for (step, removal) in removals.iter().rev().enumerate() {
@@ -44,11 +60,17 @@ pub fn place(removals: &Removals, uv: &mut [[f64; 2]], is_mirrored: bool, contro
         let origin = ring[0]; // far from 0 differences would lose digits
         ring.iter_mut().for_each(|place| *place -= origin);
         let mut at = weighted(&ring, removal.weights);
-        if !sees(&ring, removal.is_closed, at) {
-            match kernel(&ring, removal.is_closed) {
+        let is_within = removal.is_closed || (placing.overhang.is_finite() && ring.len() > 2);
+        if !sees(&ring, is_within, at) {
+            match kernel(&ring, is_within) {
                 Some(kernel) => at = inside(&kernel, at),
                 None => turned += 1,
             }
+        }
+        if let [a, b] = ring[..]
+            && placing.overhang.is_finite()
+        {
+            at = nearer([a, b], at, placing.overhang);
         }
         at += origin;
         uv[removal.vertex as usize] = [at.x, hand * at.y];
@@ -108,6 +130,14 @@ fn clip(polygon: &[Place], side: [Place; 2]) -> Vec<Place> {
         }
     }
     part
+}
+
+/// A place that is no farther from a segment's line than some times its length.
+fn nearer([a, b]: [Place; 2], at: Place, most: f64) -> Place {
+    let along = (at - a).dot(&(b - a)) / (b - a).norm_squared();
+    let foot = a + (b - a) * along;
+    let (height, most) = ((at - foot).norm(), most * (b - a).norm());
+    if height <= most { at } else { a + (b - a) * along.clamp(0.1, 0.9) + (at - foot) * (most / height) }
 }
 
 fn middle(polygon: &[Place]) -> Place {

@@ -8,57 +8,18 @@ use pyo3::prelude::*;
 use voxflat::adjacency::Links;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::exact::{Exact, Site};
-use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
 use voxflat::surface::cuts;
 
 use super::Surface;
+use super::solvers::{Geodesic, with_solver};
 use crate::convert;
-use crate::work::{InputError, run};
+use crate::work::run;
 
 type ExactPath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
 
-/// The solvers that measure distances on a surface.
-#[derive(Clone, Copy)]
-enum Geodesic {
-    Graph,
-    Marching(Wave),
-    Exact,
-}
-
-impl Geodesic {
-    fn named(name: &str) -> PyResult<Self> {
-        match name {
-            "graph" => Ok(Self::Graph),
-            "marching" => Ok(Self::Marching(Wave::Circle)),
-            "marching-plane" => Ok(Self::Marching(Wave::Plane)),
-            "exact" => Ok(Self::Exact),
-            _ => Err(InputError::new_err(format!("geodesic is {name:?}; give 'graph', 'marching' or 'exact'"))),
-        }
-    }
-}
-
-/// Evaluates an expression with the solver that a [`Geodesic`] names.
-macro_rules! with_solver {
-    ($geodesic:expr, $inner:expr, $control:expr, |$solver:ident| $body:expr) => {
-        match $geodesic {
-            Geodesic::Graph => {
-                let $solver = &*$inner.graph($control)?;
-                $body
-            }
-            Geodesic::Marching(wave) => {
-                let $solver = &Marching::new(&$inner.surface, wave, $control)?;
-                $body
-            }
-            Geodesic::Exact => {
-                let $solver = &Exact::new(&$inner.surface);
-                $body
-            }
-        }
-    };
-}
 #[pymethods]
 impl Surface {
     /// A hash of what distances depend on.

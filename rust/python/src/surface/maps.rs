@@ -8,9 +8,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::flatten;
 use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
-use voxflat::sources::Sources;
+use voxflat::geodesic::engine::Engine;
+use voxflat::rows::DistanceRows;
+use voxflat::store::Store;
 
 use super::Surface;
+use super::solvers::{Geodesic, with_solver};
 use crate::convert;
 use crate::work::run;
 
@@ -22,27 +25,47 @@ impl Surface {
         flatten::surface_memory_need(self.0.surface.len(), sources, threads, stored)
     }
 
-    /// Flattens from sources (vertices), by rows in memory or in a store: its directory and identity.
-    #[pyo3(signature = (sources, seed, threads=None, progress=None, store=None))]
+    /// Flattens from sources (vertices), by rows of a solver in memory or in a store: its directory and identity.
+    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, threads=None, progress=None, store=None))]
+    #[allow(clippy::too_many_arguments)] // Python's, by name
     fn voxflat<'py>(
         &self,
         py: Python<'py>,
         sources: PyReadonlyArray1<'py, u32>,
         seed: u64,
+        geodesic: &str,
+        weighting: f64,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
         store: Option<(PathBuf, String)>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
+        let geodesic = Geodesic::named(geodesic)?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         let (map, found) = run(py, threads, progress.as_ref(), move |control| {
-            let (surface, graph) = (&inner.surface, &*inner.graph(control)?);
-            let Some((directory, identity)) = store else {
-                return Ok((flatten::voxflat(surface, graph, &given, seed, control)?, None));
+            let surface = &inner.surface;
+            flatten::check_disk(surface)?;
+            let graph = &*inner.graph(control)?;
+            let engine = |rows| Engine::new(graph, rows, control);
+            if let Some((directory, identity)) = store {
+                return with_solver!(geodesic, inner, control, |solver| {
+                    let store = Store::compute(&directory, &identity, solver, &sources, control)?;
+                    let found = Some(store.found());
+                    let judge = engine(flatten::REFERENCE_SOURCES)?;
+                    Ok((flatten::voxflat(surface, store, weighting, &judge, seed, control)?, found))
+                });
+            }
+            let (rows, judge) = if let Geodesic::Graph = geodesic {
+                let engine = engine(sources.len() + flatten::REFERENCE_SOURCES)?;
+                (DistanceRows::by(&engine, &sources, control)?, engine)
+            } else {
+                let rows = with_solver!(geodesic, inner, control, |solver| {
+                    DistanceRows::compute(solver, &sources, control)?
+                });
+                (rows, engine(flatten::REFERENCE_SOURCES)?)
             };
-            let store = (directory.as_path(), identity.as_str());
-            let (map, found) = flatten::voxflat_stored(surface, graph, &given, store, seed, control)?;
-            Ok((map, Some(found)))
+            Ok((flatten::voxflat(surface, rows, weighting, &judge, seed, control)?, None))
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;

@@ -12,7 +12,7 @@ use crate::error::Result;
 const MEMORY: usize = 20;
 
 /// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
-const SAFE: f64 = 0.8;
+pub(super) const SAFE: f64 = 0.8;
 
 /// The part of what the slope promises that a step must keep (Armijo).
 const KEPT: f64 = 1e-4;

@@ -7,16 +7,17 @@ use nalgebra::Vector2;
 
 use super::MapEnergy;
 use super::descent::{Descended, Until, descend};
+use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
 use super::triangles::{Shape, Triangles};
 use super::tutte;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::place::reinsertion;
+use crate::place::reinsertion::{self, Placing};
 use crate::rows::Rows;
 use crate::surface::Surface;
-use crate::surface::decimate::{Decimation, Options, decimate};
+use crate::surface::decimate::{self, Decimation, decimate};
 
 /// How many times as many vertices a level has as the next coarser one.
 const FALL: f64 = 3.0;
@@ -49,6 +50,17 @@ const LOOSE: Dials =
 const FINAL: Dials =
     Dials { bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] }, area: 6.0, stiffness: 0.08 };
 
+/// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
+const WIDEST: f64 = 10.0;
+
+/// [`FINAL`] for a weighting between 0, local, and 1, global.
+fn weighted(weighting: f64) -> Dials {
+    let near = WIDEST.powf(1.0 - 2.0 * weighting);
+    let [all, thirty, ten] = FINAL.bands.weights;
+    let bands = Bands { weights: [all, near * thirty, near * ten], ..FINAL.bands };
+    Dials { bands, stiffness: near * FINAL.stiffness, ..FINAL }
+}
+
 /// What counts how much.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Dials {
@@ -69,7 +81,8 @@ pub struct Convergence {
 }
 
 /// A map (mm) of a disk that keeps the distances of rows and the shape of triangles, and folds nowhere. Where the rows' sources
-/// lie by classical scaling says how to begin.
+/// lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
+/// to 1, where far distances do; 0.5 is usual.
 ///
 /// # Errors
 /// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
@@ -81,8 +94,10 @@ pub fn flatten(
     surface: &Surface,
     rows: &impl Rows,
     places: &[[f64; 2]],
+    weighting: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
+    let dials = weighted(weighting);
     let levels = Levels::new(surface, rows.sources(), control)?;
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut uv = Vec::new();
@@ -90,24 +105,28 @@ pub fn flatten(
     for depth in (0..=levels.coarser.len()).rev() {
         let level = levels.prepare(depth, &pairs, control)?;
         if depth == levels.coarser.len() {
-            control.begin("unfolding", (FIRST_ROUNDS * ROUND) as u64);
+            control.begin("unfolding", 1);
             let coarsest = levels.surface(depth);
             let places = level.pairs.landmark_places(places, coarsest.len());
             uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
-            level.check_unfolded(&uv)?;
-            level.settle(&mut uv, LOOSE, FIRST_ROUNDS, control)?;
         } else {
-            uv = levels.refine(depth, &uv, control)?;
-            level.check_unfolded(&uv)?;
+            uv = levels.refine(depth, &uv, &level.outline, control)?;
         }
-        control.begin(STAGES[depth.min(STAGES.len() - 1)], (MOST_ROUNDS * ROUND) as u64);
-        convergence = level.settle(&mut uv, FINAL, MOST_ROUNDS, control)?;
+        level.check_unfolded(&uv)?;
+        convergence = level.settle(&mut uv, depth == levels.coarser.len(), dials, STAGES[depth.min(1)], control)?;
     }
     Ok((uv.into_iter().map(Into::into).collect(), convergence))
 }
 
-/// What the user is told, on the finest level and on coarser ones.
+/// What the user is told, on the finest level and on coarser ones, and where descent begins again.
 const STAGES: [&str; 2] = ["keeping distances and shapes", "keeping distances and shapes, coarsely"];
+const KEEPING_APART: &str = "keeping parts of the map apart";
+
+/// How far vertices of the boundary may come out of a coarser map, if the boundary crosses itself by the one before.
+const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
+
+/// What the gaps of the outline count beside the stress, where it is kept from running into itself.
+const APART: f64 = 1e-3;
 
 /// Coarser and coarser surfaces, all of them with the landmarks.
 struct Levels<'a> {
@@ -122,6 +141,7 @@ struct Level {
     pairs: Pairs,
     triangles: Triangles,
     springs: Springs,
+    outline: Outline,
 }
 
 impl<'a> Levels<'a> {
@@ -135,7 +155,7 @@ impl<'a> Levels<'a> {
             if size < coarsest {
                 return Ok(levels);
             }
-            let level = decimate(finer, &keep, &Options { vertices: size, ..Options::default() }, control)?;
+            let level = decimate(finer, &keep, &decimate::Options { vertices: size, ..Default::default() }, control)?;
             if level.survivors.len() as f64 > 0.8 * finer.len() as f64 {
                 return Ok(levels);
             }
@@ -162,16 +182,29 @@ impl<'a> Levels<'a> {
         let surface = self.surface(depth);
         let triangles = Triangles::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
-        Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs })
+        Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
     }
 
-    /// The map of a level from that of the next coarser one.
-    fn refine(&self, depth: usize, uv: &[Vector2<f64>], control: &Control) -> Result<Vec<Vector2<f64>>> {
+    /// The map of a level from that of the next coarser one; its outline crosses itself nowhere if that one's does not, unless
+    /// parts of the map lie nearer to each other than vertices can be placed.
+    fn refine(
+        &self,
+        depth: usize,
+        uv: &[Vector2<f64>],
+        outline: &Outline,
+        control: &Control,
+    ) -> Result<Vec<Vector2<f64>>> {
         let Decimation { survivors, removals, .. } = &self.coarser[depth];
         let mut finer = vec![[0.0; 2]; self.surface(depth).len()];
         survivors.iter().zip(uv).for_each(|(&vertex, &place)| finer[vertex as usize] = place.into());
-        reinsertion::place(removals, &mut finer, false, control)?;
-        Ok(finer.into_iter().map(Into::into).collect())
+        for overhang in OVERHANGS {
+            reinsertion::place(removals, &mut finer, &Placing { overhang, ..Default::default() }, control)?;
+            let places: Vec<Vector2<f64>> = finer.iter().map(|&place| place.into()).collect();
+            if overhang == OVERHANGS[OVERHANGS.len() - 1] || outline.crossings(&places, control)? == 0 {
+                return Ok(places);
+            }
+        }
+        unreachable!("the last overhang is the end")
     }
 }
 
@@ -181,21 +214,69 @@ impl Level {
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
 
-    /// Descent in rounds, until little is gained.
+    /// Descent to the map of least energy. If its outline runs into itself, once more from the start, and the outline is kept
+    /// from it on the way.
     fn settle(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        is_coarsest: bool,
+        dials: Dials,
+        stage: &'static str,
+        control: &Control,
+    ) -> Result<Convergence> {
+        let start = uv.clone();
+        let free = self.descend(uv, is_coarsest, dials, None, stage, control)?;
+        if self.outline.crossings(uv, control)? == 0 {
+            return Ok(free);
+        }
+        let left = std::mem::replace(uv, start);
+        if self.outline.crossings(uv, control)? > 0 {
+            *uv = left; // there was no way to begin without
+            return Ok(free);
+        }
+        self.descend(uv, is_coarsest, dials, Some((&self.outline, APART)), KEEPING_APART, control)
+    }
+
+    fn descend(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        is_coarsest: bool,
+        dials: Dials,
+        outline: Option<(&Outline, f64)>,
+        stage: &'static str,
+        control: &Control,
+    ) -> Result<Convergence> {
+        if is_coarsest {
+            control.begin(stage, (FIRST_ROUNDS * ROUND) as u64);
+            self.rounds(uv, LOOSE, FIRST_ROUNDS, outline, control)?;
+        }
+        control.begin(stage, (MOST_ROUNDS * ROUND) as u64);
+        self.rounds(uv, dials, MOST_ROUNDS, outline, control)
+    }
+
+    /// Descent in rounds, until little is gained.
+    fn rounds(
         &self,
         uv: &mut Vec<Vector2<f64>>,
         dials: Dials,
         rounds: usize,
+        outline: Option<(&Outline, f64)>,
         control: &Control,
     ) -> Result<Convergence> {
-        let Self { pairs, triangles, springs } = self;
+        let Self { pairs, triangles, springs, .. } = self;
         let mut curve: Vec<f64> = Vec::new();
         for _ in 0..rounds {
             let scale = if dials.area > 0.0 { triangles.best_scale(uv) } else { 1.0 };
-            let shape = Shape { area: dials.area, scale };
-            let energy = MapEnergy { pairs, bands: dials.bands, triangles, shape, stiffness: dials.stiffness, springs };
+            let (bands, stiffness, shape) = (dials.bands, dials.stiffness, Shape { area: dials.area, scale });
+            let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
+            let before = outline.map(|_| uv.clone());
             let Descended { energies, converged } = descend(&energy, uv, Until { steps: ROUND, gain: GAIN }, control)?;
+            if let Some(before) = before
+                && self.outline.crossings(uv, control)? > 0
+            {
+                *uv = before; // a vertex slipped through an edge by rounding
+                return Ok(Convergence { energies: curve, converged: false });
+            }
             let [first, last] = [energies[0], energies[energies.len() - 1]];
             curve.extend(energies);
             if converged || first - last < ROUND_GAIN * first {

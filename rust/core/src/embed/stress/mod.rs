@@ -2,6 +2,7 @@
 
 pub mod descent;
 pub mod levels;
+pub mod outline;
 pub mod pairs;
 pub mod springs;
 pub mod triangles;
@@ -11,7 +12,8 @@ use nalgebra::Vector2;
 
 use crate::control::Control;
 use crate::error::Result;
-use descent::Objective;
+use descent::{Objective, SAFE};
+use outline::Outline;
 use pairs::{Bands, Pairs};
 use springs::{Factor, Springs};
 use triangles::{Shape, Triangles};
@@ -31,6 +33,8 @@ pub struct MapEnergy<'a> {
     pub stiffness: f64,
     /// Springs along the triangles' edges.
     pub springs: &'a Springs,
+    /// The boundary, where it is kept from running into itself, and what that counts.
+    pub outline: Option<(&'a Outline, f64)>,
 }
 
 impl Objective for MapEnergy<'_> {
@@ -40,17 +44,22 @@ impl Objective for MapEnergy<'_> {
         if of_triangles.is_infinite() {
             return Ok((of_triangles, gradient));
         }
-        Ok((of_triangles + self.pairs.add(uv, &self.bands, &mut gradient, control)?, gradient))
+        let of_outline = self.outline.map_or(0.0, |(outline, weight)| outline.add(uv, weight, &mut gradient));
+        Ok((of_triangles + of_outline + self.pairs.add(uv, &self.bands, &mut gradient, control)?, gradient))
     }
 
     fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
         let mut ground = vec![0.0; uv.len()];
         self.pairs.add_curvature(&self.bands, &mut ground);
+        if let Some((outline, weight)) = self.outline {
+            outline.add_curvature(uv, weight, &mut ground);
+        }
         self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
     }
 
     fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
-        self.triangles.farthest_step(uv, direction)
+        let unfolded = self.triangles.farthest_step(uv, direction);
+        self.outline.map_or(unfolded, |(outline, _)| outline.farthest_step(uv, direction, unfolded.min(1.0 / SAFE)))
     }
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::distortion::overlap::overlaps;
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 use crate::surface::mesh::shapes;
@@ -33,7 +34,15 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
     let shape = Shape { area: 2.0, scale: 1.1 };
     let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
     check(
-        &mut MapEnergy { pairs: &pairs, bands, triangles: &triangles, shape, stiffness: 0.2, springs: &springs },
+        &mut MapEnergy {
+            pairs: &pairs,
+            bands,
+            triangles: &triangles,
+            shape,
+            stiffness: 0.2,
+            springs: &springs,
+            outline: None,
+        },
         &surface,
     );
 }
@@ -75,4 +84,215 @@ fn a_plane_has_no_energy_and_descent_finds_it() {
         let (energy, _) = energy.evaluate(&uv, &control).unwrap();
         assert!(energy < 1e-6, "{energy}");
     });
+}
+
+/// The stress by its definition, in double precision.
+fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
+    let mut sums = [(0.0, 0usize); 3];
+    for (n, &source) in rows.sources().iter().enumerate() {
+        for (vertex, &distance) in rows.row(n).iter().enumerate().filter(|(_, distance)| **distance > 0.0) {
+            let error = (uv[source as usize] - uv[vertex]).norm() / f64::from(distance) - 1.0;
+            let k = bands.outliers[usize::from(distance <= 30.0)];
+            let bent = 2.0 * k * k * ((1.0 + (error / k).powi(2)).sqrt() - 1.0);
+            for (sum, reach) in sums.iter_mut().zip(pairs::BANDS) {
+                if distance <= reach {
+                    *sum = (sum.0 + bent, sum.1 + 1);
+                }
+            }
+        }
+    }
+    sums.iter().zip(bands.weights).map(|(&(sum, count), weight)| weight * sum / count as f64).sum()
+}
+
+#[test]
+fn the_stress_is_what_its_definition_says() {
+    let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
+    let apart = |a: usize, b: usize| (surface.points()[a] - surface.points()[b]).norm() as f32 * 1.1;
+    for count in [5, 16, 33] {
+        let sources: Vec<u32> = (0..count).map(|n| n * surface.len() as u32 / count).collect();
+        let data =
+            sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| apart(a as usize, b))).collect::<Vec<_>>();
+        let rows = DistanceRows::new(sources, surface.len(), data);
+        let all: Vec<u32> = (0..surface.len() as u32).collect();
+        let control = Control::default();
+        let pairs = Pairs::new(&rows, &all, &control).unwrap();
+        let bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };
+        let uv = shaken(&surface, 0.3);
+        let found = pairs.add(&uv, &bands, &mut vec![Vector2::zeros(); uv.len()], &control).unwrap();
+        let expected = plain_stress(&rows, &bands, &uv);
+        assert!((found - expected).abs() < 1e-5 * expected, "{found} {expected}");
+    }
+}
+
+#[test]
+fn the_energy_of_triangles_is_that_of_their_singular_values() {
+    let surface = shapes::surface(shapes::sheet(6, 5));
+    let triangles = Triangles::new(&surface);
+    let uv = shaken(&surface, 0.15);
+    let shape = Shape { area: 3.0, scale: 1.2 };
+    let mut expected = 0.0;
+    for face in surface.faces() {
+        let [a, b, c] = face.map(|v| v as usize);
+        let sides = |p: &dyn Fn(usize) -> Vector2<f64>| nalgebra::Matrix2::from_columns(&[p(b) - p(a), p(c) - p(a)]);
+        let rest = sides(&|v| surface.points()[v].xy());
+        let jacobian = sides(&|v| uv[v]) * rest.try_inverse().unwrap() / shape.scale;
+        let [s1, s2]: [f64; 2] = jacobian.singular_values().into();
+        let dirichlet = 0.5 * (s1 * s1 + s2 * s2 + s1.powi(-2) + s2.powi(-2)) - 2.0;
+        expected += 0.5 * rest.determinant().abs() * (dirichlet + shape.area * (s1 * s2).ln().powi(2));
+    }
+    expected /= triangles.area();
+    let found = triangles.add(&uv, shape, 1.0, &mut vec![Vector2::zeros(); uv.len()]);
+    assert!((triangles.area() - 30.0).abs() < 1e-12);
+    assert!((found - expected).abs() < 1e-12 * expected, "{found} {expected}");
+}
+
+#[test]
+fn the_best_scale_is_best() {
+    let surface = shapes::surface(shapes::sheet(6, 5));
+    let triangles = Triangles::new(&surface);
+    let uv: Vec<_> = shaken(&surface, 0.1).iter().map(|place| place * 1.7).collect();
+    let energy =
+        |scale: f64| triangles.add(&uv, Shape { area: 0.0, scale }, 1.0, &mut vec![Vector2::zeros(); uv.len()]);
+    let best = triangles.best_scale(&uv);
+    assert!(energy(best) < energy(best * 1.001) && energy(best) < energy(best / 1.001), "{best}");
+}
+
+#[test]
+fn the_factor_solves_what_the_springs_say() {
+    let surface = shapes::surface(shapes::sheet(5, 4));
+    let triangles = Triangles::new(&surface);
+    let springs = Springs::new(triangles.corners().collect(), surface.len(), &Control::default()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let entries: Vec<[f64; 3]> = triangles.corners().map(|_| [0; 3].map(|_| -rng.random_range(0.1..2.0))).collect();
+    let ground: Vec<f64> = (0..surface.len()).map(|_| rng.random_range(0.0..0.1)).collect();
+    let mut dense = nalgebra::DMatrix::from_diagonal(&nalgebra::DVector::from_vec(ground.clone()));
+    for (corners, entries) in triangles.corners().zip(&entries) {
+        for (entry, (a, b)) in entries.iter().zip([(0, 1), (0, 2), (1, 2)]) {
+            let [a, b] = [corners[a] as usize, corners[b] as usize];
+            dense[(a, b)] += entry;
+            dense[(b, a)] += entry;
+            dense[(a, a)] -= entry;
+            dense[(b, b)] -= entry;
+        }
+    }
+    let forces = shaken(&surface, 1.0);
+    let moved = springs.factor(&entries, &ground).unwrap().solve(&forces);
+    for axis in 0..2 {
+        let balance = &dense * nalgebra::DVector::from_iterator(moved.len(), moved.iter().map(|by| by[axis]));
+        assert!(balance.iter().zip(&forces).all(|(pull, force)| (pull - force[axis]).abs() < 1e-9));
+    }
+}
+
+#[test]
+fn a_step_ends_where_the_first_triangle_has_no_area() {
+    let surface = shapes::surface(shapes::sheet(4, 4));
+    let triangles = Triangles::new(&surface);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for _ in 0..50 {
+        let uv: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
+        let along: Vec<_> = uv.iter().map(|_| Vector2::from_fn(|_, _| rng.random_range(-1.0..1.0))).collect();
+        let farthest = triangles.farthest_step(&uv, &along);
+        let folded = |step: f64| {
+            let moved: Vec<_> = uv.iter().zip(&along).map(|(place, by)| place + by * step).collect();
+            triangles.folded(&moved)
+        };
+        assert!((0..100).all(|n| folded(farthest * f64::from(n) / 100.0 * 0.999) == 0));
+        assert!(folded(farthest * 1.001) > 0);
+    }
+}
+
+/// A ribbon of 2 mm that turns by some degrees around a circle of radius 6 mm and rises so that it never meets itself.
+fn ramp(degrees: f64) -> Surface {
+    let steps = (degrees / 4.0) as usize;
+    let (mut points, faces) = shapes::sheet(steps, 4);
+    for point in &mut points {
+        let (angle, radius) = (point[0] / steps as f64 * degrees.to_radians(), 6.0 + point[1] / 2.0);
+        *point = [radius * angle.cos(), radius * angle.sin(), angle * 0.01];
+    }
+    shapes::surface((points, faces))
+}
+
+fn plan(surface: &Surface) -> Vec<Vector2<f64>> {
+    surface.points().iter().map(|p| p.xy()).collect()
+}
+
+#[test]
+fn the_outline_is_pushed_as_its_energy_says() {
+    let surface = ramp(359.5); // the two ends are less than the gap apart
+    let outline = outline::Outline::new(&surface);
+    let uv = plan(&surface);
+    let mut gradient = vec![Vector2::zeros(); uv.len()];
+    let energy = outline.add(&uv, 2.0, &mut gradient);
+    assert!(energy > 0.0);
+    let mut pushed = 0;
+    for vertex in 0..uv.len() {
+        for axis in 0..2 {
+            let moved = |step: f64| {
+                let mut uv = uv.clone();
+                uv[vertex][axis] += step;
+                outline.add(&uv, 2.0, &mut vec![Vector2::zeros(); uv.len()])
+            };
+            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            assert!((slope - gradient[vertex][axis]).abs() < 1e-5 * (1.0 + slope.abs()), "{slope} {gradient:?}");
+        }
+        pushed += usize::from(gradient[vertex].norm() > 0.0);
+    }
+    assert!((10..=20).contains(&pushed), "{pushed}"); // the ends' vertices
+    let far = plan(&ramp(300.0));
+    assert_eq!(outline::Outline::new(&ramp(300.0)).add(&far, 1.0, &mut vec![Vector2::zeros(); far.len()]), 0.0);
+}
+
+#[test]
+fn a_step_ends_where_the_outline_meets_itself() {
+    let surface = ramp(340.0);
+    let outline = outline::Outline::new(&surface);
+    let control = Control::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut met = 0;
+    for _ in 0..30 {
+        let uv = plan(&surface);
+        let along: Vec<_> = uv.iter().map(|_| Vector2::from_fn(|_, _| rng.random_range(-1.0..1.0))).collect();
+        let farthest = outline.farthest_step(&uv, &along, 10.0);
+        let crossings = |step: f64| {
+            let moved: Vec<_> = uv.iter().zip(&along).map(|(place, by)| place + by * step).collect();
+            outline.crossings(&moved, &control).unwrap()
+        };
+        assert!((0..200).all(|n| crossings(farthest * f64::from(n) / 200.0) == 0));
+        assert!(crossings(farthest * 1.0001) > 0);
+        met += usize::from(farthest < 10.0);
+    }
+    assert_eq!(met, 30);
+}
+
+#[test]
+fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
+    let surface = ramp(420.0);
+    let sources: Vec<u32> = (0..surface.len() as u32).step_by(3).collect();
+    let apart = |a: u32, b: usize| (plan(&surface)[a as usize] - plan(&surface)[b]).norm() as f32;
+    let data: Vec<f32> =
+        sources.iter().flat_map(|&a| (0..surface.len()).map(move |b| (a, b))).map(|(a, b)| apart(a, b)).collect();
+    let rows = DistanceRows::new(sources.clone(), surface.len(), data);
+    let places: Vec<[f64; 2]> = sources.iter().map(|&v| plan(&surface)[v as usize].into()).collect();
+    let control = Control::default();
+    // as it is drawn it lies on itself for 60 degrees
+    let drawn: Vec<[f64; 2]> = plan(&surface).into_iter().map(Into::into).collect();
+    assert!(overlaps(surface.faces(), &drawn, &control).unwrap().covering > 0);
+    let (uv, _) = levels::flatten(&surface, &rows, &places, 0.5, &control).unwrap();
+    let overlap = overlaps(surface.faces(), &uv, &control).unwrap();
+    assert_eq!((overlap.crossings, overlap.covering), (0, 0));
+    let uv: Vec<_> = uv.into_iter().map(Into::into).collect();
+    assert_eq!(Triangles::new(&surface).folded(&uv), 0);
+}
+
+#[test]
+fn a_map_has_the_same_bits_for_any_number_of_threads() {
+    let (surface, rows) = sheet();
+    let places: Vec<[f64; 2]> = rows.sources().iter().map(|&v| surface.points()[v as usize].xy().into()).collect();
+    let by = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| levels::flatten(&surface, &rows, &places, 0.5, &Control::default()).unwrap())
+    };
+    let one = by(1);
+    assert_eq!(one, by(2));
+    assert_eq!(one, by(7));
 }

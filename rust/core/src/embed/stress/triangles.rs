@@ -180,7 +180,8 @@ impl Triangles {
             let [a, b, c] = rest.corners.map(|v| v as usize);
             let (b0, c0) = (uv[b] - uv[a], uv[c] - uv[a]);
             let (b1, c1) = (direction[b] - direction[a], direction[c] - direction[a]);
-            first_root(b1.perp(&c1), b0.perp(&c1) + b1.perp(&c0), b0.perp(&c0))
+            let times = roots(b1.perp(&c1), b0.perp(&c1) + b1.perp(&c0), b0.perp(&c0));
+            times.into_iter().filter(|&time| time > 0.0).fold(f64::INFINITY, f64::min)
         };
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).reduce(|| f64::INFINITY, f64::min)
     }
@@ -192,15 +193,14 @@ fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
     0.5 * (b - a).perp(&(c - a))
 }
 
-/// The least positive root of a t² + b t + c, where c is positive.
-fn first_root(a: f64, b: f64, c: f64) -> f64 {
+/// The roots of a t² + b t + c; infinite or NaN where there are fewer.
+pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - 4.0 * a * c;
     if discriminant < 0.0 {
-        return f64::INFINITY;
+        return [f64::INFINITY; 2];
     }
     let q = -0.5 * (b + discriminant.sqrt().copysign(b));
-    let positive = |root: f64| if root > 0.0 { root } else { f64::INFINITY }; // NaN where there is none
-    positive(q / a).min(positive(c / q))
+    [q / a, c / q]
 }
 
 fn part(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {

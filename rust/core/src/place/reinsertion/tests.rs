@@ -20,7 +20,8 @@ fn carried(
 ) -> (Vec<[f64; 2]>, usize) {
     let mut uv = vec![[f64::NAN; 2]; vertices];
     found.survivors.iter().for_each(|&v| uv[v as usize] = map(v));
-    let turned = place(&found.removals, &mut uv, is_mirrored, &Control::default()).unwrap();
+    let turned =
+        place(&found.removals, &mut uv, &Placing { is_mirrored, ..Default::default() }, &Control::default()).unwrap();
     (uv, turned)
 }
 
@@ -119,5 +120,6 @@ fn it_can_be_cancelled() {
     let found = decimated(&surface, 20);
     let control = Control::default();
     control.cancel();
-    assert_eq!(place(&found.removals, &mut vec![[0.0; 2]; surface.len()], false, &control), Err(Error::Cancelled));
+    let mut uv = vec![[0.0; 2]; surface.len()];
+    assert_eq!(place(&found.removals, &mut uv, &Placing::default(), &control), Err(Error::Cancelled));
 }

@@ -1,0 +1,172 @@
+//! The outline of a map: what keeps its boundary from running into itself.
+//!
+//! A map that folds no triangle and whose boundary does not cross itself lies on itself nowhere. So it is enough to watch the
+//! boundary: its vertices are pushed away from its edges where they come near, by
+//!
+//!   Σ max(0, g/d − 1)²
+//!
+//! with d the distance of a vertex from an edge and g the gap at which it begins, and no step goes farther than to where the
+//! first vertex meets an edge (Smith, Schaefer 2015).
+
+use nalgebra::Vector2;
+use robust::Coord;
+
+use super::triangles::roots;
+use crate::boxes::{Bounds, Tree};
+use crate::control::Control;
+use crate::distortion::overlap::count_crossings;
+use crate::error::Result;
+use crate::surface::Surface;
+
+/// The gap as a part of the least height of a triangle at the boundary: a map that keeps shapes has no vertex so near to an
+/// edge of its own triangles.
+const GAP: f64 = 0.25;
+
+/// A vertex that comes so near to an edge's line beyond its end, as a part of the edge, counts as meeting it.
+const BESIDE: f64 = 1e-6;
+
+type Place = Vector2<f64>;
+
+/// The boundary of a surface, to be kept from running into itself in the plane.
+#[derive(Debug)]
+pub struct Outline {
+    /// With the surface on their left; every vertex of the boundary begins one.
+    edges: Vec<[u32; 2]>,
+    /// The gap of each edge and its first vertex, mm.
+    gaps: Vec<f64>,
+}
+
+/// A vertex that is near an edge.
+struct Contact {
+    vertex: u32,
+    edge: [u32; 2],
+    /// Where on the edge it is nearest, as a part of its way.
+    along: f64,
+    /// From there to the vertex, mm.
+    apart: Place,
+    gap: f64,
+}
+
+impl Contact {
+    /// Energy, and its first and second derivatives by the distance.
+    fn push(&self) -> [f64; 3] {
+        let distance = self.apart.norm();
+        let near = self.gap / distance;
+        let slope = -2.0 * (near - 1.0) * near / distance;
+        [(near - 1.0).powi(2), slope, 2.0 * near * (3.0 * near - 2.0) / distance.powi(2)]
+    }
+}
+
+impl Outline {
+    /// That of a surface.
+    pub fn new(surface: &Surface) -> Self {
+        let points = surface.points();
+        let mut heights = vec![f64::INFINITY; surface.len()];
+        for face in surface.faces() {
+            let [a, b, c] = face.map(|vertex| points[vertex as usize]);
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            let height = (b - a).cross(&(c - a)).norm() / longest;
+            face.iter().for_each(|&vertex| heights[vertex as usize] = heights[vertex as usize].min(height));
+        }
+        let ends = |half_edge: u32| [surface.origin(half_edge), surface.target(half_edge)];
+        let edges: Vec<[u32; 2]> = surface.boundary().into_iter().flatten().map(ends).collect();
+        let gaps = edges.iter().map(|edge| GAP * heights[edge[0] as usize].min(heights[edge[1] as usize])).collect();
+        Self { edges, gaps }
+    }
+
+    fn ends(&self, edge: usize, uv: &[Place]) -> [Place; 2] {
+        self.edges[edge].map(|vertex| uv[vertex as usize])
+    }
+
+    /// Adds the energy's gradient times `weight` to `gradient`, and returns the energy times `weight`.
+    pub fn add(&self, uv: &[Place], weight: f64, gradient: &mut [Place]) -> f64 {
+        let weight = weight / self.edges.len() as f64;
+        let mut energy = 0.0;
+        for contact in self.contacts(uv) {
+            let [height, slope, _] = contact.push();
+            let force = contact.apart.normalize() * (weight * slope);
+            energy += weight * height;
+            gradient[contact.vertex as usize] += force;
+            gradient[contact.edge[0] as usize] -= force * (1.0 - contact.along);
+            gradient[contact.edge[1] as usize] -= force * contact.along;
+        }
+        energy
+    }
+
+    /// Adds to each vertex how stiff the energy times `weight` is there.
+    pub fn add_curvature(&self, uv: &[Place], weight: f64, ground: &mut [f64]) {
+        let weight = weight / self.edges.len() as f64;
+        for contact in self.contacts(uv) {
+            let stiff = weight * contact.push()[2];
+            ground[contact.vertex as usize] += stiff;
+            ground[contact.edge[0] as usize] += stiff * (1.0 - contact.along).powi(2);
+            ground[contact.edge[1] as usize] += stiff * contact.along.powi(2);
+        }
+    }
+
+    /// How far the boundary may move along `direction`, as a part of it, until a vertex meets an edge; `most` if none does before.
+    pub fn farthest_step(&self, uv: &[Place], direction: &[Place], most: f64) -> f64 {
+        let swept = |edge: usize| {
+            let [a, b] = self.ends(edge, uv);
+            let [along_a, along_b] = self.ends(edge, direction);
+            Bounds::of(&[a, b, a + along_a * most, b + along_b * most], self.gaps[edge])
+        };
+        let meets = |(first, edge): (usize, usize)| {
+            let corners = [self.edges[first][0], self.edges[edge][0], self.edges[edge][1]];
+            meeting(corners.map(|vertex| uv[vertex as usize]), corners.map(|vertex| direction[vertex as usize]))
+        };
+        self.near(swept).into_iter().map(meets).fold(most, f64::min)
+    }
+
+    /// Number of times that the boundary crosses itself.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn crossings(&self, uv: &[Place], control: &Control) -> Result<usize> {
+        let place = |end: Place| Coord { x: end.x, y: end.y };
+        let segments: Vec<_> = (0..self.edges.len()).map(|edge| self.ends(edge, uv).map(place)).collect();
+        count_crossings(&segments, control)
+    }
+
+    fn contacts(&self, uv: &[Place]) -> Vec<Contact> {
+        let contact = |(first, edge): (usize, usize)| {
+            let ([p, _], [a, b]) = (self.ends(first, uv), self.ends(edge, uv));
+            let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+            let apart = p - (a + (b - a) * along);
+            let gap = self.gaps[first].min(self.gaps[edge]);
+            let contact = Contact { vertex: self.edges[first][0], edge: self.edges[edge], along, apart, gap };
+            (apart.norm_squared() < gap * gap).then_some(contact)
+        };
+        let near = self.near(|edge| Bounds::of(&self.ends(edge, uv), self.gaps[edge]));
+        near.into_iter().filter_map(contact).collect()
+    }
+
+    /// The pairs of edges whose boxes meet, of which the first's first vertex is not on the second.
+    fn near(&self, bounds: impl Fn(usize) -> Bounds) -> Vec<(usize, usize)> {
+        let tree = Tree::over((0..self.edges.len()).map(bounds).collect());
+        let mut pairs = Vec::new();
+        for (position, &first) in tree.order.iter().enumerate() {
+            let vertex = self.edges[first as usize][0];
+            tree.any_other(position, &mut |edge| {
+                if !self.edges[edge as usize].contains(&vertex) {
+                    pairs.push((first as usize, edge as usize));
+                }
+                false
+            });
+        }
+        pairs
+    }
+}
+
+/// When a point first meets a segment, both on their way; infinite if never. `at` are the point and the segment's ends.
+fn meeting(at: [Place; 3], way: [Place; 3]) -> f64 {
+    let [p0, b0] = [at[0] - at[1], at[2] - at[1]];
+    let [p1, b1] = [way[0] - way[1], way[2] - way[1]];
+    let meets = |time: f64| {
+        let (p, b) = (p0 + p1 * time, b0 + b1 * time);
+        let along = p.dot(&b) / b.norm_squared();
+        time > 0.0 && (-BESIDE..=1.0 + BESIDE).contains(&along)
+    };
+    let times = roots(b1.perp(&p1), b0.perp(&p1) + b1.perp(&p0), b0.perp(&p0));
+    times.into_iter().filter(|&time| meets(time)).fold(f64::INFINITY, f64::min)
+}
