@@ -14,13 +14,17 @@ use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
 /// How many edges a link may cross (docs/decisions/0007: what more would bring, and cost).
-const CROSSED: u32 = 7;
+const CROSSED: u32 = 11;
+
+/// On a surface of more vertices links cross fewer edges: while they are found they would need more memory than all the rest.
+const LARGE: usize = 250_000;
+const CROSSED_IF_LARGE: u32 = 5;
 
 /// Vertices whose links are found together, before they are packed.
 const TOGETHER: usize = 1 << 16;
 
 /// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
-const DETOUR: f32 = 1.002;
+const DETOUR: f32 = 1.001;
 
 /// Straight links over a surface, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
@@ -70,7 +74,8 @@ impl GeodesicGraph {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        Self::crossing(surface, CROSSED, control)
+        let crossed = if surface.len() > LARGE { CROSSED_IF_LARGE } else { CROSSED };
+        Self::crossing(surface, crossed, control)
     }
 
     /// The graph whose links cross up to so many edges.
@@ -138,11 +143,10 @@ impl GeodesicGraph {
             control.check()?;
             lengths.resize(self.vertices(), f32::INFINITY);
             self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = arc.length);
-            let detour = |to: u32| {
-                let through = self.arcs(to).map(|second| lengths[second.to as usize] + second.length);
-                through.fold(f32::INFINITY, f32::min)
+            let needless = |link: &Arc| {
+                let most = link.length * DETOUR;
+                self.links_of(link.to).iter().any(|second| lengths[second.to as usize] + second.length <= most)
             };
-            let needless = |arc: &Arc| detour(arc.to) <= arc.length * DETOUR;
             let needless: Vec<bool> = links.of(vertex).iter().map(needless).collect();
             self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
             Ok(needless)
