@@ -3,7 +3,7 @@
 mod cuts;
 mod distances;
 mod maps;
-mod measure;
+pub mod measure;
 
 use std::sync::{Arc, Mutex};
 

@@ -22,14 +22,14 @@ type ExactPath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64
 
 /// The solvers that measure distances on a surface.
 #[derive(Clone, Copy)]
-enum Geodesic {
+pub(super) enum Geodesic {
     Graph,
     Marching(Wave),
     Exact,
 }
 
 impl Geodesic {
-    fn named(name: &str) -> PyResult<Self> {
+    pub(super) fn named(name: &str) -> PyResult<Self> {
         match name {
             "graph" => Ok(Self::Graph),
             "marching" => Ok(Self::Marching(Wave::Circle)),
@@ -59,6 +59,8 @@ macro_rules! with_solver {
         }
     };
 }
+pub(super) use with_solver;
+
 #[pymethods]
 impl Surface {
     /// A hash of what distances depend on.
