@@ -16,7 +16,6 @@ from voxflat._distortion import Distortion
 from voxflat._errors import InputError
 from voxflat._matching import Matched, match
 from voxflat._prepare import Progress, checked_seed, checked_threads
-from voxflat._surface import Surface
 from voxflat._surface import surface as _surface
 from voxflat._tables import table_of_several
 
@@ -169,6 +168,7 @@ def compare(
     whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     matched = {name: match(whole, flat) for name, flat in maps.items()}
+    topologies = {name: _topology(name, one) for name, one in matched.items()}
     groups = _grouped(list(matched.values()))
     distances: dict[int, dict[str, Any]] = {}
     for group, chosen in zip(groups, _sources(groups, int(sources), seed), strict=True):
@@ -179,7 +179,11 @@ def compare(
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
             distances[id(one)] = measured | {"per_point": per_point}
-    judged = {name: _judged(whole, one, distances[id(one)], reference, progress) for name, one in matched.items()}
+    judged = {}
+    for name, one in matched.items():
+        more = {"topology": topologies[name], "voxel_size": whole.voxel_size}
+        distortion = Distortion.of(distances[id(one)], one.core.measure(one.uv, progress), reference, **more)
+        judged[name] = JudgedMap(one.uv, one.vertices, one.core.faces, distortion)
     return Comparison(judged)
 
 
@@ -217,20 +221,15 @@ def _kept() -> int:
     return int(max(_LEAST_KEPT, psutil.virtual_memory().available // _KEPT_SHARE))
 
 
-def _judged(
-    whole: Surface, one: Matched, distances: dict[str, Any], reference: str, progress: Progress | None
-) -> JudgedMap:
-    triangles = one.core.measure(one.uv, progress)
-    topology = _topology(one)
-    distortion = Distortion.of(distances, triangles, reference, topology=topology, voxel_size=whole.voxel_size)
-    return JudgedMap(one.uv, one.vertices, one.core.faces, distortion)
-
-
-def _topology(one: Matched) -> dict[str, int]:
+def _topology(name: str, one: Matched) -> dict[str, int]:
     """Return what the surface is like as the map cuts it; it is a manifold, or would have been refused."""
     found = one.core.topology()
+    components = len(found["components"])
+    if components > 1:
+        called = f"the map {name}" if name else "the map"
+        raise InputError(f"{called} has {components} pieces, between which there are no distances; give one of them")
     return {
-        "components": len(found["components"]),
+        "components": components,
         "euler": found["euler"],
         "loops": len(found["loops"]),
         "handles": found["handles"],
