@@ -2,7 +2,8 @@
 
     make bench-flatten
 
-Same vertices, same cuts, distances from the same 300 random points, figures at each map's best scale.
+Same vertices, same cuts, exact distances from the same 300 random points, figures at each map's best scale with their
+standard errors. Whole hemispheres are judged as they are flattened: by straight links, from 200 points.
 """
 
 import resource
@@ -32,8 +33,10 @@ def main():
             surface = voxflat.surface((hemisphere[kind], hemisphere["faces"]))
             name = f"fsaverage5 {kind} {side}"
             ours, wall, cpu = flatten(surface, keep=(hemisphere[kind], faces))
-            report(name, "voxflat", len(ours), wall, cpu, voxflat.measure(surface, ours, sources=SOURCES))
-            report(name, "shipped", len(ours), None, None, voxflat.measure(surface, (places, faces), sources=SOURCES))
+            maps = {"voxflat": ours, "shipped": (places, faces)}
+            compared = voxflat.compare(surface, maps, sources=SOURCES, reference="exact")
+            report(name, "voxflat", len(ours), wall, cpu, compared["voxflat"])
+            report(name, "shipped", len(ours), None, None, compared["shipped"])
     for side in ("left", "right"):
         labels, affine, _ = anatomy.mni152_white_matter(side)
         surface = voxflat.surface(labels, affine=affine, repair=True)
@@ -59,11 +62,13 @@ def flatten(surface, **patch):
 
 def report(surface, name, vertices, wall, cpu, distortion):
     """Print a row."""
-    of, triangles = distortion.best_scale, distortion.triangles
+    of, errors, triangles = distortion.best_scale, distortion.standard_error.best_scale, distortion.triangles
     seconds = " | | | " if wall is None else f" | {wall:.1f} | {cpu:.1f} | "
+    names = ("relative_error", "relative_error_30mm", "relative_error_10mm")
+    relative = (f"{100 * getattr(of, name):.2f} ± {100 * getattr(errors, name):.2f}" for name in names)
     print(
-        f"| {surface} | {name} | {vertices}{seconds}{100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} "
-        f"| {100 * of.relative_error_10mm:.2f} | {of.stress_1:.4f} | {100 * triangles.edge:.2f} "
+        f"| {surface} | {name} | {vertices}{seconds}{' | '.join(relative)} "
+        f"| {of.stress_1:.4f} ± {errors.stress_1:.4f} | {100 * triangles.edge:.2f} "
         f"| {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} | {triangles.covering} |",
         flush=True,
     )

@@ -3,14 +3,14 @@
 The way through: `surface` makes a `Surface` of a label volume or a mesh, `range_image` one of depths; `flatten` takes
 it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give
 the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
-whatever tool.
+whatever tool, and `compare` several of them.
 """
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
-from voxflat._distortion import Distortion, Figures, Triangles
+from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
-from voxflat._judge import measure
+from voxflat._judge import Comparison, compare, measure
 from voxflat._path import Path, path
 from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
@@ -22,18 +22,21 @@ from voxflat.rows import DistanceRows, open_rows
 __all__ = [
     "Cancelled",
     "Check",
+    "Comparison",
     "DistanceRows",
     "Distortion",
     "Figures",
     "FlatMap",
     "InputError",
     "Path",
+    "StandardErrors",
     "Surface",
     "TexturedSurface",
     "Triangles",
     "VoxflatError",
     "__version__",
     "check",
+    "compare",
     "flatten",
     "geodesic",
     "load",

@@ -7,7 +7,17 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Surface", "VoxelSurface", "__version__", "chain_weights", "defects", "draw", "repair", "store_memory_need"]
+__all__ = [
+    "Surface",
+    "VoxelSurface",
+    "__version__",
+    "chain_weights",
+    "defects",
+    "draw",
+    "reference_sources",
+    "repair",
+    "store_memory_need",
+]
 
 __version__: str
 
@@ -28,6 +38,7 @@ def repair(
     probability: NDArray[np.float32] | None = None,
     progress: _Progress | None = None,
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]: ...
+def reference_sources(points: int, count: int, seed: int) -> NDArray[np.uint32]: ...
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
 
 @final
@@ -70,12 +81,14 @@ class Surface:
     def measure(self, uv: NDArray[np.float64], progress: _Progress | None = None) -> dict[str, Any]: ...
     def judge(
         self,
-        uv: NDArray[np.float64],
-        sources: int,
+        maps: list[NDArray[np.float64]],
+        sources: NDArray[np.uint32],
+        geodesic: str,
+        kept: int,
         seed: int,
         threads: int | None = None,
         progress: _Progress | None = None,
-    ) -> dict[str, Any]: ...
+    ) -> list[dict[str, Any]]: ...
     def zigelman2002(
         self,
         count: int,

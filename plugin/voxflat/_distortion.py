@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Distortion", "Figures", "Triangles", "json_ready", "undefined_as_nan"]
+__all__ = ["Distortion", "Figures", "StandardErrors", "Triangles", "json_ready", "undefined_as_nan"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,8 @@ class Figures:
         The factor on flat distances.
     relative_error : float
         Mean of |d − δ|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
+    relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
+        The same over pairs with δ in these bands, whose upper ends belong to them.
     relative_error_10mm, relative_error_30mm : float
         The same over pairs with δ ≤ 10 mm and ≤ 30 mm.
     absolute_error : float
@@ -35,6 +37,9 @@ class Figures:
 
     scale: float
     relative_error: float
+    relative_error_0_5mm: float
+    relative_error_5_15mm: float
+    relative_error_15_30mm: float
     relative_error_10mm: float
     relative_error_30mm: float
     absolute_error: float
@@ -91,9 +96,31 @@ class Triangles:
     is_flipped: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class StandardErrors:
+    """How far figures scatter with the choice of the sources: standard errors by the bootstrap (Efron 1979).
+
+    Sources are drawn anew from those that there are, with replacement, 1000 times; the standard deviation over the
+    draws is corrected for their number n out of N points, √(n/(n − 1) · (1 − n/N)). The best scale is held. NaN means
+    undefined: of a single source, or where a draw has no pair.
+
+    Parameters
+    ----------
+    raw, best_scale : Figures
+        Of the figures of that name; their `scale` is NaN.
+    pearson_r, mean_geodesic : float
+        Of the figures of that name.
+    """
+
+    raw: Figures
+    best_scale: Figures
+    pearson_r: float
+    mean_geodesic: float
+
+
 @dataclass(frozen=True, eq=False)
 class Distortion:
-    """What flattening did to the distances, from reference sources (200 random points) to all points.
+    """What flattening did to the distances, from random reference sources to all points.
 
     Parameters
     ----------
@@ -105,24 +132,64 @@ class Distortion:
         Correlation of flat and geodesic distances.
     mean_geodesic : float
         Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
+    standard_error : StandardErrors
+        Of the figures above.
+    sources : int
+        Number of reference sources.
     pairs : int
         Number of pairs.
+    reference : {"exact", "graph", "chain"}
+        How reference distances were measured, as in `geodesic`.
     per_point : ndarray, shape (N,)
         Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
         Some pairs as (δ, d), mm.
     triangles : Triangles or None
         What it did to the triangles, where the surface has some.
+    topology : dict or None
+        Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
+        ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
+    voxel_size : float or None
+        Geometric mean of the three spacings, mm, of voxel surfaces.
     """
 
     raw: Figures
     best_scale: Figures
     pearson_r: float
     mean_geodesic: float
+    standard_error: StandardErrors
+    sources: int
     pairs: int
+    reference: str
     per_point: NDArray[np.float64]
     scatter: NDArray[np.float64]
     triangles: Triangles | None = None
+    topology: dict[str, int] | None = None
+    voxel_size: float | None = None
+
+    @classmethod
+    def of(cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any) -> Distortion:
+        """Take what the compiled core has measured.
+
+        Parameters
+        ----------
+        distances, triangles : dict
+            By the names of the fields.
+        reference : str
+            How distances were measured.
+        **more
+            The fields that are left.
+
+        Returns
+        -------
+        Distortion
+        """
+        errors = dict(distances["standard_error"])
+        for scales in (distances, errors):
+            scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
+        distances["standard_error"] = StandardErrors(**errors)
+        of_triangles = None if triangles is None else Triangles(**triangles)
+        return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
     def figures(self) -> dict[str, Any]:
         """Return the figures without the arrays, ready for JSON: undefined ones are None.
@@ -130,38 +197,15 @@ class Distortion:
         Returns
         -------
         dict
-            ``raw`` and ``best_scale`` (dicts), ``pearson_r``, ``mean_geodesic``, ``pairs``, ``triangles`` (dict or
-            None).
+            By the names of the fields; ``standard_error`` has the same names again.
         """
         return dict(json_ready(_without_arrays(asdict(self))))
 
     def table(self) -> str:
         """Return the figures as a table of text."""
-        rows = [
-            ("relative error", "relative_error", 100.0, "%"),
-            ("  pairs up to 10 mm", "relative_error_10mm", 100.0, "%"),
-            ("  pairs up to 30 mm", "relative_error_30mm", 100.0, "%"),
-            ("absolute error", "absolute_error", 1.0, "mm"),
-            ("stress-1", "stress_1", 1.0, ""),
-            ("Sammon stress", "sammon_stress", 1.0, ""),
-        ]
-        lines = [f"{'':22}{'raw':>10}{'at scale ' + format(self.best_scale.scale, '.3f'):>18}"]
-        for name, key, factor, unit in rows:
-            raw, best = (factor * getattr(figures, key) for figures in (self.raw, self.best_scale))
-            digits = 2 if unit else 4
-            lines.append(f"{name:22}{raw:>10.{digits}f}{best:>18.{digits}f} {unit}".rstrip())
-        lines.append(f"{'mean geodesic':22}{self.mean_geodesic:>10.2f}{'':18} mm")
-        lines.append(f"{'correlation':22}{self.pearson_r:>10.4f}")
-        if self.triangles is not None:
-            of = self.triangles
-            lines += [
-                f"{'areal, log2':22}{of.areal_median:>10.4f}{of.areal_p95:>18.4f} median, 95 %",
-                f"{'edges':22}{100 * of.edge:>10.2f}{'':18} %",
-                f"{'angles':22}{of.angle:>10.2f}{'':18} degrees",
-                f"{'flipped triangles':22}{of.flipped:>10}{100 * of.flipped_share:>18.3f} % of the area",
-                f"{'overlap':22}{of.covering:>10}{of.crossings:>18} triangles, crossings of the boundary",
-            ]
-        return "\n".join(lines)
+        from voxflat._tables import table_of_one
+
+        return table_of_one(self)
 
 
 def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:

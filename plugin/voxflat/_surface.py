@@ -60,6 +60,13 @@ class Surface:
         return self.voxels is not None
 
     @property
+    def voxel_size(self) -> float | None:
+        """Geometric mean of the voxels' three spacings, mm, where it came from a volume."""
+        if not self.is_voxels:
+            return None
+        return float(np.cbrt(abs(np.linalg.det(np.asarray(self.metadata["affine"])[:3, :3]))))
+
+    @property
     def points(self) -> NDArray[np.float64]:
         """The vertices, RAS+ mm, shape (N, 3)."""
         return self.core.points

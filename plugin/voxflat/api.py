@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat._cutout import Cutout, cut_out
-from voxflat._distortion import Distortion, Figures, Triangles
+from voxflat._distortion import Distortion
 from voxflat._errors import InputError
 from voxflat._prepare import (
     Prepared,
@@ -271,7 +271,8 @@ def _over_triangles(
     """Return the map of a surface of triangles, with what the user should know of it."""
     part, chosen = cut.part, result["sources"]
     warnings = list(cut.remarks)
-    distortion = _distortion(result["distortion"], part.core.measure(result["uv"], how.progress))
+    of_triangles = part.core.measure(result["uv"], how.progress)
+    distortion = Distortion.of(result["distortion"], of_triangles, "graph", voxel_size=part.voxel_size)
     if not told.get("descent", {"converged": True})["converged"]:
         steps = len(told["descent"]["energies"])
         warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
@@ -333,10 +334,14 @@ def _grossmann2002(prepared: Prepared, how: _How) -> FlatMap:
         torn=torn,
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
-        distortion=_distortion(result["distortion"], None),
+        distortion=Distortion.of(result["distortion"], None, "chain", voxel_size=_voxel_size(prepared)),
         metadata=metadata,
         rows=rows,
     )
+
+
+def _voxel_size(prepared: Prepared) -> float:
+    return float(np.cbrt(abs(np.linalg.det(np.asarray(prepared.metadata["affine"])[:3, :3]))))
 
 
 def _told(how: _How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str]) -> dict[str, Any]:
@@ -356,13 +361,6 @@ def _told(how: _How, chosen: NDArray[Any], result: dict[str, Any], need: int, wa
             "python": platform.python_version(),
         },
     }
-
-
-def _distortion(distances: dict[str, Any], triangles: dict[str, Any] | None) -> Distortion:
-    raw, best_scale = (Figures(**distances.pop(name)) for name in ("raw", "best_scale"))
-    return Distortion(
-        raw=raw, best_scale=best_scale, **distances, triangles=None if triangles is None else Triangles(**triangles)
-    )
 
 
 def _grossmann2002_warnings(prepared: Prepared, topology: dict[str, Any], torn: float) -> list[str]:

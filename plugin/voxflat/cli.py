@@ -261,31 +261,59 @@ def path(input_: Path, stops: list[Any], output: Path | None, as_json: bool, **o
 Examples:
   voxflat measure lh.white lh.cortex.patch.flat
   voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json
+  voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png
 """
 )
 @click.argument("surface_", metavar="SURFACE", type=FILE)
-@click.argument("flat", metavar="FLAT", type=FILE)
+@click.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
 @_options.volume
 @_options.making
 @click.option(
     "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
 )
+@click.option(
+    "--reference",
+    type=click.Choice(["exact", "graph"]),
+    help="How distances are measured: exactly over the triangles, which takes its time, or by straight links."
+    "  [default: exact; for volumes graph]",
+)
+@click.option(
+    "--heat-maps", type=FILE, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
+)
 @_options.seed
 @_options.threads
 @_options.as_json
 @_options.debug
-def measure(surface_: Path, flat: Path, as_json: bool, **options: Any) -> None:
-    """Judge a flat map of any tool.
+def measure(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_json: bool, **options: Any) -> None:
+    """Judge flat maps of any tool.
 
-    FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, or a map that voxflat flatten made. The
-    figures are defined in the documentation; distances are measured on SURFACE, cut as the map is.
+    Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj with texture coordinates, or a
+    map that voxflat flatten made. The figures are defined in the documentation; distances are measured on SURFACE, cut
+    as the map is, in mm. Several maps are measured from the same points.
     """
+    names = _short_names(flat)
+    if heat_maps is not None:
+        from voxflat import figures  # brings in matplotlib
+
+        _check_output(heat_maps, (".png", ".pdf", ".svg"), (surface_, *flat))
     with bars() as shown:
-        distortion = voxflat.measure(_source(surface_, options, shown), flat, progress=shown.progress, **options)
+        source = _source(surface_, options, shown)
+        compared = voxflat.compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **options)
+    if heat_maps is not None:
+        figures.save(figures.heat_maps(compared), heat_maps)
+    one = compared[names[0]] if len(names) == 1 else compared
     if as_json:
-        _print_json(distortion.figures())
+        _print_json(one.figures())
     else:
-        click.echo(distortion.table())
+        click.echo(one.table())
+
+
+def _short_names(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files; whole paths if they are not enough to tell them apart."""
+    for names in ([path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(names):
+            return names
+    raise click.UsageError("A FLAT is given twice.")
 
 
 @main.command(

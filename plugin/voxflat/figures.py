@@ -1,6 +1,6 @@
-"""Figures of a flat map: `scatter`, `heat_map`, `flat_image` and `spectrum` by matplotlib, `patch_3d` by PyVista.
+"""Figures of flat maps: `scatter`, `heat_map(s)`, `flat_image` and `spectrum` by matplotlib, `patch_3d` by PyVista.
 
-The first four return a `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they
+All but the last return a `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they
 work without a screen, in threads, and beside the user's own figures. `patch_3d` returns a picture, which `save_picture`
 writes.
 """
@@ -35,10 +35,14 @@ from voxflat.io import as_volume, atomic_path
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["flat_image", "heat_map", "patch_3d", "save", "save_picture", "scatter", "spectrum"]
+    from voxflat._judge import Comparison
+
+__all__ = ["flat_image", "heat_map", "heat_maps", "patch_3d", "save", "save_picture", "scatter", "spectrum"]
 
 _ERRORS = "inferno"  # the colours of distortion, in the plane and in space
 _ERROR_LABEL = "mean relative error of distances (%)"
+_AREAS = "RdBu_r"  # from shrunk to grown
+_AREA_LABEL = "area, log2(flat / surface)"
 _USED, _POSITIVE, _NEGATIVE = "#c1440e", "#8a9ba8", "#ffffff"
 _SURROUNDINGS = "#d8d8d4"
 _OUTLINE = "#606060"
@@ -99,6 +103,43 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     figure, axes = _map_axes(image)
     shown = axes.imshow(100 * image.data, cmap=_ERRORS, vmin=0, vmax=_top_error(flat_map), **_placed(image))
     _add_colour_bar(axes, shown, _ERROR_LABEL, extend="max")
+    return figure
+
+
+def heat_maps(comparison: Comparison) -> Figure:
+    """Show several maps of a surface side by side, in the same colours.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Judged maps, from `voxflat.compare`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Above, how well each place's distances are kept, in % from 0 to the 99th percentile over all maps; below, how
+        much each place's area has changed, to the 99th percentile either way. The maps are as they are, at scale 1;
+        what is undefined is left white.
+    """
+    maps = comparison.maps
+    errors = [100 * one.distortion.per_point for one in maps.values()]
+    areas = [one.distortion.triangles.areal for one in maps.values() if one.distortion.triangles is not None]
+    top, most = (_top(np.abs(np.concatenate(values))) for values in (errors, areas))
+    figure = Figure(figsize=(1.6 + 4.2 * len(maps), 8.0), layout="constrained")
+    grid = figure.subplots(2, len(maps), squeeze=False)
+    looks = ((errors, _ERRORS, 0.0, top, _ERROR_LABEL, "max"), (areas, _AREAS, -most, most, _AREA_LABEL, "both"))
+    for row, (values, colours, low, high, label, extend) in zip(grid, looks, strict=True):
+        for axes, name, value in zip(row, maps, values, strict=True):
+            one = maps[name]
+            look = {"cmap": colours, "norm": Normalize(low, high), "shading": "gouraud", "rasterized": True}
+            defined = one.faces[np.isfinite(value)[one.faces].all(axis=1)]
+            if len(defined):
+                axes.tripcolor(*one.uv.T, np.nan_to_num(value), triangles=defined, **look)
+            axes.set(aspect="equal", xlabel="u (mm)", ylabel="v (mm)")
+        colour_bar = ScalarMappable(Normalize(low, high), colours)
+        figure.colorbar(colour_bar, ax=row.tolist(), label=label, extend=extend)
+    for axes, name in zip(grid[0], maps, strict=True):
+        axes.set_title(name)
     return figure
 
 
@@ -276,6 +317,12 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> No
 def _top_error(flat_map: FlatMap) -> float:
     """Return the error, in %, at the upper end of the colours."""
     return 100 * float(np.nanpercentile(flat_map.distortion.per_point, 99)) or 1.0
+
+
+def _top(values: NDArray[np.float64]) -> float:
+    """Return the 99th percentile of the values that are defined, for the upper end of colours; it is not 0."""
+    defined = values[np.isfinite(values)]
+    return float(np.percentile(defined, 99)) or 1.0 if len(defined) else 1.0
 
 
 def _map_axes(image: FlatImage) -> tuple[Figure, Axes]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _flatimage, _surfacetexture, meshes
-from voxflat._distortion import Distortion, Figures, Triangles, undefined_as_nan
+from voxflat._distortion import Distortion, undefined_as_nan
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
 from voxflat._prepare import log
@@ -24,7 +24,7 @@ __all__ = ["FlatMap", "load"]
 
 MAP_ENDINGS = (".npz", ".surf.gii", ".patch.flat", ".vtp", ".ply", ".obj")
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,22 +474,15 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         metadata = json.loads(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
-        distortion = undefined_as_nan(metadata.pop("distortion"))
-        triangles = distortion.pop("triangles")
-        if "distortion_areal" in arrays:
-            areal, is_flipped = arrays.pop("distortion_areal"), arrays.pop("distortion_is_flipped")
-            distortion["triangles"] = Triangles(**triangles, areal=areal, is_flipped=is_flipped)
-        return FlatMap(
-            distortion=Distortion(
-                raw=Figures(**distortion.pop("raw")),
-                best_scale=Figures(**distortion.pop("best_scale")),
-                per_point=arrays.pop("distortion_per_point"),
-                scatter=arrays.pop("distortion_scatter"),
-                **distortion,
-            ),
-            metadata=metadata,
-            **arrays,
-        )
+        distortion = metadata.pop("distortion")
+        more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
+        triangles = more.pop("triangles")
+        if triangles is not None:
+            triangles = undefined_as_nan(triangles)
+            triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
+        distances = undefined_as_nan(distortion)
+        distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)
     except InputError:
         raise
     except (FileNotFoundError, IsADirectoryError, PermissionError):

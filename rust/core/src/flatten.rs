@@ -6,18 +6,18 @@ use nalgebra::Vector3;
 
 use crate::adjacency::{Graph, Links};
 use crate::control::Control;
-use crate::distortion::{Distortion, measure};
+use crate::distortion::{self, Distortion, measure};
 use crate::embed::classical::classical_scaling;
 use crate::embed::stress::levels::{self, Convergence};
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::graph::{self, GeodesicGraph};
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
 use crate::place::radial::RadialFunctions;
-use crate::rows::{DistanceRows, Rows};
+use crate::rows::{DistanceRows, PassingRows, Rows};
 use crate::sources::{self, FEWEST_SOURCES, Sources};
 use crate::store;
 use crate::surface::cubes::CubeTopology;
@@ -25,6 +25,9 @@ use crate::surface::{Surface, VoxelSurface};
 
 /// Reference sources from which the distortion is measured.
 pub const REFERENCE_SOURCES: usize = 200;
+
+/// Memory in bytes that rows from the reference sources take at most.
+pub const KEPT_BYTES: u64 = 256 << 20;
 
 /// A flat map of the points of a surface.
 #[derive(Debug, Clone)]
@@ -211,9 +214,33 @@ pub fn judge<S: Solver>(
     seed: u64,
     control: &Control,
 ) -> Result<Distortion> {
-    let reference = sources::random(uv.len(), uv.len().min(count), seed.wrapping_add(1));
-    let rows = DistanceRows::by(engine, &reference, control)?;
-    measure(uv, &rows, seed, control)
+    let reference = reference_sources(uv.len(), count, seed);
+    Ok(judge_all(engine, &[uv], &reference, KEPT_BYTES, seed, control)?.remove(0))
+}
+
+/// Random reference sources, other ones than a map of the same seed has.
+pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
+    sources::random(points, points.min(count), seed.wrapping_add(1))
+}
+
+/// What several maps of the same vertices do to the distances from the same sources. If their rows take more than `kept` bytes,
+/// they are computed twice instead of being kept; the figures are the same.
+///
+/// # Errors
+/// [`Error::Unreachable`], [`Error::Cancelled`].
+pub fn judge_all<S: Solver>(
+    engine: &Engine<S>,
+    maps: &[&[[f64; 2]]],
+    reference: &[u32],
+    kept: u64,
+    seed: u64,
+    control: &Control,
+) -> Result<Vec<Distortion>> {
+    if 4 * reference.len() as u64 * engine.columns() as u64 <= kept {
+        measure(maps, &DistanceRows::by(engine, reference, control)?, seed, control)
+    } else {
+        measure(maps, &PassingRows::new(engine, reference, kept), seed, control)
+    }
 }
 
 /// The places of all points: those of the sources as they are, the rest by radial functions.
@@ -233,6 +260,12 @@ fn place_rest(
     Ok(uv)
 }
 
+/// What judging a map needs at most: rows, no fewer than one, and what is made of them.
+fn reference_memory_need(points: u64) -> u64 {
+    let rows = 4 * points * points.min(REFERENCE_SOURCES as u64);
+    rows.min(KEPT_BYTES.max(4 * points)) + distortion::WORK_BYTES
+}
+
 /// What is needed whatever the size: threads, buffers, the allocator's reserve.
 const BASE_BYTES: u64 = 16 << 20;
 
@@ -241,9 +274,9 @@ const BASE_BYTES: u64 = 16 << 20;
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
     let in_flight = store::memory_need(points, sources, threads);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (8 + 8 + 2) * LINKS * points; // links from their lower ends, from both, and which of them stay
+    let graph = (8 + 8 + 2) * links(points) * points; // links from their lower ends, from both, and which of them stay
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
-    let reference = 4 * points * REFERENCE_SOURCES as u64;
+    let reference = reference_memory_need(points);
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
     let scaling = (4 + 8 + 8) * sources * sources;
     let workers = threads * (4 + 16) * points;
@@ -255,8 +288,10 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
 /// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
 const DESCENT_BYTES: u64 = 2600;
 
-/// Usual number of links of a vertex of the graph of straight links.
-const LINKS: u64 = 80; // before any is dropped
+/// Usual number of links of a vertex of the graph of straight links, before any is dropped.
+fn links(points: u64) -> u64 {
+    if points > graph::LARGE as u64 { 60 } else { 130 }
+}
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
 const SURFACE_SHORTCUTS: u64 = 220;
@@ -273,7 +308,7 @@ pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) 
     let surface = (15 + 24 + 16 + 48 + 100) * points; // and what Python makes of it
     let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
     let workers = threads * (4 + 16) * points;
-    let reference = 4 * points * points.min(REFERENCE_SOURCES as u64);
+    let reference = reference_memory_need(points);
     let shortcuts = (4 * VOXEL_FILL + 8 * VOXEL_SHORTCUTS) * points;
     BASE_BYTES + graph + surface + workers + scaling.max(reference) + shortcuts
 }

@@ -157,6 +157,56 @@ impl Rows for DistanceRows {
     }
 }
 
+/// Rows that are computed each time they are passed, so that only some of them exist at a time.
+#[derive(Debug)]
+pub struct PassingRows<'a, S> {
+    engine: &'a Engine<'a, S>,
+    sources: &'a [u32],
+    at_once: usize,
+}
+
+impl<'a, S: Solver> PassingRows<'a, S> {
+    /// Rows from every source to every vertex, as many at once as so many bytes hold.
+    pub fn new(engine: &'a Engine<'a, S>, sources: &'a [u32], bytes: u64) -> Self {
+        let row = 4 * engine.columns().max(1) as u64;
+        Self { engine, sources, at_once: usize::try_from(bytes / row).unwrap_or(usize::MAX).max(1) }
+    }
+}
+
+impl<S: Solver> Rows for PassingRows<'_, S> {
+    fn sources(&self) -> &[u32] {
+        self.sources
+    }
+
+    fn columns(&self) -> usize {
+        self.engine.columns()
+    }
+
+    fn block_rows(&self) -> usize {
+        self.at_once.min(self.sources.len())
+    }
+
+    fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
+        control.begin("measuring distances", self.sources.len() as u64);
+        let columns = self.columns();
+        let mut data = vec![0.0; self.block_rows() * columns];
+        // all threads get something to do
+        let size = self.engine.block().min(self.block_rows().div_ceil(rayon::current_num_threads())).max(1);
+        for (n, sources) in self.sources.chunks(self.at_once).enumerate() {
+            let rows = &mut data[..sources.len() * columns];
+            rows.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+                || self.engine.scratch(),
+                |scratch, (rows, sources)| {
+                    self.engine.fill(sources, rows, scratch, control)?;
+                    finish(rows, sources, control)
+                },
+            )?;
+            visit(n * self.at_once, rows)?;
+        }
+        Ok(())
+    }
+}
+
 /// Counts finished rows, if they reach everything.
 pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result<()> {
     for (row, &source) in rows.chunks_exact((rows.len() / sources.len()).max(1)).zip(sources) {
@@ -205,6 +255,28 @@ mod tests {
             for threads in [2, 7] {
                 assert_eq!(rows(threads), expected);
                 assert_eq!(among(threads), expected.among(&control).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn passing_rows_are_the_same_however_many_there_are_at_once() {
+        let graph = sheet(false);
+        for count in [40, 700] {
+            let sources: Vec<u32> = (0..count).map(|n| n * 4).collect();
+            let control = Control::default();
+            let engine = Engine::new(&graph, sources.len(), &control).unwrap();
+            let expected = DistanceRows::by(&engine, &sources, &control).unwrap().into_data();
+            for (threads, rows) in [(1, 0), (2, 7), (3, 200), (2, 5000)] {
+                let passing = PassingRows::new(&engine, &sources, 4 * rows * graph.vertices() as u64);
+                let mut found = Vec::new();
+                let mut take = |first: usize, data: &[f32]| {
+                    assert_eq!(found.len(), first * graph.vertices());
+                    found.extend_from_slice(data);
+                    Ok(())
+                };
+                with_threads(threads, || passing.visit(&control, &mut take)).unwrap();
+                assert_eq!(found, expected);
             }
         }
     }

@@ -62,7 +62,8 @@ fn the_number_of_threads_does_not_change_a_bit() {
     let (one, two, five) = (with(1), with(2), with(5));
     for other in [two, five] {
         assert_eq!(one.uv, other.uv);
-        assert_eq!(one.distortion, other.distortion);
+        // as text, which tells every bit, and in which what is undefined equals itself
+        assert!(format!("{:?}", one.distortion) == format!("{:?}", other.distortion));
         assert_eq!(one.eigenvalues, other.eigenvalues);
     }
 }

@@ -94,6 +94,9 @@ fn figures_dict<'py>(py: Python<'py>, figures: &Figures) -> PyResult<Bound<'py, 
     let dict = PyDict::new(py);
     dict.set_item("scale", figures.scale)?;
     dict.set_item("relative_error", figures.relative_error)?;
+    dict.set_item("relative_error_0_5mm", figures.relative_error_0_5mm)?;
+    dict.set_item("relative_error_5_15mm", figures.relative_error_5_15mm)?;
+    dict.set_item("relative_error_15_30mm", figures.relative_error_15_30mm)?;
     dict.set_item("relative_error_10mm", figures.relative_error_10mm)?;
     dict.set_item("relative_error_30mm", figures.relative_error_30mm)?;
     dict.set_item("absolute_error", figures.absolute_error)?;
@@ -109,6 +112,13 @@ pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Bound<'
     distortion.set_item("best_scale", figures_dict(py, &measured.best_scale)?)?;
     distortion.set_item("pearson_r", measured.pearson_r)?;
     distortion.set_item("mean_geodesic", measured.mean_geodesic)?;
+    let errors = PyDict::new(py);
+    errors.set_item("raw", figures_dict(py, &measured.standard_error.raw)?)?;
+    errors.set_item("best_scale", figures_dict(py, &measured.standard_error.best_scale)?)?;
+    errors.set_item("pearson_r", measured.standard_error.pearson_r)?;
+    errors.set_item("mean_geodesic", measured.standard_error.mean_geodesic)?;
+    distortion.set_item("standard_error", errors)?;
+    distortion.set_item("sources", measured.sources)?;
     distortion.set_item("pairs", measured.pairs)?;
     distortion.set_item("per_point", measured.per_point.into_pyarray(py))?;
     distortion.set_item("scatter", array(py, &measured.scatter)?)?;

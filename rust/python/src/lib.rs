@@ -23,6 +23,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
     module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::measure::reference_sources, module)?)?;
     module.add_function(wrap_pyfunction!(store_memory_need, module)?)?;
     module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())

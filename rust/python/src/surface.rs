@@ -3,7 +3,7 @@
 mod cuts;
 mod distances;
 mod maps;
-mod measure;
+pub mod measure;
 mod solvers;
 
 use std::sync::{Arc, Mutex};

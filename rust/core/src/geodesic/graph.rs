@@ -17,7 +17,7 @@ use crate::surface::mesh::{BORDER, Surface, next, previous};
 const CROSSED: u32 = 11;
 
 /// On a surface of more vertices links cross fewer edges: while they are found they would need more memory than all the rest.
-const LARGE: usize = 250_000;
+pub const LARGE: usize = 250_000;
 const CROSSED_IF_LARGE: u32 = 5;
 
 /// Vertices whose links are found together, before they are packed.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::PyReadonlyArray2;
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::distortion::faces::measure_faces;
@@ -11,6 +11,7 @@ use voxflat::flatten;
 use voxflat::geodesic::engine::Engine;
 
 use super::Surface;
+use super::solvers::{Geodesic, with_solver};
 use crate::convert;
 use crate::work::run;
 
@@ -34,24 +35,39 @@ impl Surface {
         convert::triangles_dict(py, of_faces, &overlap)
     }
 
-    /// What a map (N, 2) does to the distances from random sources.
-    #[pyo3(signature = (uv, sources, seed, threads=None, progress=None))]
+    /// What maps (N, 2) do to the distances from sources (vertices). Rows that take more than `kept` bytes are computed twice.
+    #[pyo3(signature = (maps, sources, geodesic, kept, seed, threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)] // Python's, by name
     fn judge<'py>(
         &self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
-        sources: usize,
+        maps: Vec<PyReadonlyArray2<'py, f64>>,
+        sources: PyReadonlyArray1<'py, u32>,
+        geodesic: &str,
+        kept: u64,
         seed: u64,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        self.check_length(uv.len(), "uv")?;
+    ) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let maps: Vec<Vec<[f64; 2]>> = maps.iter().map(|uv| convert::rows(uv, "uv")).collect::<PyResult<_>>()?;
+        maps.iter().try_for_each(|uv| self.check_length(uv.len(), "uv"))?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
-        let distortion = run(py, threads, progress.as_ref(), move |control| {
-            let graph = &*inner.graph(control)?;
-            flatten::judge(&Engine::new(graph, sources, control)?, &uv, sources, seed, control)
+        let judged = run(py, threads, progress.as_ref(), move |control| {
+            let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
+            with_solver!(geodesic, inner, control, |solver| {
+                let engine = Engine::new(solver, sources.len(), control)?;
+                flatten::judge_all(&engine, &maps, &sources, kept, seed, control)
+            })
         })?;
-        convert::distortion_dict(py, distortion)
+        judged.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
     }
+}
+
+/// The reference sources among so many points, as flattening chooses them.
+#[pyfunction]
+pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Bound<'_, PyArray1<u32>> {
+    flatten::reference_sources(points, count, seed).into_pyarray(py)
 }

@@ -1,0 +1,106 @@
+//! Sums over pairs, from which all figures of distances follow.
+
+use std::iter::Sum;
+
+use super::Figures;
+
+/// Where bands of distances end, mm; an end belongs to the band below it.
+const BANDS_MM: [f64; 4] = [5.0, 10.0, 15.0, 30.0];
+
+/// Sums over pairs of δ and d at some scale.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sums {
+    delta: f64,
+    delta_squared: f64,
+    d: f64,
+    d_squared: f64,
+    product: f64,
+    error: f64,
+    squared_error: f64,
+    sammon: f64,
+    /// Relative errors and number of pairs: up to 5, 10, 15 and 30 mm, and beyond.
+    bands: [(f64, f64); BANDS_MM.len() + 1],
+}
+
+impl Sums {
+    /// Takes a pair in.
+    pub fn add(&mut self, delta: f64, d: f64) {
+        let error = (d - delta).abs();
+        let relative = error / delta;
+        self.delta += delta;
+        self.delta_squared += delta * delta;
+        self.d += d;
+        self.d_squared += d * d;
+        self.product += d * delta;
+        self.error += error;
+        self.squared_error += error * error;
+        self.sammon += error * relative;
+        let band = &mut self.bands[BANDS_MM.iter().filter(|&&end| delta > end).count()];
+        *band = (band.0 + relative, band.1 + 1.0);
+    }
+
+    fn plus(mut self, other: &Self) -> Self {
+        self.delta += other.delta;
+        self.delta_squared += other.delta_squared;
+        self.d += other.d;
+        self.d_squared += other.d_squared;
+        self.product += other.product;
+        self.error += other.error;
+        self.squared_error += other.squared_error;
+        self.sammon += other.sammon;
+        for (band, more) in self.bands.iter_mut().zip(other.bands) {
+            *band = (band.0 + more.0, band.1 + more.1);
+        }
+        self
+    }
+
+    /// Sum of relative errors and number of pairs of several bands.
+    fn over(&self, bands: std::ops::Range<usize>) -> (f64, f64) {
+        self.bands[bands].iter().fold((0.0, 0.0), |sum, band| (sum.0 + band.0, sum.1 + band.1))
+    }
+
+    /// Number of pairs.
+    pub fn pairs(&self) -> usize {
+        self.over(0..self.bands.len()).1 as usize
+    }
+
+    /// The figures of these pairs, whose d were multiplied by `scale`. What no pair defines is NaN.
+    pub fn figures(&self, scale: f64) -> Figures {
+        let relative = |bands| {
+            let (sum, count) = self.over(bands);
+            sum / count // 0/0 is NaN: undefined
+        };
+        let all = self.bands.len();
+        Figures {
+            scale,
+            relative_error: relative(0..all),
+            relative_error_0_5mm: relative(0..1),
+            relative_error_5_15mm: relative(1..3),
+            relative_error_15_30mm: relative(3..4),
+            relative_error_10mm: relative(0..2),
+            relative_error_30mm: relative(0..4),
+            absolute_error: self.error / self.over(0..all).1,
+            stress_1: (self.squared_error / self.delta_squared).sqrt(),
+            sammon_stress: self.sammon / self.delta,
+        }
+    }
+
+    /// Mean of δ, mm.
+    pub fn mean_geodesic(&self) -> f64 {
+        self.delta / self.over(0..self.bands.len()).1
+    }
+
+    /// Pearson's correlation of d and δ.
+    pub fn correlation(&self) -> f64 {
+        let n = self.over(0..self.bands.len()).1;
+        let covariance = self.product / n - self.d / n * (self.delta / n);
+        let variance = |squares: f64, sum: f64| squares / n - (sum / n).powi(2);
+        covariance / (variance(self.d_squared, self.d) * variance(self.delta_squared, self.delta)).sqrt()
+    }
+}
+
+impl<'a> Sum<&'a Self> for Sums {
+    fn sum<I: Iterator<Item = &'a Self>>(parts: I) -> Self {
+        parts.fold(Self::default(), Self::plus)
+    }
+}

@@ -1,0 +1,247 @@
+//! Figures against their definitions.
+
+use super::*;
+use proptest::prelude::*;
+
+use crate::rows::DistanceRows;
+
+fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) -> f64) -> DistanceRows {
+    let (points, wrong) = (&points, &wrong);
+    let row = |&source: &u32| {
+        let [x, y] = points[source as usize];
+        let distance = move |(n, &[u, v]): (usize, &[f64; 2])| {
+            (x - u).hypot(y - v) * if n == source as usize { 0.0 } else { wrong(source as usize, n) }
+        };
+        points.iter().enumerate().map(distance).map(|d| d as f32).collect::<Vec<f32>>()
+    };
+    DistanceRows::new(sources.to_vec(), points.len(), sources.iter().flat_map(row).collect())
+}
+
+fn judged(uv: &[[f64; 2]], rows: &DistanceRows) -> Distortion {
+    measure(&[uv], rows, 0, &Control::default()).unwrap().remove(0)
+}
+
+/// All (δ, d) by the definition.
+fn pairs(uv: &[[f64; 2]], rows: &DistanceRows) -> Vec<(f64, f64)> {
+    let mut pairs = Vec::new();
+    for (n, &source) in rows.sources().iter().enumerate() {
+        for (point, place) in uv.iter().enumerate().filter(|&(point, _)| point != source as usize) {
+            let [x, y] = uv[source as usize];
+            pairs.push((f64::from(rows.row(n)[point]), (place[0] - x).hypot(place[1] - y)));
+        }
+    }
+    pairs
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn places() -> impl Strategy<Value = Vec<[f64; 2]>> {
+    prop::collection::vec(prop::array::uniform2(-40.0..40.0f64), 12..30)
+}
+
+proptest! {
+    #[test]
+    fn figures_follow_their_definitions(uv in places(), stretch in 0.5..2.0f64) {
+        let rows = rows_of(&[0, 3, 7, 11], &uv, |a, b| stretch * (1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin()));
+        let distortion = judged(&uv, &rows);
+        let pairs = pairs(&uv, &rows);
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-9 || (a.is_nan() && b.is_nan());
+        for figures in [distortion.raw, distortion.best_scale] {
+            let s = figures.scale;
+            let band = |low: f64, high: f64| {
+                mean(pairs.iter().filter(|p| low < p.0 && p.0 <= high).map(|&(x, d)| (s * d - x).abs() / x))
+            };
+            prop_assert!(close(figures.relative_error, band(0.0, f64::INFINITY)));
+            prop_assert!(close(figures.relative_error_0_5mm, band(0.0, 5.0)));
+            prop_assert!(close(figures.relative_error_5_15mm, band(5.0, 15.0)));
+            prop_assert!(close(figures.relative_error_15_30mm, band(15.0, 30.0)));
+            prop_assert!(close(figures.relative_error_10mm, band(0.0, 10.0)));
+            prop_assert!(close(figures.relative_error_30mm, band(0.0, 30.0)));
+            prop_assert!(close(figures.absolute_error, mean(pairs.iter().map(|&(x, d)| (s * d - x).abs()))));
+            let squares: f64 = pairs.iter().map(|&(x, d)| (s * d - x).powi(2)).sum();
+            let sammon: f64 = pairs.iter().map(|&(x, d)| (s * d - x).powi(2) / x).sum();
+            let total: f64 = pairs.iter().map(|p| p.0).sum();
+            prop_assert!(close(figures.stress_1, (squares / pairs.iter().map(|p| p.0 * p.0).sum::<f64>()).sqrt()));
+            prop_assert!(close(figures.sammon_stress, sammon / total));
+        }
+        prop_assert_eq!((distortion.raw.scale, distortion.pairs), (1.0, pairs.len()));
+        prop_assert!(close(distortion.mean_geodesic, mean(pairs.iter().map(|p| p.0))));
+        let (md, mx) = (mean(pairs.iter().map(|p| p.1)), mean(pairs.iter().map(|p| p.0)));
+        let product = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>();
+        let r = product(&|p| (p.0 - mx) * (p.1 - md))
+            / (product(&|p| (p.0 - mx).powi(2)) * product(&|p| (p.1 - md).powi(2))).sqrt();
+        prop_assert!((distortion.pearson_r - r).abs() < 1e-9);
+    }
+
+    #[test]
+    fn no_scale_is_better_than_the_best(uv in places(), stretch in 0.2..5.0f64) {
+        let rows = rows_of(&[0, 5, 9], &uv, |a, b| stretch * (1.0 + 0.4 * ((a * 7 + b * 13) as f64).sin()));
+        let best = judged(&uv, &rows).best_scale;
+        let pairs = pairs(&uv, &rows);
+        let error = |s: f64| mean(pairs.iter().map(|&(x, d)| (s * d - x).abs() / x));
+        // the objective is convex and piecewise linear: its least value is at one of its kinks
+        let least = pairs.iter().map(|&(x, d)| error(x / d)).fold(f64::INFINITY, f64::min);
+        prop_assert!(best.relative_error <= least + 1e-6, "{} > {}", best.relative_error, least);
+    }
+
+    #[test]
+    fn points_have_the_mean_of_their_pairs(uv in places()) {
+        let sources = [0, 4, 8];
+        let rows = rows_of(&sources, &uv, |a, b| 1.0 + 0.2 * ((a + 3 * b) as f64).cos());
+        let distortion = judged(&uv, &rows);
+        for (point, &value) in distortion.per_point.iter().enumerate() {
+            let errors = sources.iter().enumerate().filter(|&(_, &s)| s as usize != point).map(|(n, &s)| {
+                let delta = f64::from(rows.row(n)[point]);
+                let [x, y] = uv[s as usize];
+                ((uv[point][0] - x).hypot(uv[point][1] - y) - delta).abs() / delta
+            });
+            prop_assert!((value - mean(errors)).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
+    let uv: Vec<[f64; 2]> = (0..50).map(|n| [f64::from(n % 7) * 3.0, f64::from(n / 7) * 2.0]).collect();
+    let rows = rows_of(&[0, 20, 40], &uv, |_, _| 1.0);
+    let perfect = judged(&uv, &rows);
+    assert!(perfect.raw.relative_error < 1e-6 && (perfect.best_scale.scale - 1.0).abs() < 1e-6);
+    assert!(perfect.scatter.iter().all(|[delta, d]| (delta - d).abs() < 1e-5 && *delta > 0.0));
+    let doubled: Vec<[f64; 2]> = uv.iter().map(|p| p.map(|x| 2.0 * x)).collect();
+    let scaled = judged(&doubled, &rows);
+    assert!((scaled.raw.relative_error - 1.0).abs() < 1e-6);
+    assert!((scaled.best_scale.scale - 0.5).abs() < 1e-6 && scaled.best_scale.relative_error < 1e-6);
+}
+
+#[test]
+fn undefined_figures_are_nan() {
+    let uv = [[0.0, 0.0], [50.0, 0.0], [0.0, 60.0]];
+    let rows = rows_of(&[0], &uv, |_, _| 1.0);
+    let distortion = judged(&uv, &rows);
+    assert!(distortion.raw.relative_error_10mm.is_nan() && distortion.raw.relative_error_30mm.is_nan());
+    assert!(distortion.per_point[0].is_nan() && !distortion.per_point[1].is_nan());
+}
+
+/// Rows that are passed on a few at a time.
+struct Few<'a>(&'a DistanceRows, usize);
+
+impl Rows for Few<'_> {
+    fn sources(&self) -> &[u32] {
+        self.0.sources()
+    }
+
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    fn block_rows(&self) -> usize {
+        self.1
+    }
+
+    fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
+        (0..self.sources().len()).step_by(self.1).try_for_each(|first| {
+            let end = self.sources().len().min(first + self.1);
+            let rows: Vec<f32> = (first..end).flat_map(|n| self.0.row(n).to_vec()).collect();
+            visit(first, &rows)
+        })
+    }
+}
+
+/// Bit by bit; what is NaN on one side is so on the other.
+fn same(a: &Distortion, b: &Distortion) -> bool {
+    format!("{a:?}") == format!("{b:?}")
+}
+
+fn scattered(count: u32) -> Vec<[f64; 2]> {
+    let turn = |n: u32, step: f64| 40.0 * (f64::from(n) * step).fract();
+    (0..count).map(|n| [turn(n, 0.618_033_988), turn(n, 0.754_877_666)]).collect()
+}
+
+fn uneven(a: usize, b: usize) -> f64 {
+    1.0 + 0.3 * ((a * 31 + b * 17) as f64).sin() + 0.2 * (a as f64).cos()
+}
+
+#[test]
+fn blocks_threads_and_other_maps_change_no_bit() {
+    let uv = scattered(5000);
+    let other: Vec<[f64; 2]> = uv.iter().map(|[x, y]| [3.0 * x, y + 0.1 * x]).collect();
+    let sources: Vec<u32> = (0..37).map(|n| n * 101).collect();
+    let rows = rows_of(&sources, &uv, uneven);
+    let (expected, alone) = (judged(&uv, &rows), judged(&other, &rows));
+    assert!(!same(&expected, &alone));
+    for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let maps: [&[[f64; 2]]; 2] = [&other, &uv];
+        let found = pool.install(|| measure(&maps, &Few(&rows, block), 0, &Control::default()).unwrap());
+        assert!(same(&found[1], &expected));
+        assert!(same(&found[0], &alone));
+    }
+}
+
+#[test]
+fn the_best_scale_and_its_figures_are_those_of_brute_force() {
+    let uv = scattered(300);
+    let rows = rows_of(&(0..40).map(|n| 7 * n).collect::<Vec<u32>>(), &uv, |a, b| 0.4 * uneven(a, b));
+    let mut ratios: Vec<f64> = pairs(&uv, &rows).iter().map(|(delta, d)| delta / d).collect();
+    ratios.sort_by(f64::total_cmp);
+    let half = 0.5 * ratios.iter().map(|ratio| ratio.recip()).sum::<f64>();
+    let mut below = 0.0;
+    let scale = *ratios
+        .iter()
+        .find(|ratio| {
+            below += ratio.recip();
+            below >= half
+        })
+        .unwrap();
+    let best = judged(&uv, &rows).best_scale;
+    let mut sums = Sums::default();
+    pairs(&uv, &rows).iter().for_each(|(delta, d)| sums.add(*delta, scale * d));
+    let exact = sums.figures(scale);
+    for (found, exact) in [
+        (best.scale, exact.scale),
+        (best.relative_error, exact.relative_error),
+        (best.relative_error_0_5mm, exact.relative_error_0_5mm),
+        (best.absolute_error, exact.absolute_error),
+        (best.stress_1, exact.stress_1),
+        (best.sammon_stress, exact.sammon_stress),
+    ] {
+        assert!((found / exact - 1.0).abs() < 2e-6, "{found} {exact}");
+    }
+}
+
+#[test]
+fn standard_errors_are_those_of_theory() {
+    // all sources have as many pairs: the relative error is the mean of the sources' means
+    let uv = scattered(200);
+    let sources: Vec<u32> = (0..100).map(|n| 2 * n).collect();
+    let rows = rows_of(&sources, &uv, uneven);
+    let found = judged(&uv, &rows);
+    let of_source = |n: u32| mean(pairs(&uv, &rows)[199 * n as usize..][..199].iter().map(|(x, d)| (d - x).abs() / x));
+    let means: Vec<f64> = (0..100).map(of_source).collect();
+    let all = mean(means.iter().copied());
+    let variance = means.iter().map(|x| (x - all).powi(2)).sum::<f64>() / 99.0;
+    let theory = (variance / 100.0 * (1.0 - 100.0 / 200.0)).sqrt();
+    assert!((found.standard_error.raw.relative_error / theory - 1.0).abs() < 0.08);
+    let again = judged(&uv, &rows).standard_error.raw;
+    assert_eq!(again.stress_1.to_bits(), found.standard_error.raw.stress_1.to_bits());
+}
+
+#[test]
+fn standard_errors_of_all_points_and_of_one_source() {
+    let uv = scattered(30);
+    let all = judged(&uv, &rows_of(&(0..30).collect::<Vec<u32>>(), &uv, uneven)).standard_error;
+    assert_eq!((all.raw.relative_error, all.best_scale.stress_1, all.pearson_r), (0.0, 0.0, 0.0));
+    let one = judged(&uv, &rows_of(&[4], &uv, uneven)).standard_error;
+    assert!(one.raw.relative_error.is_nan() && one.mean_geodesic.is_nan());
+}
+
+#[test]
+fn a_map_in_one_place_has_no_best_scale() {
+    let uv = scattered(30);
+    let found = judged(&[[1.0, 2.0]; 30], &rows_of(&[3, 4], &uv, |_, _| 1.0));
+    assert_eq!(found.raw.relative_error, 1.0);
+    assert!(found.best_scale.scale.is_nan() && found.best_scale.stress_1.is_nan() && found.pearson_r.is_nan());
+}
