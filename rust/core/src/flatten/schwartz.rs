@@ -8,7 +8,7 @@ use crate::control::Control;
 use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::stress::levels::Convergence;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
@@ -51,8 +51,8 @@ pub struct Mapped {
 /// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
 ///
 /// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::NoSuchPoint`], [`Error::DuplicateSource`], [`Error::NotPlanar`],
-/// [`Error::Cancelled`].
+/// [`crate::Error::NotADisk`], [`crate::Error::TooFewPoints`], [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`],
+/// [`crate::Error::DuplicateSource`], [`crate::Error::NotPlanar`].
 ///
 /// # Panics
 /// If there is no start.
@@ -125,7 +125,7 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
 /// many.
 ///
 /// # Errors
-/// [`Error::Cancelled`].
+/// [`crate::Error::Cancelled`].
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
@@ -158,7 +158,7 @@ const WAVE_BYTES: u64 = 400;
 /// vertices.
 ///
 /// # Errors
-/// [`Error::Cancelled`].
+/// [`crate::Error::Cancelled`].
 pub fn memory_need(
     surface: &Surface,
     rings: Option<u32>,

@@ -1,4 +1,5 @@
 use super::*;
+use crate::error::Error;
 use crate::surface::mesh::shapes;
 use nalgebra::Vector3;
 
