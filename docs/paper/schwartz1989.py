@@ -3,6 +3,7 @@
 make paper-mapmaker
 """
 
+import io
 import logging
 import time
 from importlib.util import find_spec
@@ -11,11 +12,13 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pyvista as pv
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from PIL import Image
 from scipy.linalg import orthogonal_procrustes
 
 import voxflat
-from voxflat import figures
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
@@ -76,7 +79,7 @@ def hemisphere(radius=20.0):
     space, plane = figure.subplots(1, 2)
     show_space(space, flat_map, "a hemisphere", (0.6, -0.8, 0.45))
     show_flat(plane, flat_map, "flattened")
-    figures.save(figure, PICTURES / "mapmaker_hemisphere.png")
+    save(figure, "mapmaker_hemisphere.png")
 
 
 # -------------------------------------------------------------------------------------------- cortex
@@ -121,7 +124,7 @@ def same_map(cortex):
         axes[3].plot(flat_map.metadata["descent"]["energies"], color=CURVES[number], label=f"start {number + 1}")
     axes[3].set(xlabel="iteration", ylabel="stress", yscale="log", xlim=(0, 1.5 * max(steps)), title="descent")
     axes[3].legend(frameon=False)
-    figures.save(figure, PICTURES / "mapmaker_starts.png")
+    save(figure, "mapmaker_starts.png")
 
 
 def steps_to_end(energies):
@@ -164,10 +167,14 @@ def neighbourhoods(cortex):
         error, flipped = 100 * distortion.raw.relative_error, distortion.triangles.flipped
         print(f"{name:44}{100 * share:11.1f} %{best:10}{error:7.1f} %{flipped:13}{seconds:8.1f}", flush=True)
     print()
-    figure = Figure(figsize=(12, 4.3), layout="constrained")
-    for axes, name in zip(figure.subplots(1, 3), list(cases)[:2] + list(cases)[6:7], strict=True):
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    for axes, name in zip(
+        figure.subplots(1, 3),
+        ("nearest neighbours", "a tenth of the nodes", "a tenth, and 50 nodes to all (the default)"),
+        strict=True,
+    ):
         show_flat(axes, maps[name], name)
-    figures.save(figure, PICTURES / "mapmaker_neighbourhoods.png")
+    save(figure, "mapmaker_neighbourhoods.png")
 
 
 def striate(cortex):
@@ -186,23 +193,34 @@ def striate(cortex):
     usual = voxflat.flatten(surface, **patch)
     row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
-    figure = Figure(figsize=(10, 5), layout="constrained")
+    figure = Figure(figsize=(10, 5.2), layout="constrained")
     space, plane = figure.subplots(1, 2)
     show_space(space, flat_map, "occipital cortex from behind", (-0.35, -1.0, 0.15))
     show_flat(plane, flat_map, "flattened")
-    figures.save(figure, PICTURES / "mapmaker_cortex.png")
+    save(figure, "mapmaker_cortex.png")
 
 
 # ------------------------------------------------------------------------------------------ pictures
 
 
+def save(figure, name):
+    """Write a small picture: lines need few colours."""
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=110)
+        Image.open(drawn).convert("RGB").quantize(128).save(PICTURES / name, optimize=True)
+
+
 def show_flat(axes, flat_map, title, colour=SURFACE):
     """Draw a map's triangles, those that are turned over in another colour."""
     flipped = flat_map.distortion.triangles.is_flipped
-    axes.triplot(*flat_map.uv.T, flat_map.faces, color=colour, linewidth=0.5)
+    for chosen, edge, zorder in ((~flipped, colour, 1), (flipped, FLIPPED, 2)):
+        corners = flat_map.uv[flat_map.faces[chosen]]
+        axes.add_collection(
+            PolyCollection(corners, facecolor=(*to_rgb(edge), 0.1), edgecolor=edge, lw=0.5, zorder=zorder)
+        )
     if flipped.any():
-        axes.triplot(*flat_map.uv.T, flat_map.faces[flipped], color=FLIPPED, linewidth=0.7)
         title = f"{title}\n{flipped.sum()} triangles turned over (red)"
+    axes.autoscale()
     axes.set(title=title, aspect="equal", xlabel="mm")
 
 
@@ -214,7 +232,10 @@ def show_space(axes, flat_map, title, towards):
     plotter.add_mesh(mesh, color="#e8eef4", show_edges=True, edge_color=SURFACE, line_width=1.5, ambient=0.25)
     plotter.view_vector(towards, (0, 0, 1))
     plotter.camera.zoom(1.3)
-    axes.imshow(plotter.screenshot(return_img=True))
+    picture = plotter.screenshot(return_img=True)
+    drawn = (picture < 255).any(axis=2)
+    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
+    axes.imshow(picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
     axes.set_title(title)
     axes.set_axis_off()
 
