@@ -138,7 +138,7 @@ class TestFlatten:
         def record(stage, done, total):
             seen.add(stage)
 
-        mesh, _ = cylinder((41, 31))
+        mesh, _ = cylinder((31, 21))
         voxflat.flatten(mesh, **schwartz1989, neighbourhood=12, progress=record)
         assert {"measuring neighbourhoods", "moving points from a random start"} <= seen
         for last in ("measuring neighbourhoods", "moving points from a random start"):

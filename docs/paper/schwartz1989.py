@@ -207,7 +207,7 @@ def save(figure, name):
     """Write a small picture: lines need few colours."""
     with io.BytesIO() as drawn:
         figure.savefig(drawn, dpi=110)
-        Image.open(drawn).convert("RGB").quantize(128).save(PICTURES / name, optimize=True)
+        Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)
 
 
 def show_flat(axes, flat_map, title, colour=SURFACE):
