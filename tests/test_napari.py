@@ -463,7 +463,7 @@ def test_the_form_follows_the_kind_of_layer(open_widget):
 # --------------------------------------------------------------------------------------------- flattening
 
 
-@pytest.mark.parametrize("method", ["voxflat", "grossmann2002", "zigelman2002"])
+@pytest.mark.parametrize("method", ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989"])
 def test_result_is_that_of_the_library(open_widget, qtbot, method):
     labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
     viewer, widget = open_widget(

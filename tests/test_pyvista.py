@@ -125,7 +125,9 @@ def test_a_single_slice_of_voxels(in_cells):
     assert set(flat_map.points[:, 2]) == {5.0}
 
 
-@pytest.mark.parametrize(("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid())])
+@pytest.mark.parametrize(
+    ("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid()), ("schwartz1989", solid())]
+)
 def test_result_is_that_of_voxflat_flatten_on_the_array(method, volume):
     image = image_of(volume, name="other", **PLACES["rotated"])
     image["brain"] = 3 * image["other"] + 1

@@ -23,6 +23,7 @@ __all__ = [
     "places",
     "quiet",
     "region",
+    "rings",
     "sampling",
     "seed",
     "store",
@@ -61,6 +62,16 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
             f"{value!r} is no amount of memory; give bytes, or a number with K, M, G or T, like 4G."
         )
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+
+
+def rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
+    """Take an option's text as a number of rings, or as all."""
+    if value is None or value == "all":
+        return value
+    try:
+        return int(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} must be a number of rings, or all.") from None
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:

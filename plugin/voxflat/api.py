@@ -15,6 +15,7 @@ from voxflat import _core
 from voxflat._cutout import Cutout, cut_out
 from voxflat._distortion import Distortion
 from voxflat._errors import InputError
+from voxflat._mapmaker import Mapmaker, doubts
 from voxflat._prepare import (
     Prepared,
     Progress,
@@ -37,6 +38,8 @@ from voxflat.rows import DistanceRows, open_rows
 _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
 _SAMPLES = 625  # 25 x 25, as in the paper
+_LONG_RANGE = 50  # fewer leave more starts in a fold, more change little
+_METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989")
 _SAMPLINGS = ("decimation", "farthest", "random", "grid")
 _SOLVERS = ("graph", "marching", "exact")
 
@@ -62,6 +65,8 @@ def flatten(
     geodesic: str | None = None,
     weighting: float | None = None,
     link_lengths: str | None = None,
+    neighbourhood: int | str | None = None,
+    starts: int | None = None,
     seed: int = 0,
     keep_rows: bool = False,
     store: str | os.PathLike[str] | None = None,
@@ -76,12 +81,14 @@ def flatten(
     surface : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
         A label volume or an intensity volume (I, J, K) of any bool, integer or floating-point type and any strides, or
         a mesh of triangles in RAS+ mm; `voxflat.surface` makes a `Surface` of either, with more choices.
-    method : {"voxflat", "grossmann2002", "zigelman2002"}
+    method : {"voxflat", "grossmann2002", "zigelman2002", "schwartz1989"}
         "voxflat" works on triangles: straight links over the surface, then the map of least stress whose triangles keep
         their shape; none is turned over. "grossmann2002" works on the 26-neighbour graph of a volume's surface voxels:
         chain-code geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002). "zigelman2002"
         works on triangles: fast marching, classical scaling of what decimation leaves, and the rest re-inserted in
-        reverse order (Zigelman, Kimmel, Kiryati 2002).
+        reverse order (Zigelman, Kimmel, Kiryati 2002). "schwartz1989" works on triangles: exact distances within
+        neighbourhoods and from some sources, and from random starts Newton steps to the least of Sammon's stress; every
+        point takes part (Schwartz, Shaw, Wolfson 1989).
     label : int, optional
         Foreground is this label.
     threshold : float, optional
@@ -109,7 +116,9 @@ def flatten(
         forbids it.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
-        400, "grossmann2002": 1000, "zigelman2002": 625, or all points if there are fewer.
+        400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50, or all points if there are fewer. To
+        "schwartz1989" they are a sampling of long distances beside the neighbourhoods (Wolfson, Schwartz 1989); with 0
+        most starts end in a fold.
     sampling : {"farthest", "random", "decimation", "grid"}, optional
         How sources are chosen: evenly, each farthest from the others along the surface (the default), or at random.
         "zigelman2002" only: what decimation leaves (its default; vertices that cannot go without harm to the surface
@@ -123,6 +132,12 @@ def flatten(
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
+    neighbourhood : int or "all", optional
+        "schwartz1989" only. Distances from each point are kept to those that so many edges lead to, or to all. By
+        default as far as a tenth of the points, which the paper found to be enough, and a hundred if there are so many.
+    starts : int, optional
+        "schwartz1989" only. Random starts, of which the map of least stress is kept; by default 3, as in the paper.
+        ``metadata["starts"]`` is the stress of each.
     seed : int
         Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
     keep_rows : bool
@@ -149,6 +164,8 @@ def flatten(
     Cancelled
         If `progress` returned False.
     """
+    if method not in _METHODS:
+        raise InputError(f"method is {method!r}; give {', '.join(map(repr, _METHODS[:-1]))} or {_METHODS[-1]!r}")
     seed, threads = checked_seed(seed), checked_threads(threads)
     sampling = sampling or ("decimation" if method == "zigelman2002" else "farthest")
     how = _How(sources, sampling, seed, keep_rows, store, threads, memory_limit, progress)
@@ -156,6 +173,8 @@ def flatten(
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     if method != "voxflat":
         _refuse(method, geodesic=geodesic, weighting=weighting)
+    if method != "schwartz1989":
+        _refuse(method, neighbourhood=neighbourhood, starts=starts)
     if method == "grossmann2002":
         _refuse(method, drop=drop, polygon=polygon, cuts=cuts)
         prepared = prepare(
@@ -167,13 +186,14 @@ def flatten(
             progress=progress,
         )
         return _grossmann2002(prepared, how)
-    if method not in ("voxflat", "zigelman2002"):
-        raise InputError(f"method is {method!r}; give 'voxflat', 'grossmann2002' or 'zigelman2002'")
     _refuse(method, link_lengths=link_lengths)
-    if method == "zigelman2002":
+    if method != "voxflat":
         _refuse(method, store=store)
+    mapmaker = Mapmaker.checked(neighbourhood, starts)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
     cut = cut_out(whole, **patch, drop=drop, polygon=polygon, cuts=cuts, progress=progress)
+    if method == "schwartz1989":
+        return _schwartz1989(cut, how, mapmaker)
     if method == "zigelman2002":
         return _zigelman2002(cut, how)
     return _voxflat(cut, how, geodesic or "graph", 0.5 if weighting is None else weighting)
@@ -192,13 +212,15 @@ class _How:
     memory_limit: int | None
     progress: Progress | None
 
-    def check_memory(self, need: int, sources: int, points: int) -> int:
+    def check_memory(
+        self, need: int, sources: int, points: int, remedy: str = "take a smaller patch or fewer sources"
+    ) -> int:
         """Return the memory needed in all, if it is there."""
         if self.store is not None:
             need += _core.store_memory_need(points, sources, self.threads or os.cpu_count() or 1)
         elif self.keep_rows:
             need += 4 * sources * points
-        check_memory(need, self.memory_limit, "take a smaller patch or fewer sources")
+        check_memory(need, self.memory_limit, remedy)
         log.info("up to %s of memory are needed", amount(need))
         return need
 
@@ -259,6 +281,34 @@ def _zigelman2002(cut: Cutout, how: _How) -> FlatMap:
     return _over_triangles("zigelman2002", cut, how, result, need, rows, {"placed_by": placed_by})
 
 
+def _schwartz1989(cut: Cutout, how: _How, mapmaker: Mapmaker) -> FlatMap:
+    part = cut.part
+    if isinstance(how.sources, int | np.integer) and how.sources == 0:
+        if how.keep_rows:
+            raise InputError("sources is 0, so there are no rows to keep; give sources, or leave out keep_rows")
+        chosen = np.empty(0, dtype=np.uint32)
+    else:
+        chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LONG_RANGE)
+    rings = mapmaker.rings(part, how.progress)
+    threads = how.threads or os.cpu_count() or 1
+    need = part.core.schwartz1989_memory_need(rings, len(chosen), threads, how.progress)
+    kept = "among all" if rings is None else f"within {rings} rings of each"
+    remedy = "give a smaller neighbourhood or patch, or take the method 'voxflat'"
+    need = how.check_memory(need, len(chosen), len(part), f"distances {kept} of {len(part)} points are kept: {remedy}")
+    result = part.core.schwartz1989(rings, chosen, mapmaker.starts, how.seed, how.threads, how.progress)
+    if np.isnan(result["planarity"]):
+        result["planarity"] = None  # there were no sources
+    rows = part.core.rows(chosen, "exact", how.threads, how.progress) if how.keep_rows else None
+    energies, converged = result["convergence"]
+    told: dict[str, Any] = {
+        "neighbourhood": rings or "all",
+        "pairs": result["pairs"],
+        "starts": result["stresses"],
+        "descent": {"converged": converged, "energies": energies},
+    }
+    return _over_triangles("schwartz1989", cut, how, result, need, rows, told, doubts(result["stresses"]))
+
+
 def _over_triangles(
     method: str,
     cut: Cutout,
@@ -267,10 +317,11 @@ def _over_triangles(
     need: int,
     rows: NDArray[np.float32] | None,
     told: dict[str, Any],
+    doubts: Sequence[str] = (),
 ) -> FlatMap:
     """Return the map of a surface of triangles, with what the user should know of it."""
     part, chosen = cut.part, result["sources"]
-    warnings = list(cut.remarks)
+    warnings = [*cut.remarks, *doubts]
     of_triangles = part.core.measure(result["uv"], how.progress)
     distortion = Distortion.of(result["distortion"], of_triangles, "graph", voxel_size=part.voxel_size)
     if not told.get("descent", {"converged": True})["converged"]:

@@ -59,9 +59,10 @@ Examples:
 )
 @click.option(
     "--method",
-    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002"]),
+    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002", "schwartz1989"]),
     default="voxflat",
-    help="Over the triangles of a surface; or after the papers, over a volume's voxels or by fast marching.",
+    help="Over the triangles of a surface; or after the papers: over a volume's voxels, by fast marching, or by exact "
+    "distances from random starts.",
 )
 @_options.making
 @_options.volume
@@ -71,7 +72,8 @@ Examples:
     "--sources",
     type=int,
     metavar="N",
-    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000; zigelman2002: 625]",
+    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000; zigelman2002: 625; "
+    "schwartz1989: 50]",
 )
 @click.option(
     "--sampling",
@@ -93,6 +95,15 @@ Examples:
     "--link-lengths",
     type=click.Choice(["chain-code", "euclidean"]),
     help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
+)
+@click.option(
+    "--neighbourhood",
+    metavar="N|all",
+    callback=_options.rings,
+    help="schwartz1989: keep distances within N rings around each point, or all.  [default: a tenth of the points]",
+)
+@click.option(
+    "--starts", type=int, metavar="N", help="schwartz1989: random starts, the best of which is kept.  [default: 3]"
 )
 @_options.seed
 @_options.threads

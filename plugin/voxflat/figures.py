@@ -204,8 +204,15 @@ def spectrum(flat_map: FlatMap) -> Figure:
     -------
     matplotlib.figure.Figure
         The eigenvalues of the largest magnitude, by falling magnitude.
+
+    Raises
+    ------
+    InputError
+        If the map was made without sources, and so without a scaling.
     """
     values = flat_map.eigenvalues
+    if len(values) == 0:
+        raise InputError("the map was made without sources, so there are no eigenvalues; flatten with sources")
     used = np.argsort(-values)[:2]
     colours = np.where(values < 0, _NEGATIVE, _POSITIVE)
     colours[used] = _USED

@@ -29,6 +29,7 @@ _METHODS = {
     "voxflat": "voxflat: over triangles",
     "grossmann2002": "Grossmann et al. 2002: over voxels",
     "zigelman2002": "Zigelman et al. 2002: fast marching",
+    "schwartz1989": "Schwartz et al. 1989: random starts",
 }
 _PATCHES = {
     "disk": "disk around a seed point",

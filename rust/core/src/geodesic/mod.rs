@@ -7,6 +7,7 @@ pub mod engine;
 pub mod exact;
 pub mod graph;
 pub mod marching;
+pub mod neighbourhood;
 pub mod shortest;
 pub mod sweep;
 mod table;

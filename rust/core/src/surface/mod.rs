@@ -10,7 +10,7 @@ pub mod level;
 pub mod loops;
 pub mod mesh;
 pub mod nodes;
-mod paths;
+pub(crate) mod paths;
 pub mod positions;
 pub mod repair;
 pub mod sheets;

@@ -7,6 +7,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::flatten;
+use voxflat::flatten::schwartz::{self, Mapped, schwartz1989};
 use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
 use voxflat::geodesic::engine::Engine;
 use voxflat::rows::DistanceRows;
@@ -15,7 +16,7 @@ use voxflat::store::Store;
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
 use crate::convert;
-use crate::work::run;
+use crate::work::{InputError, run};
 
 #[pymethods]
 impl Surface {
@@ -111,5 +112,57 @@ impl Surface {
     /// The memory in bytes that flattening after Zigelman et al. needs at most.
     fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
         zigelman::memory_need(self.0.surface.len(), sources, threads)
+    }
+
+    /// Flattens after Schwartz et al., by exact distances within so many rings (None: of all pairs) and from sources (vertices),
+    /// from so many random starts.
+    #[pyo3(signature = (rings, sources, starts, seed, threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn schwartz1989<'py>(
+        &self,
+        py: Python<'py>,
+        rings: Option<u32>,
+        sources: PyReadonlyArray1<'py, u32>,
+        starts: u32,
+        seed: u64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        if starts == 0 {
+            return Err(InputError::new_err("starts is 0; give at least 1"));
+        }
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        let inner = Arc::clone(&self.0);
+        let Mapped { map, stresses, pairs } = run(py, threads, progress.as_ref(), move |control| {
+            let options = schwartz::Options { rings, sources: &sources, starts, seed };
+            schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
+        })?;
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("stresses", stresses)?;
+        dict.set_item("pairs", pairs)?;
+        Ok(dict)
+    }
+
+    /// The rings of a neighbourhood that flattening after Schwartz et al. needs, as the paper found.
+    #[pyo3(signature = (progress=None))]
+    fn schwartz1989_rings(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u32> {
+        let inner = Arc::clone(&self.0);
+        run(py, None, progress.as_ref(), move |control| schwartz::usual_rings(&inner.surface, control))
+    }
+
+    /// The memory in bytes that flattening after Schwartz et al. needs at most.
+    #[pyo3(signature = (rings, sources, threads, progress=None))]
+    fn schwartz1989_memory_need(
+        &self,
+        py: Python<'_>,
+        rings: Option<u32>,
+        sources: usize,
+        threads: usize,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<u64> {
+        let inner = Arc::clone(&self.0);
+        run(py, None, progress.as_ref(), move |control| {
+            schwartz::memory_need(&inner.surface, rings, sources, threads, control)
+        })
     }
 }

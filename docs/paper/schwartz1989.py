@@ -1,0 +1,244 @@
+"""Reproduce Schwartz, Shaw, Wolfson (1989): prints the paper's figures beside ours, writes pictures.
+
+make paper-mapmaker
+"""
+
+import io
+import logging
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pyvista as pv
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+from scipy.linalg import orthogonal_procrustes
+
+import voxflat
+
+ROOT = Path(__file__).resolve().parents[2]
+PICTURES = ROOT / "docs" / "pictures"
+
+STARTS = 20  # whose ends are compared
+SURFACE, FLIPPED = "#4477aa", "#cc3311"
+CURVES = ("#4477aa", "#ee7733", "#009988")
+
+
+def main():
+    """Print the table and write the pictures."""
+    matplotlib.use("Agg")
+    logging.getLogger("voxflat").setLevel(logging.ERROR)  # what it warns of is counted below
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    print(f"{'':76}{'paper':>10}{'ours':>26}")
+    hemisphere()
+    cortex = fsaverage5()
+    same_map(cortex)
+    neighbourhoods(cortex)
+    striate(cortex)
+    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
+
+
+def row(what, paper, ours):
+    """Print one line of the table."""
+    print(f"{what:76}{paper:>10}{ours:>26}", flush=True)
+
+
+def flatten(surface, **options):
+    """Flatten, and return the CPU seconds that it took as well."""
+    start = time.process_time()
+    flat_map = voxflat.flatten(surface, method="schwartz1989", **options)
+    return flat_map, time.process_time() - start
+
+
+def tell(flat_map):
+    """Print how well a map keeps distances."""
+    distortion = flat_map.distortion
+    row("  mean relative error of distances, %", "several", f"{100 * distortion.raw.relative_error:.2f}")
+    row("  triangles turned over", "", f"{distortion.triangles.flipped} of {len(flat_map.faces)}")
+
+
+# ---------------------------------------------------------------------------------------- hemisphere
+
+
+def hemisphere(radius=20.0):
+    """Figure 1: a hemispherical shell."""
+    sphere = pv.PlatonicSolid("octahedron").subdivide(4, "linear").clean()
+    directions = sphere.points / np.linalg.norm(sphere.points, axis=1, keepdims=True)
+    faces = sphere.regular_faces
+    used, faces = np.unique(faces[(directions[faces, 2] > -1e-6).all(axis=1)], return_inverse=True)
+    flat_map, seconds = flatten((radius * directions[used].astype(float), faces.reshape(-1, 3)))
+    row(f"figure 1: hemisphere of {len(flat_map)} nodes; CPU s of 3 starts", "", f"{seconds:.1f}")
+    row("  stress of the 3 starts", "", " ".join(f"{stress:.4f}" for stress in flat_map.metadata["starts"]))
+    tell(flat_map)
+    figure = Figure(figsize=(9, 4.4), layout="constrained")
+    space, plane = figure.subplots(1, 2)
+    show_space(space, flat_map, "a hemisphere", (0.6, -0.8, 0.45))
+    show_flat(plane, flat_map, "flattened")
+    save(figure, "mapmaker_hemisphere.png")
+
+
+# -------------------------------------------------------------------------------------------- cortex
+
+
+def fsaverage5():
+    """Return the left midthickness surface, and the number of the vertex farthest back: the occipital pole."""
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    white, pial = (str(folder / f"{name}_left.gii.gz") for name in ("white", "pial"))
+    surface = voxflat.surface(white, pial=pial)
+    return surface, int(surface.points[:, 1].argmin())
+
+
+def disk(cortex, nodes):
+    """Return the disk around the occipital pole that has about so many nodes."""
+    surface, pole = cortex
+    radii = np.arange(20.0, 80.0, 0.5)
+    distances = np.asarray(voxflat.geodesic(surface, [pole]).rows)[0]
+    radius = radii[np.abs([(distances <= radius).sum() - nodes for radius in radii]).argmin()]
+    return {"seed_point": pole, "radius": float(radius)}
+
+
+def same_map(cortex):
+    """Figure 2: three random starts end in the same map, up to a rotation and a reflection."""
+    surface, _ = cortex
+    patch = disk(cortex, 600)
+    sources = flatten(surface, **patch, starts=1)[0]
+    sources = sources.ids[sources.sources]
+    maps = [flatten(surface, **patch, neighbourhood=8, sources=sources, starts=1, seed=seed)[0] for seed in range(3)]
+    row(f"figure 2: occipital cortex, {len(maps[0])} nodes (paper: 600), 8 rings", "", "")
+    row("  stress of the 3 starts", "equal", " ".join(f"{m.metadata['starts'][0]:.5f}" for m in maps))
+    apart = max(procrustes(maps[0].uv, other.uv) for other in maps[1:])
+    row("  distance between the maps after rotation and reflection (RMS), mm", "0", f"{apart:.5f}")
+    steps = [steps_to_end(m.metadata["descent"]["energies"]) for m in maps]
+    row("  iterations until the stress is within 1 % of its end", "about 100", " ".join(map(str, steps)))
+    tell(maps[0])
+    figure = Figure(figsize=(9, 8.6), layout="constrained")
+    axes = figure.subplots(2, 2).ravel()
+    for number, flat_map in enumerate(maps):
+        show_flat(axes[number], flat_map, f"random start {number + 1}", CURVES[number])
+    for number, flat_map in enumerate(maps):
+        axes[3].plot(flat_map.metadata["descent"]["energies"], color=CURVES[number], label=f"start {number + 1}")
+    axes[3].set(xlabel="iteration", ylabel="stress", yscale="log", xlim=(0, 1.5 * max(steps)), title="descent")
+    axes[3].legend(frameon=False)
+    save(figure, "mapmaker_starts.png")
+
+
+def steps_to_end(energies):
+    """Return after how many iterations the stress stays within 1 % of the least."""
+    return int(np.flatnonzero(np.array(energies) > 1.01 * min(energies))[-1]) + 1
+
+
+def procrustes(uv, other):
+    """Return how far two maps are apart (RMS, mm) after the best rotation or reflection."""
+    uv, other = uv - uv.mean(axis=0), other - other.mean(axis=0)
+    turn, _ = orthogonal_procrustes(other, uv)
+    return float(np.sqrt(((other @ turn - uv) ** 2).sum(axis=1).mean()))
+
+
+def neighbourhoods(cortex):
+    """Short distances alone fold the map; how far they have to reach, and what a few long ones change."""
+    surface, _ = cortex
+    patch = disk(cortex, 600)
+    print(f"\n{'distances kept':44}{'of all pairs':>13}{'best of':>10}{'error':>9}{'turned over':>13}{'CPU s':>8}")
+    print(f"{'':57}{f'{STARTS} starts':>10}")
+    cases = {
+        "nearest neighbours": (1, 0),
+        "second neighbours": (2, 0),
+        "a tenth of the nodes": (None, 0),
+        "8 rings, as in figure 2": (8, 0),
+        "12 rings": (12, 0),
+        "nearest neighbours, and 50 nodes to all": (1, 50),
+        "a tenth, and 50 nodes to all (the default)": (None, 50),
+        "8 rings, and 50 nodes to all": (8, 50),
+        "all pairs": ("all", 0),
+    }
+    maps = {}
+    for name, (rings, sources) in cases.items():
+        flat_map, seconds = flatten(surface, **patch, neighbourhood=rings, sources=sources, starts=STARTS)
+        maps[name] = flat_map
+        stresses = np.array(flat_map.metadata["starts"])
+        share = flat_map.metadata["pairs"] / (len(flat_map) * (len(flat_map) - 1) / 2)
+        best = (stresses <= 1.01 * stresses.min()).sum()
+        distortion = flat_map.distortion
+        error, flipped = 100 * distortion.raw.relative_error, distortion.triangles.flipped
+        print(f"{name:44}{100 * share:11.1f} %{best:10}{error:7.1f} %{flipped:13}{seconds:8.1f}", flush=True)
+    print()
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    for axes, name in zip(
+        figure.subplots(1, 3),
+        ("nearest neighbours", "a tenth of the nodes", "a tenth, and 50 nodes to all (the default)"),
+        strict=True,
+    ):
+        show_flat(axes, maps[name], name)
+    save(figure, "mapmaker_neighbourhoods.png")
+
+
+def striate(cortex):
+    """Figure 3: a patch of 1200 nodes."""
+    surface, _ = cortex
+    patch = disk(cortex, 1200)
+    flat_map, seconds = flatten(surface, **patch)
+    metadata = flat_map.metadata
+    row(f"figure 3: occipital cortex, {len(flat_map)} nodes (paper: 1200); CPU of 3 starts", "20 h", f"{seconds:.1f} s")
+    row(
+        f"  {metadata['neighbourhood']} rings, 50 nodes to all: stress of the 3 starts",
+        "equal",
+        " ".join(f"{stress:.5f}" for stress in metadata["starts"]),
+    )
+    tell(flat_map)
+    usual = voxflat.flatten(surface, **patch)
+    row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
+    row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
+    figure = Figure(figsize=(10, 5.2), layout="constrained")
+    space, plane = figure.subplots(1, 2)
+    show_space(space, flat_map, "occipital cortex from behind", (-0.35, -1.0, 0.15))
+    show_flat(plane, flat_map, "flattened")
+    save(figure, "mapmaker_cortex.png")
+
+
+# ------------------------------------------------------------------------------------------ pictures
+
+
+def save(figure, name):
+    """Write a small picture: lines need few colours."""
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=110)
+        Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)
+
+
+def show_flat(axes, flat_map, title, colour=SURFACE):
+    """Draw a map's triangles, those that are turned over in another colour."""
+    flipped = flat_map.distortion.triangles.is_flipped
+    for chosen, edge, zorder in ((~flipped, colour, 1), (flipped, FLIPPED, 2)):
+        corners = flat_map.uv[flat_map.faces[chosen]]
+        axes.add_collection(
+            PolyCollection(corners, facecolor=(*to_rgb(edge), 0.1), edgecolor=edge, lw=0.5, zorder=zorder)
+        )
+    if flipped.any():
+        title = f"{title}\n{flipped.sum()} triangles turned over (red)"
+    axes.autoscale()
+    axes.set(title=title, aspect="equal", xlabel="mm")
+
+
+def show_space(axes, flat_map, title, towards):
+    """Draw the surface as a wire frame over its faces."""
+    faces = np.column_stack([np.full(len(flat_map.faces), 3), flat_map.faces])
+    mesh = pv.PolyData(flat_map.points, faces.ravel())
+    plotter = pv.Plotter(off_screen=True, window_size=(1100, 1000))
+    plotter.add_mesh(mesh, color="#e8eef4", show_edges=True, edge_color=SURFACE, line_width=1.5, ambient=0.25)
+    plotter.view_vector(towards, (0, 0, 1))
+    plotter.camera.zoom(1.3)
+    picture = plotter.screenshot(return_img=True)
+    drawn = (picture < 255).any(axis=2)
+    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
+    axes.imshow(picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
+    axes.set_title(title)
+    axes.set_axis_off()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+//! Sammon's stress, made less by Newton steps along each coordinate.
+//!
+//! Schwartz, Shaw and Wolfson (1989), equation 1: over pairs at the geodesic distance δ and the flat distance d,
+//!
+//!   L = (1/Σδ) Σ (d − δ)²/δ.
+//!
+//! Every point moves against its gradient, each coordinate divided by the magnitude of its second derivative (the Hessian's
+//! diagonal) and multiplied by a factor μ, all points at once (Sammon 1969, whose "magic factor" it is). A coordinate with hardly
+//! any curvature takes a leap. Leaps make the stress rise at times; they also lead out of folds.
+
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::geodesic::neighbourhood::{Near, Neighbourhoods};
+
+/// Sammon's magic factor: "about 0.3 or 0.4".
+const FACTOR: f64 = 0.35;
+
+/// The least curvature, as a part of that which a point has when it is far from all others: bounds the leaps.
+const LEAST_CURVATURE: f64 = 1e-3;
+
+/// Most steps from one start.
+pub const MOST_STEPS: usize = 1500;
+
+/// Steps over which the stress is judged, and the part of it by which it changes at most at the end.
+const JUDGED: usize = 20;
+const SETTLED: f64 = 1e-5;
+
+/// Vertices that are visited together.
+const BATCH: usize = 32;
+
+/// Two points are no nearer than this part of their geodesic distance, lest their direction be undefined.
+const NEAREST: f64 = 1e-9;
+
+/// The stress of one point's pairs, Σ (d − δ)²/δ, with the derivatives by its own place.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Pull {
+    /// Σ (d − δ)²/δ, mm.
+    pub stress: f64,
+    /// Half its gradient.
+    pub gradient: [f64; 2],
+    /// Half its second derivatives, 1/mm.
+    pub curvature: [f64; 2],
+    /// Σ 1/δ, 1/mm: half the curvature of a point that is far away from all others.
+    pub stiffness: f64,
+}
+
+impl Pull {
+    /// Of a point's pairs, with all points at `uv`.
+    pub fn of(vertex: usize, near: &[Near], uv: &[[f64; 2]]) -> Self {
+        let [x, y] = uv[vertex];
+        let mut pull = Self::default();
+        for &Near { vertex, distance } in near {
+            let delta = f64::from(distance);
+            let (dx, dy) = (x - uv[vertex as usize][0], y - uv[vertex as usize][1]);
+            let square = dx * dx + dy * dy;
+            let flat = square.sqrt().max(NEAREST * delta);
+            let (weight, error) = (delta.recip(), flat - delta);
+            pull.stress += weight * error * error;
+            let along = weight * error / flat;
+            pull.gradient[0] += along * dx;
+            pull.gradient[1] += along * dy;
+            let across = (flat * flat * flat).recip();
+            pull.curvature[0] += weight - dy * dy * across;
+            pull.curvature[1] += weight - dx * dx * across;
+            pull.stiffness += weight;
+        }
+        pull
+    }
+
+    /// Where the point goes from its place.
+    fn step(&self, place: [f64; 2]) -> [f64; 2] {
+        let least = LEAST_CURVATURE * self.stiffness;
+        std::array::from_fn(|axis| {
+            let curvature = self.curvature[axis].abs().max(least);
+            let moved = place[axis] - FACTOR * self.gradient[axis] / curvature;
+            if moved.is_finite() { moved } else { place[axis] } // a point without pairs stays
+        })
+    }
+}
+
+/// Sammon's stress of a map: 0 if it keeps all distances of pairs.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn stress(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<f64> {
+    Ok(step(pairs, uv, control)?.0)
+}
+
+/// The stress of a map, and where its points go.
+fn step(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<(f64, Vec<[f64; 2]>)> {
+    let mut moved = vec![[0.0; 2]; uv.len()];
+    let of_batch = |(batch, moved): (usize, &mut [[f64; 2]])| {
+        control.check()?;
+        let mut sum = 0.0;
+        for (vertex, moved) in (batch * BATCH..).zip(moved) {
+            let pull = Pull::of(vertex, pairs.of_vertex(vertex), uv);
+            sum += pull.stress;
+            *moved = pull.step(uv[vertex]);
+        }
+        Ok(sum)
+    };
+    let sums: Vec<f64> = moved.par_chunks_mut(BATCH).enumerate().map(of_batch).collect::<Result<_>>()?;
+    Ok((sums.iter().sum::<f64>() / pairs.total(), moved))
+}
+
+/// What descent from a start came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Descended {
+    /// The map of least stress on the way, mm.
+    pub uv: Vec<[f64; 2]>,
+    /// Its stress.
+    pub least: f64,
+    /// The stress at the start and after every step.
+    pub stresses: Vec<f64>,
+    /// It ended because the stress did not change any more.
+    pub converged: bool,
+}
+
+/// Moves a map until its stress does not change any more.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) -> Result<Descended> {
+    let mut found = Descended { uv: Vec::new(), least: f64::INFINITY, stresses: Vec::new(), converged: false };
+    let mut uv = start;
+    while found.stresses.len() <= MOST_STEPS && !found.converged {
+        let (stress, moved) = step(pairs, &uv, control)?;
+        found.stresses.push(stress);
+        if stress < found.least || found.uv.is_empty() {
+            found.least = stress;
+            found.uv.clone_from(&uv);
+        }
+        found.converged = is_settled(&found.stresses);
+        uv = moved;
+        control.advance();
+    }
+    Ok(found)
+}
+
+/// Did the stress hardly change over the last steps?
+fn is_settled(stresses: &[f64]) -> bool {
+    let Some(first) = stresses.len().checked_sub(JUDGED) else { return false };
+    let least = stresses[first..].iter().copied().fold(f64::INFINITY, f64::min);
+    let most = stresses[first..].iter().copied().fold(0.0, f64::max);
+    most - least <= SETTLED * most || most < f64::from(f32::EPSILON).powi(2) // distances are f32
+}
+
+#[cfg(test)]
+mod tests;

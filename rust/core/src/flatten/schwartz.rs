@@ -1,0 +1,181 @@
+//! Flattening after Schwartz, Shaw and Wolfson (1989): the generalised mapmaker's problem.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::{FlatMap, REFERENCE_SOURCES, check_disk, judge, map_area};
+use crate::control::Control;
+use crate::embed::classical::classical_scaling;
+use crate::embed::sammon::{self, Descended, MOST_STEPS};
+use crate::embed::stress::levels::Convergence;
+use crate::error::Result;
+use crate::geodesic::engine::Engine;
+use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
+use crate::orient::orient;
+use crate::rows::DistanceRows;
+use crate::sources::{FEWEST_SOURCES, Sources};
+use crate::surface::Surface;
+
+/// The part of the surface that a neighbourhood covers: "roughly 10 percent of the surface area of the entire problem".
+const PATCH: f64 = 0.1;
+
+/// Vertices of a neighbourhood at least, where the surface has so many: of small surfaces a tenth is little.
+const SMALLEST_PATCH: f64 = 100.0;
+
+/// Which distances are kept, and from where descent begins.
+#[derive(Debug, Clone)]
+pub struct Options<'a> {
+    /// Rings of a neighbourhood; None for all pairs of vertices.
+    pub rings: Option<u32>,
+    /// Vertices whose distances to all others are kept, too.
+    pub sources: &'a [u32],
+    /// Random starts; the map of least stress is kept.
+    pub starts: u32,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+/// A flat map, and what the starts came to.
+#[derive(Debug, Clone)]
+pub struct Mapped {
+    /// The map of least stress.
+    pub map: FlatMap,
+    /// The stress that each start ended with.
+    pub stresses: Vec<f64>,
+    /// How many distances were kept.
+    pub pairs: usize,
+}
+
+/// Flattens a disk after Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a few sources, and from
+/// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
+///
+/// # Errors
+/// [`crate::Error::NotADisk`], [`crate::Error::TooFewPoints`], [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`],
+/// [`crate::Error::DuplicateSource`], [`crate::Error::NotPlanar`].
+///
+/// # Panics
+/// If there is no start.
+pub fn schwartz1989(
+    surface: &Surface,
+    graph: &GeodesicGraph,
+    options: &Options<'_>,
+    control: &Control,
+) -> Result<Mapped> {
+    check_disk(surface)?;
+    let sources = Sources::Given(options.sources.iter().map(|&v| v as usize).collect()).choose(graph, control)?;
+    let pairs = Neighbourhoods::measure(surface, options.rings, &sources, control)?;
+    let (eigenvalues, planarity) = spectrum(&pairs, &sources)?;
+    let (best, stresses) = best_of_starts(surface, &pairs, options, control)?;
+    let Descended { mut uv, stresses: energies, converged, .. } = best;
+    orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
+    let (kept, convergence) = (pairs.pairs(), Some(Convergence { energies, converged }));
+    drop(pairs);
+    let distortion =
+        judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, options.seed, control)?;
+    let map = FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence };
+    Ok(Mapped { map, stresses, pairs: kept })
+}
+
+/// Descends from every start, and returns the descent to the least stress and what all of them came to.
+fn best_of_starts(
+    surface: &Surface,
+    pairs: &Neighbourhoods,
+    options: &Options<'_>,
+    control: &Control,
+) -> Result<(Descended, Vec<f64>)> {
+    let side = surface.areas().iter().sum::<f64>().sqrt();
+    let mut best: Option<Descended> = None;
+    let mut stresses = Vec::new();
+    for start in 0..options.starts {
+        control.begin("moving points from a random start", MOST_STEPS as u64 + 1);
+        let found = sammon::descend(pairs, scattered(surface.len(), side, options.seed, start), control)?;
+        stresses.push(found.least);
+        if best.as_ref().is_none_or(|best| found.least < best.least) {
+            best = Some(found);
+        }
+    }
+    Ok((best.expect("there is a start"), stresses))
+}
+
+/// Places spread at random over a square, mm.
+fn scattered(points: usize, side: f64, seed: u64, start: u32) -> Vec<[f64; 2]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(u64::from(start));
+    (0..points).map(|_| std::array::from_fn(|_| side * (rng.random::<f64>() - 0.5))).collect()
+}
+
+/// How planar the distances among the sources are; NaN where there are too few.
+fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> {
+    if sources.len() < FEWEST_SOURCES {
+        return Ok((Vec::new(), f64::NAN));
+    }
+    let mut among = Vec::with_capacity(sources.len() * sources.len());
+    for &source in sources {
+        let row = pairs.of_vertex(source as usize);
+        let distance =
+            |other: &u32| row.binary_search_by_key(other, |near| near.vertex).map_or(0.0, |n| row[n].distance);
+        among.extend(sources.iter().map(distance));
+    }
+    let scaling = classical_scaling(&DistanceRows::new(sources.to_vec(), sources.len(), among))?;
+    Ok((scaling.eigenvalues, scaling.planarity))
+}
+
+/// The least number of rings with which neighbourhoods cover a tenth of the vertices on average, and a hundred if there are so
+/// many.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
+    control.begin("counting neighbours", 1);
+    let vertices = surface.len() as f64;
+    let wanted = (PATCH * vertices).max(SMALLEST_PATCH.min(vertices));
+    let mut rings = 1;
+    // neighbourhoods are small beside the surface: no need to go on to its far end
+    for most in std::iter::successors(Some(16), |most| Some(2 * most)) {
+        let sizes = sizes_of_rings(surface, Some(most), control)?;
+        rings = sizes.len().max(1) as u32;
+        if let Some(enough) = sizes.iter().position(|&size| size >= wanted) {
+            return Ok(enough as u32 + 1);
+        }
+        if sizes.len() < most as usize {
+            break;
+        }
+    }
+    Ok(rings)
+}
+
+/// What a distance needs, from both of its ends, bytes: as it is measured, and as it is merged.
+const PAIR_BYTES: f64 = 2.0 * 16.0;
+
+/// What a vertex needs beside its distances, bytes: exact geometry, starts, maps.
+const VERTEX_BYTES: u64 = 1500;
+
+/// What exact distances need of a vertex for each thread, bytes.
+const WAVE_BYTES: u64 = 400;
+
+/// The memory in bytes that [`schwartz1989`] needs at most beside the surface's input; neighbourhoods are counted around some
+/// vertices.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn memory_need(
+    surface: &Surface,
+    rings: Option<u32>,
+    sources: usize,
+    threads: usize,
+    control: &Control,
+) -> Result<u64> {
+    let points = surface.len();
+    let near = match rings {
+        Some(_) => sizes_of_rings(surface, rings, control)?.last().copied().unwrap_or(1.0),
+        None => points as f64,
+    };
+    let near = (1.05 * near + 2.0 * sources as f64).min(points as f64); // of a sample
+    let pairs = 0.5 * near * points as f64;
+    let others = super::surface_memory_need(points, REFERENCE_SOURCES, threads, false);
+    Ok(others + (PAIR_BYTES * pairs) as u64 + (VERTEX_BYTES + WAVE_BYTES * threads as u64) * points as u64)
+}
+
+#[cfg(test)]
+mod tests;

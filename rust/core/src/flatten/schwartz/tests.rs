@@ -1,0 +1,108 @@
+use super::*;
+use crate::error::Error;
+use crate::surface::mesh::shapes;
+use nalgebra::Vector3;
+
+/// Three quarters of a cylinder, unrolled 16 by 24 mm.
+fn cylinder() -> Surface {
+    let surface = shapes::surface(shapes::sheet(16, 24));
+    let radius = 24.0 / (1.5 * std::f64::consts::PI);
+    let curled = |p: &Vector3<f64>| {
+        let (sin, cos) = (p.y / radius).sin_cos();
+        Vector3::new(p.x, radius * sin, radius * cos)
+    };
+    surface.moved(surface.points().iter().map(curled).collect()).unwrap()
+}
+
+fn flattened(surface: &Surface, options: &Options<'_>) -> Result<Mapped> {
+    let control = Control::default();
+    schwartz1989(surface, &GeodesicGraph::new(surface, &control)?, options, &control)
+}
+
+fn evenly(surface: &Surface, step: usize) -> Vec<u32> {
+    (0..surface.len() as u32).step_by(step).collect()
+}
+
+fn turned_over(surface: &Surface, uv: &[[f64; 2]]) -> usize {
+    surface.faces().iter().filter(|&&face| map_area(&[face], uv) <= 0.0).count()
+}
+
+#[test]
+fn a_cylinder_is_unrolled_whatever_the_neighbourhood() {
+    let surface = cylinder();
+    let sources = evenly(&surface, 9);
+    for (rings, sources) in [(None, &[][..]), (Some(4), &sources), (Some(1), &sources)] {
+        let Mapped { map, stresses, pairs } =
+            flattened(&surface, &Options { rings, sources, starts: 2, seed: 4 }).unwrap();
+        assert!(map.distortion.raw.relative_error < 0.01, "{rings:?}: {}", map.distortion.raw.relative_error);
+        assert_eq!(turned_over(&surface, &map.uv), 0);
+        assert_eq!(stresses.len(), 2);
+        let convergence = map.convergence.unwrap();
+        let least = convergence.energies.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(convergence.converged && least == stresses[0].min(stresses[1]));
+        assert_eq!(map.sources, sources);
+        assert_eq!(map.eigenvalues.is_empty(), sources.is_empty());
+        assert!(sources.is_empty() || map.planarity > 0.999);
+        assert!(rings.is_some() || pairs == surface.len() * (surface.len() - 1) / 2);
+    }
+}
+
+#[test]
+fn short_distances_alone_fold() {
+    let surface = cylinder();
+    let short = flattened(&surface, &Options { rings: Some(1), sources: &[], starts: 3, seed: 0 }).unwrap();
+    assert!(short.map.distortion.raw.relative_error > 0.1);
+    assert!(turned_over(&surface, &short.map.uv) > surface.faces().len() / 20);
+}
+
+#[test]
+fn a_map_is_seen_from_outside_whatever_the_start() {
+    let sphere = shapes::surface(shapes::sphere(3));
+    let upper: Vec<bool> = sphere.points().iter().map(|p| p.z >= -1e-9).collect();
+    let half = sphere.part_of_vertices(&upper);
+    for seed in 0..6 {
+        let found = flattened(&half, &Options { rings: None, sources: &[], starts: 1, seed }).unwrap();
+        assert!(map_area(half.faces(), &found.map.uv) > 0.0);
+        assert_eq!(turned_over(&half, &found.map.uv), 0);
+    }
+}
+
+#[test]
+fn usual_neighbourhoods_hold_a_tenth_and_a_hundred() {
+    let control = Control::default();
+    let enough = |surface: &Surface, wanted: f64| {
+        let rings = usual_rings(surface, &control).unwrap();
+        let sizes = sizes_of_rings(surface, None, &control).unwrap();
+        assert!(sizes[rings as usize - 1] >= wanted);
+        assert!(rings == 1 || sizes[rings as usize - 2] < wanted);
+    };
+    let large = shapes::surface(shapes::sheet(69, 29)); // counted around some of them
+    enough(&large, 210.0);
+    enough(&cylinder(), 100.0);
+    let long = shapes::surface(shapes::sheet(300, 1)); // a hundred are far away
+    enough(&long, 100.0);
+    let small = shapes::surface(shapes::sheet(3, 2));
+    enough(&small, 12.0);
+}
+
+#[test]
+fn what_cannot_be_flattened_is_refused() {
+    let options = Options { rings: Some(3), sources: &[], starts: 1, seed: 0 };
+    let closed = shapes::surface(shapes::sphere(2));
+    assert!(matches!(flattened(&closed, &options).unwrap_err(), Error::NotADisk { .. }));
+    let surface = cylinder();
+    let points = surface.len();
+    let refused = |sources| flattened(&surface, &Options { sources, ..options.clone() }).unwrap_err();
+    assert_eq!(refused(&[425]), Error::NoSuchPoint { vertex: 425, points });
+    assert_eq!(refused(&[4, 5, 4]), Error::DuplicateSource { vertex: 4 });
+}
+
+#[test]
+fn more_distances_need_more_memory() {
+    let surface = cylinder();
+    let control = Control::default();
+    let need = |rings, sources| memory_need(&surface, rings, sources, 2, &control).unwrap();
+    assert!(need(Some(2), 0) < need(Some(5), 0) && need(Some(5), 0) < need(Some(5), 20));
+    assert!(need(Some(5), 20) < need(None, 0) && need(None, 0) == need(None, 20));
+    assert!(need(None, 0) > 16 * (surface.len() as u64).pow(2));
+}
