@@ -3,7 +3,8 @@
 The way through: `surface` makes a `Surface` of a label volume or a mesh, `range_image` one of depths; `flatten` takes
 it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give
 the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
-whatever tool, and `compare` several of them.
+whatever tool, and `compare` several of them. `patches` flattens a surface of any topology in pieces, as a `FlatAtlas`,
+with bounds of the distortion that are proven.
 """
 
 from voxflat._check import Check, check
@@ -16,19 +17,24 @@ from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
 from voxflat._texture import TexturedSurface
 from voxflat.api import flatten, geodesic
+from voxflat.atlas import Certificate, FlatAtlas, FlatPatch, Plane, patches
 from voxflat.flatmap import FlatMap, load
 from voxflat.rows import DistanceRows, open_rows
 
 __all__ = [
     "Cancelled",
+    "Certificate",
     "Check",
     "Comparison",
     "DistanceRows",
     "Distortion",
     "Figures",
+    "FlatAtlas",
     "FlatMap",
+    "FlatPatch",
     "InputError",
     "Path",
+    "Plane",
     "StandardErrors",
     "Surface",
     "TexturedSurface",
@@ -42,6 +48,7 @@ __all__ = [
     "load",
     "measure",
     "open_rows",
+    "patches",
     "path",
     "range_image",
     "surface",

@@ -89,6 +89,15 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> list[dict[str, Any]]: ...
+    def patches(
+        self,
+        limit: str,
+        value: float,
+        seeds: str,
+        seed: int,
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> dict[str, Any]: ...
     def zigelman2002(
         self,
         count: int,

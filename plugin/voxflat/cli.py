@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `path`, `rows`, `measure`, `image`, `texture` and `demo`.
+"""The command line, `voxflat`: `flatten`, `check`, `surface`, `path`, `rows`, `measure`, `patches`, `image`, ...
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -6,7 +6,6 @@ Exit status: 0 success; 1 the input cannot be used, the work failed or was cance
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -16,11 +15,12 @@ import click
 import numpy as np
 
 import voxflat
-from voxflat import _options
+from voxflat import _atlascli, _options
 from voxflat._console import Bars, Program, bars
 from voxflat._distortion import json_ready
 from voxflat._errors import InputError
 from voxflat._options import FILE
+from voxflat._output import check_output
 from voxflat._prepare import log
 from voxflat.flatmap import MAP_ENDINGS, FlatMap
 from voxflat.io import atomic_path, write_volume
@@ -120,7 +120,7 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
     volume must have a single label. Without a patch the largest component is flattened; what is no disk is cut open,
     and that is said.
     """
-    _check_output(output, MAP_ENDINGS, (input_, options["keep"], options["drop"]))
+    check_output(output, MAP_ENDINGS, (input_, options["keep"], options["drop"]))
     with bars(quiet) as shown:
         source = _source(input_, options, shown)
         flat_map = voxflat.flatten(source, progress=shown.progress, **options)
@@ -208,7 +208,7 @@ def surface(input_: Path, output: Path, repaired: Path | None, memory_limit: int
 
     Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
     """
-    _check_output(output, (), (input_,))
+    check_output(output, (), (input_,))
     with bars() as shown:
         made = _surface(input_, making, memory_limit, shown)
         for remark in made.remarks:
@@ -254,7 +254,7 @@ def path(input_: Path, stops: list[Any], output: Path | None, as_json: bool, **o
     if output is not None:
         if options["geodesic"] == "exact":
             raise click.UsageError("An exact path crosses triangles, no cut can: give --geodesic edges with -o.")
-        _check_output(output, (), (input_,))
+        check_output(output, (), (input_,))
     with bars() as shown:
         found = voxflat.path(_source(input_, options, shown), *stops, **options)
     if output is not None:
@@ -306,7 +306,7 @@ def measure(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
     if heat_maps is not None:
         from voxflat import figures  # brings in matplotlib
 
-        _check_output(heat_maps, (".png", ".pdf", ".svg"), (surface_, *flat))
+        check_output(heat_maps, (".png", ".pdf", ".svg"), (surface_, *flat))
     with bars() as shown:
         source = _source(surface_, options, shown)
         compared = voxflat.compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **options)
@@ -325,6 +325,9 @@ def _short_names(paths: Sequence[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     raise click.UsageError("A FLAT is given twice.")
+
+
+main.add_command(_atlascli.patches)
 
 
 @main.command(
@@ -430,7 +433,7 @@ def image(
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or depth is not None):
         raise click.UsageError("--interpolation and --depth are for --volume.")
-    _check_output(output, _picture.ENDINGS, (map_, volume))
+    check_output(output, _picture.ENDINGS, (map_, volume))
     flat_map = voxflat.load(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
@@ -477,7 +480,7 @@ def texture(map_: Path, picture: Path, output: Path, texel_size: float | None, r
     """
     from voxflat._texturefiles import TEXTURED_ENDINGS  # brings in Pillow
 
-    _check_output(output, TEXTURED_ENDINGS, (map_, picture))
+    check_output(output, TEXTURED_ENDINGS, (map_, picture))
     textured = voxflat.load(map_).textured(picture, texel_size, repeat=repeat)
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
@@ -510,25 +513,6 @@ def demo(output: Path) -> None:
         if error.name and error.name.startswith("voxflat"):
             raise
         raise InputError(f"the demo needs {error.name}: pip install 'voxflat[demo]'") from error
-
-
-# ------------------------------------------------------------------------- what is said before and meanwhile
-
-
-def _check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | None]) -> None:
-    """Find out before the long work whether its result can be written."""
-    if endings and not path.name.lower().endswith(tuple(endings)):
-        raise InputError(f"cannot write {path}: its name must end in {' or '.join(endings)}")
-    for other in inputs:
-        if other is not None and path.exists() and other.exists() and path.samefile(other):
-            raise InputError(f"cannot write {path}: it is an input; choose another name")
-    try:
-        if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
 
 
 # ------------------------------------------------------------------------------------ what is said afterwards

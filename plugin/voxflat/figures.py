@@ -1,8 +1,8 @@
-"""Figures of flat maps: `scatter`, `heat_map(s)`, `flat_image` and `spectrum` by matplotlib, `patch_3d` by PyVista.
+"""Figures of flat maps: `scatter`, `heat_map(s)`, `flat_image`, `spectrum` and `patch_3d`; of atlases `atlas_page`, `atlas_3d`.
 
-All but the last return a `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they
-work without a screen, in threads, and beside the user's own figures. `patch_3d` returns a picture, which `save_picture`
-writes.
+The two in space return a picture, which `save_picture` writes, drawn by PyVista. The others return a
+`matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
+threads, and beside the user's own figures.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from voxflat._atlaspictures import atlas_3d, atlas_page
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage
 from voxflat._foreground import foreground
@@ -37,7 +38,18 @@ if TYPE_CHECKING:
 
     from voxflat._judge import Comparison
 
-__all__ = ["flat_image", "heat_map", "heat_maps", "patch_3d", "save", "save_picture", "scatter", "spectrum"]
+__all__ = [
+    "atlas_3d",
+    "atlas_page",
+    "flat_image",
+    "heat_map",
+    "heat_maps",
+    "patch_3d",
+    "save",
+    "save_picture",
+    "scatter",
+    "spectrum",
+]
 
 _ERRORS = "inferno"  # the colours of distortion, in the plane and in space
 _ERROR_LABEL = "mean relative error of distances (%)"

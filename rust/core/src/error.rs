@@ -148,6 +148,15 @@ pub enum Error {
     )]
     NoCell { sources: usize },
 
+    #[error("the angle is {angle}°: give one from {least}° to {most}°")]
+    AngleOutOfRange { angle: f64, least: f64, most: f64 },
+
+    #[error("the bound C is {bound}: give one from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
+    BoundOutOfRange { bound: f64, least: f64, most: f64 },
+
+    #[error("{count} patches are too few for this surface: even where they may be tilted by {most}° it takes {least}")]
+    TooFewPatches { count: usize, least: usize, most: f64 },
+
     #[error("a polygon has at least 3 corners; {corners} are given")]
     FewCorners { corners: usize },
 

@@ -4,6 +4,7 @@ mod cuts;
 mod distances;
 mod maps;
 pub mod measure;
+mod patches;
 mod solvers;
 
 use std::sync::{Arc, Mutex};

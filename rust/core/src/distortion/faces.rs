@@ -172,6 +172,11 @@ fn in_chunks<T: Sync, U: Copy + Send>(
     Ok(items.par_chunks(CHUNK).map(of_chunk).collect::<Result<Vec<Vec<U>>>>()?.concat())
 }
 
+/// σ1 and σ2 of the affine map between a triangle on the surface and one in the plane; NaN where it is undefined.
+pub(crate) fn stretch_of(points: [Vector3<f64>; 3], places: [[f64; 2]; 3]) -> [f64; 2] {
+    Triangle::of(points, places.map(|[u, v]| Vector3::new(u, v, 0.0))).stretch
+}
+
 /// One triangle on the surface and in the plane.
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
@@ -205,7 +210,7 @@ impl Triangle {
 
 /// The normal of a triangle, as long as twice its area; zero if it is no longer than what rounding leaves of zero, NaN if a
 /// corner is not finite.
-fn doubled_area(corners: &[Vector3<f64>; 3]) -> Vector3<f64> {
+pub(crate) fn doubled_area(corners: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (a, b) = (corners[1] - corners[0], corners[2] - corners[0]);
     let longest = a.norm_squared().max(b.norm_squared()).max((b - a).norm_squared());
     let normal = a.cross(&b);

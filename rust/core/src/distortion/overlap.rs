@@ -52,14 +52,14 @@ pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Resul
 }
 
 type Segment = [Coord<f64>; 2];
-type Triangle = [Coord<f64>; 3];
+pub(crate) type Triangle = [Coord<f64>; 3];
 
 fn is_placed(corners: &[Coord<f64>]) -> bool {
     corners.iter().all(|corner| corner.x.is_finite() && corner.y.is_finite())
 }
 
 /// The triangle, turned over if it is clockwise; none if it has no interior.
-fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
+pub(crate) fn counterclockwise([a, b, c]: Triangle) -> Option<Triangle> {
     match orient2d(a, b, c) {
         _ if !is_placed(&[a, b, c]) => None,
         left if left > 0.0 => Some([a, b, c]),
@@ -76,7 +76,7 @@ fn cross([a, b]: Segment, [c, d]: Segment) -> bool {
 
 /// Have counterclockwise triangles a common interior point? Convex sets have none if and only if a line parts them, and
 /// among polygons a line along one of their sides does.
-fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
+pub(crate) fn interiors_meet(a: &Triangle, b: &Triangle) -> bool {
     let outside = |a: &Triangle, k: usize, b: &Triangle| b.iter().all(|&p| orient2d(a[k], a[(k + 1) % 3], p) <= 0.0);
     (0..3).all(|k| !outside(a, k, b) && !outside(b, k, a))
 }

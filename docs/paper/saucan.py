@@ -1,0 +1,223 @@
+"""Reproduce Appleboim, Saucan, Zeevi (2006): prints the paper's figures beside ours, writes pictures.
+
+make paper-saucan
+
+Beside what comes with nilearn and what is computed, a skull is flattened where it is found: give its file, the paper's
+other input, as an argument (skull_low_resolution.obj of github.com/odedstein/meshes, by YahooJAPAN, CC BY 3.0), or
+skull_2.9.inr of CGAL, which Debian's package libcgal-demo has.
+"""
+
+import gzip
+import io
+import logging
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import voxflat
+from voxflat import figures
+
+ROOT = Path(__file__).resolve().parents[2]
+PICTURES = ROOT / "docs" / "pictures"
+SEEDS = 5  # of the random triangles, whose numbers of patches are averaged
+PAPER = {10.0: 1.1763, 5.0: 1.0875}
+
+
+def main(paths):
+    """Print the tables and write the pictures."""
+    matplotlib.use("Agg")
+    logging.getLogger("voxflat").setLevel(logging.ERROR)
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    surfaces = inputs(paths)
+    certificates(surfaces)
+    numbers(surfaces)
+    edges_alone(surfaces)
+    speed(surfaces["synthetic colon"])
+    pictures(surfaces)
+    print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
+
+
+def inputs(paths):
+    """Return the surfaces by their names."""
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    surfaces = {
+        "fsaverage5, white": voxflat.surface(str(folder / "white_left.gii.gz")),
+        "fsaverage5, pial": voxflat.surface(str(folder / "pial_left.gii.gz")),
+        "synthetic colon": voxflat.surface(colon()),
+    }
+    for path in map(Path, paths):
+        if not path.exists():
+            print(f"{path} is not there: skipped")
+            continue
+        surfaces[path.name] = inrimage(path) if ".inr" in path.name else voxflat.surface(path)
+    if not paths:
+        print("no skull was given: only what comes with nilearn and what is computed")
+    return surfaces
+
+
+def colon(around=120, along=250, length=300.0, folds=24):
+    """Return a haustrated, folded tube open at both ends, mm: 2 · around · along triangles."""
+    t = np.linspace(0, 1, along + 1)
+    axis = np.stack(
+        [length * t, 35 * np.sin(2.3 * np.pi * t), 25 * np.cos(1.7 * np.pi * t) + 8 * np.sin(7 * np.pi * t)], axis=1
+    )
+    tangent = np.gradient(axis, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    side = np.cross(tangent, (0, 0, 1))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    up = np.cross(side, tangent)
+    angle = 2 * np.pi * np.arange(around) / around
+    haustra = np.abs(np.sin(np.pi * folds * t))[:, None] ** 0.7  # pouches between half-moon folds
+    taeniae = 1 - 0.18 * np.exp(-((np.cos(1.5 * angle) / 0.25) ** 2))  # three bands along the tube
+    radius = (13 + 9 * haustra * (0.75 + 0.25 * np.cos(3 * angle + 0.4))) * taeniae
+    ring = np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * up[:, None]
+    points = (axis[:, None] + radius[..., None] * ring).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
+    a, b = i * around + j, i * around + (j + 1) % around
+    c, d = a + around, b + around
+    faces = np.stack([np.stack([a, b, d], axis=-1), np.stack([a, d, c], axis=-1)], axis=2).reshape(-1, 3)
+    return points, faces
+
+
+def inrimage(path, level=2.9):
+    """Return the surface of an INRIMAGE-4 volume of floats, as CGAL's examples have it."""
+    data = path.read_bytes()
+    data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+    header = dict(line.split("=", 1) for line in data[:256].decode("ascii").split("\n") if "=" in line)
+    shape = [int(header[f"{axis}DIM"]) for axis in "XYZ"]
+    kind = {"float": "f", "unsigned fixed": "u", "signed fixed": "i"}[header["TYPE"]]
+    kind = ("<" if header["CPU"] in ("decm", "pc") else ">") + kind + str(int(header["PIXSIZE"].split()[0]) // 8)
+    values = np.frombuffer(data, dtype=kind, offset=256, count=int(np.prod(shape))).reshape(shape, order="F")
+    spacing = [float(header[f"V{axis}"]) for axis in "XYZ"]
+    return voxflat.surface(values.astype(np.float32), threshold=level, spacing=spacing)
+
+
+def certificates(surfaces):
+    """Print the dilatations of figures 1 to 3, what is proven and what is measured."""
+    print(f"\n{'':26}{'θ':>5}{'paper':>9}{'C':>9}{'C measured':>12}{'K':>9}{'K measured':>12}{'broken':>8}")
+    for name, surface in surfaces.items():
+        for angle, paper in PAPER.items():
+            atlas = voxflat.patches(surface, angle)
+            of = atlas.figures()
+            proven, measured = of["certificate"], of["measured"]
+            print(
+                f"{name:26}{angle:4.0f}°{paper:9.4f}{proven['c']:9.4f}{measured['c']:12.4f}"
+                f"{proven['k']:9.4f}{measured['k']:12.4f}{of['broken']:8}",
+                flush=True,
+            )
+
+
+def numbers(surfaces):
+    """Print how many patches there are, by where they begin."""
+    print(
+        f"\n{'':26}{'triangles':>10}{'limit':>14}{'random':>9}{'flattest':>10}{'curvature':>11}{'fewer':>8}{'CPU s':>8}"
+    )
+    print(f"{'':50}{'the paper’s seeds':>19}{'ours':>11}")
+    for name, surface in surfaces.items():
+        for limit, text in (
+            ({"max_angle": 10}, "θ = 10°"),
+            ({"max_angle": 5}, "θ = 5°"),
+            ({"bound": 1.1763}, "C = 1.1763"),
+        ):
+            counts = [len(voxflat.patches(surface, **limit, seeds="random", seed=seed)) for seed in range(SEEDS)]
+            flattest = len(voxflat.patches(surface, **limit, seeds="flattest"))
+            start = time.process_time()
+            ours = len(voxflat.patches(surface, **limit))
+            seconds = time.process_time() - start
+            random = float(np.mean(counts))
+            print(
+                f"{name:26}{len(surface.faces):10}{text:>14}{random:9.0f}{flattest:10}{ours:11}"
+                f"{100 * (1 - ours / random):6.0f} %{seconds:8.2f}",
+                flush=True,
+            )
+
+
+def edges_alone(surfaces, angle=10.0):
+    """Print what the paper's own test, of a triangle's edges alone, lets through."""
+    print(f"\n{'edges within 10° alone':26}{'patches':>9}{'steeper than 10°':>18}{'beyond C':>10}{'worst C':>10}")
+    for name, surface in surfaces.items():
+        tilt, count = edge_patches(surface.points, surface.faces.astype(int), angle)
+        c = 1 / np.cos(np.radians(tilt))
+        beyond = (c > 1 + np.tan(np.radians(angle))).sum()
+        print(f"{name:26}{count:9}{(tilt > angle + 1e-9).sum():18}{beyond:10}{c.max():10.4g}", flush=True)
+
+
+def edge_patches(points, faces, angle):
+    """Return the inclination of each triangle in patches grown by the paper's test, degrees, and the number of patches."""
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = np.roll(corners, -1, axis=1) - corners
+    edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+    beyond = {}
+    for face, corner in enumerate(faces.tolist()):
+        for k in range(3):
+            beyond[corner[k], corner[(k + 1) % 3]] = face
+    most = np.sin(np.radians(angle))
+    tilt, free, count = np.zeros(len(faces)), np.ones(len(faces), dtype=bool), 0
+    for seed in np.random.default_rng(0).permutation(len(faces)).tolist():
+        if not free[seed]:
+            continue
+        count += 1
+        free[seed] = False
+        queue = [seed]
+        while queue:
+            corner = faces[queue.pop()].tolist()
+            for k in range(3):
+                other = beyond.get((corner[(k + 1) % 3], corner[k]))
+                if other is None or not free[other] or np.abs(edges[other] @ normals[seed]).max() > most:
+                    continue
+                free[other] = False
+                tilt[other] = np.degrees(np.arccos(np.clip(normals[other] @ normals[seed], -1, 1)))
+                queue.append(other)
+    return tilt, count
+
+
+def speed(surface):
+    """Print the time for the number of triangles of the paper's skull."""
+    seconds = []
+    for _ in range(3):
+        start = time.process_time()
+        atlas = voxflat.patches(surface, 10, threads=1)
+        seconds.append(time.process_time() - start)
+    print(
+        f"\n{len(surface.faces)} triangles (paper's skull: 60339): {len(atlas)} patches, {min(seconds):.2f} s of CPU time"
+    )
+
+
+def pictures(surfaces):
+    """Draw each surface with its patches, and the pages of two of them."""
+    figure = Figure(figsize=(4.2 * len(surfaces), 4.4), layout="constrained")
+    for axes, (name, surface) in zip(np.atleast_1d(figure.subplots(1, len(surfaces))), surfaces.items(), strict=True):
+        atlas = voxflat.patches(surface, bound=1.1763)
+        towards = (-1.0, -0.3, 0.3) if name.startswith("fsaverage5") else (0.6, -1.0, 0.5)
+        axes.imshow(trimmed(figures.atlas_3d(atlas, towards=towards)))
+        axes.set_title(f"{name}\n{len(atlas)} patches, C ≤ 1.1763")
+        axes.set_axis_off()
+    save(figure, "saucan_surfaces.png")
+    save(figures.atlas_page(voxflat.patches(surfaces["synthetic colon"], bound=1.1763)), "saucan_page.png")
+
+
+def trimmed(picture):
+    """Return a picture without the white around what it shows."""
+    drawn = (picture < 255).any(axis=2)
+    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
+    return picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def save(figure, name):
+    """Write a small picture."""
+    with io.BytesIO() as drawn:
+        figure.savefig(drawn, dpi=110)
+        Image.open(drawn).convert("RGB").quantize(128, Image.Quantize.MAXCOVERAGE).save(PICTURES / name, optimize=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

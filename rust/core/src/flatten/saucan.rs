@@ -1,0 +1,274 @@
+//! Quasi-isometric patches with a certificate, after Appleboim, Saucan and Zeevi (2006).
+//!
+//! A patch is projected orthogonally onto a plane. If every direction in it is inclined by at most θ to the plane, no length
+//! changes by more than a factor C ≤ 1 + tan θ, and no angle by a dilatation of more than K ≤ (1 + tan θ)^1.5 (Gehring, Väisälä).
+//!
+//! The paper accepts a triangle whose two new edges are inclined by at most θ. That does not suffice: between its edges a
+//! triangle can be steeper, and of one that is thin along a contour line all edges can be level while it stands upright. What
+//! makes the certificate true is that the triangle's *normal* is inclined by at most θ to that of the plane; then so is
+//! every direction in it, its edges among them. It depends on the surface alone, not on how that is cut into triangles.
+//!
+//! Projection leaves the directions along the contour lines as they are and shrinks those across by the cosine of the
+//! inclination: σ1 = 1, σ2 = cos θ. So C and K are at most 1 / cos θ, which is far below the paper's bounds (1.015
+//! instead of 1.176 for 10°). Who gives a bound gets the angle that this formula allows.
+//!
+//! That a projection is one to one the paper takes for granted. A spiral staircase of level steps lies on itself: here
+//! triangles that would are left to other patches.
+
+mod cone;
+mod dissolve;
+mod facets;
+mod growth;
+mod projection;
+mod search;
+
+use nalgebra::Vector3;
+
+use crate::control::Control;
+use crate::distortion::faces::stretch_of;
+use crate::error::{Error, Result};
+use crate::surface::Surface;
+use facets::Facets;
+use growth::Growth;
+pub use projection::Plane;
+use projection::{Projected, project};
+
+/// The least and the greatest angle of a patch, degrees.
+pub const ANGLES: [f64; 2] = [0.01, 80.0];
+
+/// Angles that are tried for a number of patches.
+const BISECTIONS: usize = 12;
+
+/// What is asked of the patches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Limit {
+    /// No direction is inclined by more than so many degrees to its patch's plane; certified by the paper's theorem.
+    Angle(f64),
+    /// No length changes by more than this factor, nor does the ratio of two lengths from the same point; certified by the cosine.
+    Bound(f64),
+    /// There are at most so many patches, of the smallest angle for which they were found.
+    Count(usize),
+}
+
+/// Where patches begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seeds {
+    /// In the flattest places: candidates are grown around all of them, turned to where they become largest, and the largest
+    /// is kept first.
+    Curvature,
+    /// At the flattest free triangle, one after another; each patch stays on the plane of its seed. The paper's way.
+    Flattest,
+    /// At a random free triangle, one after another; each patch stays on the plane of its seed. The paper's other way.
+    Random(u64),
+}
+
+/// What holds for every triangle of a patch, proven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Certificate {
+    /// No direction is inclined by more to the plane, degrees.
+    pub angle: f64,
+    /// No length changes by more than this factor: max(σ1, 1/σ2) ≤ C.
+    pub c: f64,
+    /// Maximal dilatation: σ1/σ2 ≤ K.
+    pub k: f64,
+}
+
+impl Certificate {
+    /// By the theorem of Gehring and Väisälä, as in the paper.
+    ///
+    /// # Errors
+    /// [`Error::AngleOutOfRange`].
+    pub fn of_angle(angle: f64) -> Result<Self> {
+        let [least, most] = ANGLES;
+        if !(least..=most).contains(&angle) {
+            return Err(Error::AngleOutOfRange { angle, least, most });
+        }
+        let c = 1.0 + angle.to_radians().tan();
+        Ok(Self { angle, c, k: c.powf(1.5) })
+    }
+
+    /// Of the greatest angle whose cosine keeps a bound on C, and with it on K.
+    ///
+    /// # Errors
+    /// [`Error::BoundOutOfRange`].
+    pub fn of_bound(bound: f64) -> Result<Self> {
+        let [least, most] = ANGLES.map(|angle| angle.to_radians().cos().recip());
+        if !(least..=most).contains(&bound) {
+            return Err(Error::BoundOutOfRange { bound, least, most });
+        }
+        Ok(Self { angle: bound.recip().acos().to_degrees(), c: bound, k: bound })
+    }
+}
+
+/// A part of the surface in its plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Patch {
+    /// Faces of the surface, ascending.
+    pub faces: Vec<u32>,
+    /// Their vertices, ascending.
+    pub vertices: Vec<u32>,
+    /// The place of each of these vertices, mm.
+    pub uv: Vec<[f64; 2]>,
+    /// Onto which it is projected.
+    pub plane: Plane,
+    /// The greatest inclination of a triangle, degrees.
+    pub tilt: f64,
+    /// Area on the surface, mm².
+    pub area: f64,
+    /// The greatest max(σ1, 1/σ2) of its triangles, measured in the plane.
+    pub isometric: f64,
+    /// The greatest σ1/σ2 of its triangles, measured in the plane.
+    pub quasi_conformal: f64,
+}
+
+/// A surface as flat patches: every triangle belongs to one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Atlas {
+    /// The patch of each face.
+    pub labels: Vec<u32>,
+    /// From the largest to the smallest.
+    pub patches: Vec<Patch>,
+    /// What holds for all of them.
+    pub certificate: Certificate,
+    /// σ1 and σ2 of each face.
+    pub stretch: Vec<[f64; 2]>,
+}
+
+/// Flattens a surface of any topology in certified patches, as few as are found.
+///
+/// The patches do not depend on the numbers of vertices and triangles.
+///
+/// # Errors
+/// [`Error::AngleOutOfRange`], [`Error::BoundOutOfRange`], [`Error::TooFewPatches`], [`Error::DegenerateFace`],
+/// [`Error::Cancelled`].
+pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control) -> Result<Atlas> {
+    let certificate = match limit {
+        Limit::Angle(angle) => Some(Certificate::of_angle(angle)?),
+        Limit::Bound(bound) => Some(Certificate::of_bound(bound)?),
+        Limit::Count(_) => None,
+    };
+    let facets = Facets::of(surface, control)?;
+    let order = match seeds {
+        Seeds::Curvature | Seeds::Flattest => facets.by_curvature(),
+        Seeds::Random(seed) => search::shuffled(&facets, seed),
+    };
+    let grow = |certificate: &Certificate| grown(&facets, certificate, seeds, &order, control);
+    match (certificate, limit) {
+        (Some(certificate), _) => finished(&facets, grow(&certificate)?, certificate, control),
+        (None, Limit::Count(count)) => {
+            let (certificate, patches) = at_most(count, grow)?;
+            finished(&facets, patches, certificate, control)
+        }
+        (None, _) => unreachable!("an angle and a bound have a certificate"),
+    }
+}
+
+fn grown(
+    facets: &Facets<'_>,
+    certificate: &Certificate,
+    seeds: Seeds,
+    order: &[u32],
+    control: &Control,
+) -> Result<Vec<Projected>> {
+    let least = certificate.angle.to_radians().cos();
+    control.begin("growing patches", facets.len() as u64);
+    let mut growth = Growth::new(facets, least, control);
+    let regions = match seeds {
+        Seeds::Curvature => {
+            let regions = search::largest_first(&mut growth, order)?;
+            dissolve::dissolved(facets, regions, least, control)?
+        }
+        Seeds::Flattest | Seeds::Random(_) => search::one_after_another(&mut growth, order)?,
+    };
+    control.begin("projecting patches", regions.len() as u64);
+    let mut patches = Vec::with_capacity(regions.len());
+    for region in regions {
+        patches.extend(project(facets, region, control)?);
+        control.advance();
+    }
+    Ok(patches)
+}
+
+/// The patches of the smallest angle, by bisection, of which there are not too many.
+fn at_most(
+    count: usize,
+    grow: impl Fn(&Certificate) -> Result<Vec<Projected>>,
+) -> Result<(Certificate, Vec<Projected>)> {
+    let [mut least, mut most] = ANGLES;
+    let certificate = Certificate::of_angle(most)?;
+    let mut best = (certificate, grow(&certificate)?);
+    if best.1.len() > count {
+        return Err(Error::TooFewPatches { count, least: best.1.len(), most });
+    }
+    for _ in 0..BISECTIONS {
+        let certificate = Certificate::of_angle(0.5 * (least + most))?;
+        let patches = grow(&certificate)?;
+        if patches.len() <= count {
+            most = certificate.angle;
+            best = (certificate, patches);
+        } else {
+            least = certificate.angle;
+        }
+    }
+    Ok(best)
+}
+
+/// The patches, measured, from the largest to the smallest.
+fn finished(
+    facets: &Facets<'_>,
+    mut grown: Vec<Projected>,
+    certificate: Certificate,
+    control: &Control,
+) -> Result<Atlas> {
+    control.begin("measuring patches", grown.len() as u64);
+    grown.iter_mut().for_each(|(_, facets)| facets.sort_unstable());
+    let area = |(_, of): &Projected| of.iter().map(|&facet| facets.areas[facet as usize]).sum::<f64>();
+    let mut sorted: Vec<(f64, Projected)> = grown.into_iter().map(|patch| (area(&patch), patch)).collect();
+    sorted.sort_by(|(a, (_, p)), (b, (_, q))| b.total_cmp(a).then(p[0].cmp(&q[0])));
+    let mut labels = vec![0; facets.len()];
+    let mut stretch = vec![[f64::NAN; 2]; facets.len()];
+    let mut patches = Vec::with_capacity(sorted.len());
+    for (number, (area, (plane, of))) in (0..).zip(sorted) {
+        control.check()?;
+        let patch = measured(facets, plane, &of, area, &mut stretch);
+        patch.faces.iter().for_each(|&face| labels[face as usize] = number);
+        patches.push(patch);
+        control.advance();
+    }
+    Ok(Atlas { labels, patches, certificate, stretch })
+}
+
+fn measured(facets: &Facets<'_>, plane: Plane, of: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Patch {
+    let mut vertices: Vec<u32> = of.iter().flat_map(|&facet| facets.vertices[facet as usize]).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let uv = vertices.iter().map(|&v| plane.project(&facets.surface.points()[v as usize])).collect();
+    let mut patch = Patch {
+        faces: of.iter().map(|&facet| facets.faces[facet as usize]).collect(),
+        vertices,
+        uv,
+        plane,
+        tilt: 0.0,
+        area,
+        isometric: 1.0,
+        quasi_conformal: 1.0,
+    };
+    for (&facet, &face) in of.iter().zip(&patch.faces) {
+        let corners = facets.corners(facet);
+        let [most, least] = stretch_of(corners, corners.map(|p| plane.project(&p)));
+        stretch[face as usize] = [most, least];
+        patch.tilt = patch.tilt.max(inclination(&facets.normals[facet as usize], &plane.normal));
+        patch.isometric = patch.isometric.max(most).max(least.recip());
+        patch.quasi_conformal = patch.quasi_conformal.max(most / least);
+    }
+    patch.faces.sort_unstable();
+    patch
+}
+
+/// The angle between unit vectors, degrees.
+fn inclination(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b)).to_degrees()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,89 @@
+//! The narrowest cone around directions.
+
+use nalgebra::Vector3;
+
+/// How much a cosine may be off by rounding.
+const ROUNDING: f64 = 1e-14;
+
+/// The axis, a unit vector, of the narrowest cone that holds all of these unit vectors, which lie in an open half-space; of none
+/// the first axis of space. It is found one direction after another: one that the cone does not hold yet lies on the border of
+/// the next (Welzl 1991).
+pub(super) fn narrowest(directions: &[Vector3<f64>]) -> Vector3<f64> {
+    let Some(&first) = directions.first() else { return Vector3::x() };
+    let mut cone = Cone { axis: first, cosine: 1.0 };
+    for (i, a) in directions.iter().enumerate() {
+        if cone.holds(a) {
+            continue;
+        }
+        cone = Cone { axis: *a, cosine: 1.0 };
+        for (j, b) in directions[..i].iter().enumerate() {
+            if cone.holds(b) {
+                continue;
+            }
+            cone = Cone::through((a + b).normalize(), a);
+            for c in &directions[..j] {
+                if !cone.holds(c) {
+                    let axis = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or(cone.axis);
+                    cone = Cone::through(axis * axis.dot(a).signum(), a);
+                }
+            }
+        }
+    }
+    cone.axis
+}
+
+struct Cone {
+    axis: Vector3<f64>,
+    cosine: f64,
+}
+
+impl Cone {
+    fn through(axis: Vector3<f64>, border: &Vector3<f64>) -> Self {
+        Self { axis, cosine: axis.dot(border) }
+    }
+
+    fn holds(&self, direction: &Vector3<f64>) -> bool {
+        self.axis.dot(direction) >= self.cosine - ROUNDING
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// None of the cones through two or three of the directions that hold all is narrower.
+        #[test]
+        fn it_is_as_by_brute_force(
+            places in prop::collection::vec(prop::array::uniform2(-0.9..0.9f64), 2..9),
+            twice in any::<bool>(),
+        ) {
+            let mut directions: Vec<Vector3<f64>> = places.iter().map(|p| Vector3::new(p[0], p[1], 1.0).normalize()).collect();
+            if twice {
+                directions.extend(directions.clone());
+            }
+            let least = |axis: &Vector3<f64>| directions.iter().map(|d| d.dot(axis)).fold(1.0, f64::min);
+            let mut best = -1.0f64;
+            for a in &directions {
+                for b in &directions {
+                    best = best.max(least(&(a + b).normalize()));
+                    for c in &directions {
+                        if let Some(axis) = (b - a).cross(&(c - a)).try_normalize(1e-9) {
+                            best = best.max(least(&axis));
+                        }
+                    }
+                }
+            }
+            prop_assert!((least(&narrowest(&directions)) - best).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn few_directions() {
+        assert_eq!(narrowest(&[]), Vector3::x());
+        assert_eq!(narrowest(&[Vector3::z(); 3]), Vector3::z());
+        let [a, b] = [0.1f64, 0.5].map(|t| Vector3::new(t.sin(), 0.0, t.cos()));
+        assert!((narrowest(&[a, b, a]) - Vector3::new(0.3f64.sin(), 0.0, 0.3f64.cos())).norm() < 1e-14);
+    }
+}

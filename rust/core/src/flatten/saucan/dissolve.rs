@@ -1,0 +1,122 @@
+//! Dissolving small patches: their triangles go to the patches beside them.
+
+use nalgebra::Vector3;
+
+use super::cone::narrowest;
+use super::facets::{Facets, NONE};
+use super::growth::Region;
+use crate::control::Control;
+use crate::error::Result;
+
+/// Larger patches are not tried: hardly any can be dissolved, and each try takes the longer.
+const LARGEST: usize = 200;
+
+/// Passes over all patches at most; each finds fewer.
+const PASSES: usize = 4;
+
+/// Patches, and to which one each facet belongs.
+struct Parts<'a, 'b> {
+    facets: &'a Facets<'b>,
+    least: f64,
+    regions: Vec<Region>,
+    owner: Vec<u32>,
+}
+
+/// Where the facets of a patch would go: to which patch, and what its normal would be.
+struct Move {
+    facet: u32,
+    to: u32,
+    normal: Vector3<f64>,
+}
+
+/// Dissolves patches, the smallest first, whose facets all find room in neighbouring ones, which are turned for them if need be.
+/// The others only ever gain, and stay in one piece.
+pub(super) fn dissolved(
+    facets: &Facets<'_>,
+    regions: Vec<Region>,
+    least: f64,
+    control: &Control,
+) -> Result<Vec<Region>> {
+    let mut owner = vec![NONE; facets.len()];
+    for (number, region) in (0..).zip(&regions) {
+        region.facets.iter().for_each(|&facet| owner[facet as usize] = number);
+    }
+    let mut parts = Parts { facets, least, regions, owner };
+    for _ in 0..PASSES {
+        let size = |n: u32| parts.regions[n as usize].facets.len();
+        let mut order: Vec<u32> =
+            (0..parts.regions.len() as u32).filter(|&n| (1..=LARGEST).contains(&size(n))).collect();
+        let key = |&n: &u32| (size(n), parts.regions[n as usize].facets.iter().copied().min());
+        order.sort_by_cached_key(key);
+        let mut count = 0;
+        for number in order {
+            control.check()?;
+            if let Some(moves) = parts.ways_out(number) {
+                parts.dissolve(number, moves);
+                count += 1;
+            }
+        }
+        if count == 0 {
+            break;
+        }
+    }
+    parts.regions.retain(|region| !region.facets.is_empty());
+    Ok(parts.regions)
+}
+
+impl Parts<'_, '_> {
+    /// How all facets of a patch find room elsewhere; none if they do not.
+    fn ways_out(&self, number: u32) -> Option<Vec<Move>> {
+        let mut left = self.regions[number as usize].facets.clone();
+        let mut moves: Vec<Move> = Vec::new();
+        while !left.is_empty() {
+            let before = left.len();
+            left.retain(|&facet| match self.way_out(facet, number, &moves) {
+                Some(way) => {
+                    moves.push(way);
+                    false
+                }
+                None => true,
+            });
+            if left.len() == before {
+                return None;
+            }
+        }
+        Some(moves)
+    }
+
+    /// The patch beside a facet that has to turn the least for it.
+    fn way_out(&self, facet: u32, from: u32, moves: &[Move]) -> Option<Move> {
+        let moved = |facet: u32| moves.iter().find(|m| m.facet == facet).map(|m| m.to);
+        let beside = self.facets.across[facet as usize].into_iter().filter(|&other| other != NONE);
+        let ways = beside.filter_map(|other| match self.owner[other as usize] {
+            owner if owner == from => moved(other),
+            owner => Some(owner),
+        });
+        let normal = self.facets.normals[facet as usize];
+        let ways = ways.filter_map(|to| {
+            let old = moves.iter().rev().find(|m| m.to == to).map_or(self.regions[to as usize].normal, |m| m.normal);
+            if normal.dot(&old) >= self.least {
+                return Some((2.0 + normal.dot(&old), Move { facet, to, normal: old }));
+            }
+            let mut normals = vec![normal];
+            normals.extend(moves.iter().filter(|m| m.to == to).map(|m| self.facets.normals[m.facet as usize]));
+            normals.extend(self.regions[to as usize].facets.iter().map(|&f| self.facets.normals[f as usize]));
+            let turned = narrowest(&normals);
+            let cosine = normals.iter().map(|n| n.dot(&turned)).fold(1.0, f64::min);
+            (cosine >= self.least).then_some((cosine, Move { facet, to, normal: turned }))
+        });
+        ways.reduce(|best, way| if way.0 > best.0 { way } else { best }).map(|(_, way)| way)
+    }
+
+    fn dissolve(&mut self, number: u32, moves: Vec<Move>) {
+        self.regions[number as usize].facets.clear();
+        for Move { facet, to, normal } in moves {
+            let region = &mut self.regions[to as usize];
+            region.facets.push(facet);
+            region.area += self.facets.areas[facet as usize];
+            region.normal = normal;
+            self.owner[facet as usize] = to;
+        }
+    }
+}
