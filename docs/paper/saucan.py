@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 SEEDS = 5  # of the random triangles, whose numbers of patches are averaged
 PAPER = {10.0: 1.1763, 5.0: 1.0875}
+LIMITS = {"θ = 10°": {"max_angle": 10}, "θ = 5°": {"max_angle": 5}, "C = 1.1763": {"bound": 1.1763}}
 
 
 def main(paths):
@@ -121,11 +122,7 @@ def numbers(surfaces):
     )
     print(f"{'':50}{'the paper’s seeds':>19}{'ours':>11}")
     for name, surface in surfaces.items():
-        for limit, text in (
-            ({"max_angle": 10}, "θ = 10°"),
-            ({"max_angle": 5}, "θ = 5°"),
-            ({"bound": 1.1763}, "C = 1.1763"),
-        ):
+        for text, limit in LIMITS.items():
             counts = [len(voxflat.patches(surface, **limit, seeds="random", seed=seed)) for seed in range(SEEDS)]
             flattest = len(voxflat.patches(surface, **limit, seeds="flattest"))
             start = time.process_time()
@@ -150,7 +147,7 @@ def edges_alone(surfaces, angle=10.0):
 
 
 def edge_patches(points, faces, angle):
-    """Return the inclination of each triangle in patches grown by the paper's test, degrees, and the number of patches."""
+    """Grow patches by the paper's test; return each triangle's inclination, degrees, and the number of patches."""
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -187,9 +184,7 @@ def speed(surface):
         start = time.process_time()
         atlas = voxflat.patches(surface, 10, threads=1)
         seconds.append(time.process_time() - start)
-    print(
-        f"\n{len(surface.faces)} triangles (paper's skull: 60339): {len(atlas)} patches, {min(seconds):.2f} s of CPU time"
-    )
+    print(f"\n{len(surface.faces)} triangles (paper: 60339), {len(atlas)} patches: {min(seconds):.2f} s of CPU time")
 
 
 def pictures(surfaces):

@@ -61,9 +61,9 @@ def patches(
 ) -> None:
     """Flatten a surface in certified patches.
 
-    SURFACE is a volume or a mesh, as for voxflat flatten, of any topology. It falls into patches, each projected onto a
-    plane, for which bounds of the distortion are proven: lengths change by at most a factor C, angles by a dilatation of
-    at most K (Appleboim, Saucan, Zeevi 2006).
+    SURFACE is a volume or a mesh of any topology, as for voxflat surface. It falls into patches, each projected onto a
+    plane, whose distortion has proven bounds: lengths change by at most a factor C, angles by a dilatation of at most K
+    (Appleboim, Saucan, Zeevi 2006).
     """
     check_output(output, (".npz",), (surface_,))
     for path in (page, picture):

@@ -46,10 +46,8 @@ def atlas_page(atlas: FlatAtlas) -> Figure:
     axes = figure.add_subplot(xlabel="mm", ylabel="mm", aspect="equal")
     axes.add_collection(PolyCollection(corners, facecolor=colours, edgecolor=colours, linewidth=0.1, rasterized=True))
     axes.autoscale()
-    certificate = atlas.certificate
-    axes.set_title(
-        f"{len(atlas)} patches, {len(atlas.faces)} triangles; certified C ≤ {certificate.c:.4f}, K ≤ {certificate.k:.4f}"
-    )
+    certified = atlas.certificate
+    axes.set_title(f"{len(atlas)} patches, {len(atlas.faces)} triangles, C ≤ {certified.c:.4f}, K ≤ {certified.k:.4f}")
     return figure
 
 

@@ -222,7 +222,7 @@ class FlatAtlas(Sequence[FlatPatch]):
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which triangles are measured beyond the certificate, shape (F,): only ever such thin ones that rounding does it."""
+        """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
         most, least = self.stretch.T
         with np.errstate(divide="ignore", invalid="ignore"):
             held = (np.maximum(most, 1 / least) <= self.certificate.c) & (most / least <= self.certificate.k)
@@ -440,11 +440,8 @@ _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 def _limit(max_angle: object, bound: object, count: object) -> tuple[str, float]:
     """Return what limits the patches: the core's name for it, and its value."""
-    given = {
-        name: value
-        for name, value in (("max_angle", max_angle), ("bound", bound), ("count", count))
-        if value is not None
-    }
+    limits = {"max_angle": max_angle, "bound": bound, "count": count}
+    given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
     if not given:

@@ -1,4 +1,4 @@
-"""Figures of flat maps: `scatter`, `heat_map(s)`, `flat_image`, `spectrum` and `patch_3d`; of atlases `atlas_page`, `atlas_3d`.
+"""Figures of maps: `scatter`, `heat_map(s)`, `flat_image`, `spectrum`, `patch_3d`; atlases: `atlas_page`, `atlas_3d`.
 
 The two in space return a picture, which `save_picture` writes, drawn by PyVista. The others return a
 `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in

@@ -99,14 +99,32 @@ impl Parts<'_, '_> {
             if normal.dot(&old) >= self.least {
                 return Some((2.0 + normal.dot(&old), Move { facet, to, normal: old }));
             }
-            let mut normals = vec![normal];
-            normals.extend(moves.iter().filter(|m| m.to == to).map(|m| self.facets.normals[m.facet as usize]));
-            normals.extend(self.regions[to as usize].facets.iter().map(|&f| self.facets.normals[f as usize]));
-            let turned = narrowest(&normals);
-            let cosine = normals.iter().map(|n| n.dot(&turned)).fold(1.0, f64::min);
-            (cosine >= self.least).then_some((cosine, Move { facet, to, normal: turned }))
+            let (turned, cosine) = self.turned(facet, to, moves)?;
+            Some((cosine, Move { facet, to, normal: turned }))
         });
         ways.reduce(|best, way| if way.0 > best.0 { way } else { best }).map(|(_, way)| way)
+    }
+
+    /// A normal within the angle of those of a patch, of what is moved to it, and of one more facet, and the least cosine to them;
+    /// none if there is no such normal. Only a few normals decide: those that the cone of the others before them leaves out.
+    fn turned(&self, facet: u32, to: u32, moves: &[Move]) -> Option<(Vector3<f64>, f64)> {
+        let normal = |facet: u32| self.facets.normals[facet as usize];
+        let moved = moves.iter().filter(|m| m.to == to).map(|m| m.facet);
+        let all: Vec<u32> = self.regions[to as usize].facets.iter().copied().chain(moved).chain([facet]).collect();
+        let mut deciding = vec![normal(facet)];
+        let mut axis = deciding[0];
+        loop {
+            let cosine = |&facet: &u32| normal(facet).dot(&axis);
+            let least = all.iter().map(|facet| (cosine(facet), *facet)).reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+            if least.0 >= self.least {
+                return Some((axis, least.0));
+            }
+            deciding.push(normal(least.1));
+            axis = narrowest(&deciding);
+            if deciding.iter().any(|n| n.dot(&axis) < self.least) {
+                return None;
+            }
+        }
     }
 
     fn dissolve(&mut self, number: u32, moves: Vec<Move>) {

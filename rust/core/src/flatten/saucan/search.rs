@@ -12,7 +12,7 @@ use super::growth::{Growth, Region};
 use crate::error::Result;
 
 /// How many candidates every facet belongs to at least, where there are so many.
-const COVER: u8 = 6;
+const COVER: u8 = 3;
 
 /// The facets in a random order.
 pub(super) fn shuffled(facets: &Facets<'_>, seed: u64) -> Vec<u32> {
