@@ -8,7 +8,7 @@ UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker pictures docs format clean
+.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -66,13 +66,17 @@ paper-zigelman: setup ## the figures of Zigelman, Kimmel, Kiryati (2002), paper 
 paper-mapmaker: setup ## the figures of Schwartz, Shaw, Wolfson (1989), paper beside ours
 	$(RUN) python docs/paper/schwartz1989.py
 
+SKULLS ?=
+paper-saucan: setup ## the figures of Appleboim, Saucan, Zeevi (2006), paper beside ours; SKULLS="file ..." takes more surfaces
+	$(RUN) python docs/paper/saucan.py $(SKULLS)
+
 pictures: demo ## the pictures of the docs
 	cp demo/flat_image.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
 
-docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker ## pictures, paper reproduction and the core's reference
+docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
 	cargo doc --no-deps -p voxflat
 
 format: setup ## format everything

@@ -37,7 +37,7 @@ def atlas_page(atlas: FlatAtlas) -> Figure:
         All at the same scale, in mm; colours as in `atlas_3d`.
     """
     places = atlas.layout()
-    corners = np.empty((len(atlas.faces), 3, 2))
+    corners: Any = np.empty((len(atlas.faces), 3, 2))
     for n, patch in enumerate(atlas):
         corners[patch.faces] = places[atlas.starts[n] : atlas.starts[n + 1]][patch.triangles]
     colours = _colours(len(atlas))[atlas.labels]
@@ -77,11 +77,8 @@ def atlas_3d(atlas: FlatAtlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InputError(f"towards is {towards!r}; give a direction of three numbers")
     colours = (255 * _colours(len(atlas))).astype(np.uint8)[atlas.labels]
-    try:
-        import pyvista
-    except ImportError:
-        return _by_matplotlib(atlas, colours, direction, size)
-    if sys.platform == "linux" and "DISPLAY" not in os.environ and pyvista.vtk_version_info < (9, 4):
+    pyvista = _load_pyvista()
+    if pyvista is None:
         return _by_matplotlib(atlas, colours, direction, size)
     mesh = pyvista.PolyData.from_regular_faces(atlas.points, atlas.faces)
     mesh.cell_data["colours"] = colours
@@ -90,11 +87,20 @@ def atlas_3d(atlas: FlatAtlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1
         try:
             plotter.add_mesh(mesh, scalars="colours", rgb=True, ambient=0.35, diffuse=0.75, specular=0.0)
             plotter.view_vector(direction, _up(direction))
-            plotter.camera.zoom(1.3)
             plotter.enable_anti_aliasing("ssaa")
             return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
         finally:
             plotter.close()
+
+
+def _load_pyvista() -> Any:
+    """Import PyVista; None where it is missing, or where its VTK is old and would end a process without a display."""
+    try:
+        import pyvista
+    except ImportError:
+        return None
+    blind = sys.platform == "linux" and "DISPLAY" not in os.environ
+    return None if blind and pyvista.vtk_version_info < (9, 4) else pyvista
 
 
 def _by_matplotlib(

@@ -283,7 +283,7 @@ class FlatAtlas(Sequence[FlatPatch]):
             row = max(row, size[n, 1])
             corner[n] = x, y - size[n, 1]
             x += size[n, 0] + gap
-        return self.uv + np.repeat(corner - low, np.diff(self.starts), axis=0)
+        return np.asarray(self.uv + np.repeat(corner - low, np.diff(self.starts), axis=0))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the atlas to a file, all of it or nothing.
@@ -438,7 +438,7 @@ def patches(
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
-def _limit(max_angle: object, bound: object, count: object) -> tuple[str, float]:
+def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
     """Return what limits the patches: the core's name for it, and its value."""
     limits = {"max_angle": max_angle, "bound": bound, "count": count}
     given = {name: value for name, value in limits.items() if value is not None}
@@ -446,10 +446,11 @@ def _limit(max_angle: object, bound: object, count: object) -> tuple[str, float]
         raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
     if not given:
         return "angle", 10.0
-    ((name, value),) = given.items()
+    name, value = next(iter(given.items()))
     kind, what = (Integral, "a whole number") if name == "count" else (Real, "a number")
     if not isinstance(value, kind) or isinstance(value, bool):
         raise InputError(f"{name} is {value!r}; give {what}")
-    if name == "count" and not 1 <= value < 2**32:
+    number = float(value)
+    if name == "count" and not 1 <= number < 2**32:
         raise InputError(f"count is {value}; give a positive whole number")
-    return "angle" if name == "max_angle" else name, float(value)
+    return "angle" if name == "max_angle" else name, number

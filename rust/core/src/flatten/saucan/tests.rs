@@ -9,6 +9,12 @@ use crate::surface::mesh::shapes;
 
 type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
+/// The places of a triangle's corners, bit by bit.
+type Corners = [[u64; 3]; 3];
+
+/// The patch of a triangle, and the places of its corners there, bit by bit.
+type Flat = (u32, [[u64; 2]; 3]);
+
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
 
 fn made(surface: &Surface, limit: Limit, seeds: Seeds) -> Atlas {
@@ -133,7 +139,7 @@ fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
 }
 
 /// For each triangle, by its places, its patch and where its corners lie there, bit by bit.
-fn by_places(surface: &Surface, atlas: &Atlas) -> HashMap<[[u64; 3]; 3], (u32, [[u64; 2]; 3])> {
+fn by_places(surface: &Surface, atlas: &Atlas) -> HashMap<Corners, Flat> {
     let bits = |v: u32| <[f64; 3]>::from(surface.points()[v as usize]).map(f64::to_bits);
     let triangle = |(face, &label): (usize, &u32)| {
         let patch = &atlas.patches[label as usize];
@@ -203,10 +209,10 @@ fn a_sphere_takes_fewer_patches_the_steeper_they_may_be() {
     for angle in [5.0, 10.0, 20.0, 40.0, 80.0] {
         let atlas = made(&sphere, Limit::Angle(angle), Seeds::Curvature);
         check(&sphere, &atlas);
-        let [area, cap] =
-            [sphere.areas().iter().sum::<f64>(), std::f64::consts::TAU * (1.0 - angle.to_radians().cos())];
-        assert!(atlas.patches.len() as f64 >= area / cap - 1.0);
-        assert!(atlas.patches[0].area <= 1.01 * cap);
+        // a triangle reaches less than 5° beyond the place where the sphere has its normal
+        let cap = std::f64::consts::TAU * (1.0 - (angle + 5.0).to_radians().cos());
+        assert!(atlas.patches.len() as f64 >= sphere.areas().iter().sum::<f64>() / cap);
+        assert!(atlas.patches[0].area <= cap);
         counts.push(atlas.patches.len());
     }
     assert!(counts.windows(2).all(|two| two[1] < two[0]), "{counts:?}");
