@@ -125,16 +125,18 @@ def voxflat_map(job, options):
 
 
 def arap(job, options):
-    """Return an as-rigid-as-possible map (Liu, Zhang, Xu, Gotsman, Gortler 2008), as libigl's tutorial makes it."""
+    """Return an as-rigid-as-possible map (Liu, Zhang, Xu, Gotsman, Gortler 2008).
+
+    A vertex is held. With dynamics instead, as in libigl's tutorial, 100 iterations are far from enough.
+    """
     import igl
 
     points, faces = job["points"], job["faces"]
     data = igl.ARAPData()
-    data.with_dynamics, data.max_iter = True, ITERATIONS
-    nothing = np.zeros(0, dtype=np.int32), np.zeros((0, 2))
+    data.max_iter = ITERATIONS
     start = on_disk(points, faces)
-    igl.arap_precomputation(points, faces, 2, nothing[0], data)
-    return igl.arap_solve(nothing[1], data, start), points, faces, {}
+    igl.arap_precomputation(points, faces, 2, np.zeros(1, dtype=np.int32), data)
+    return igl.arap_solve(np.ascontiguousarray(start[:1]), data, start), points, faces, {}
 
 
 def slim(job, options):
