@@ -12,9 +12,10 @@ def long_strip():
 
 def star():
     """Seven thin rays around a dome."""
-    points, faces = sheet(lambda u, v: (u, v, 0.01 * (u**2 + v**2)), (80.0, 80.0), (61, 61), centred=True)
-    reach, angle = np.hypot(*points[:, :2].T), np.arctan2(points[:, 1], points[:, 0])
-    return part(points, faces, reach < 12 + 27 * np.abs(np.cos(3.5 * angle)) ** 8)
+    points, faces = turned([(radius, 0.0) for radius in np.linspace(1, 1 / 12, 12)], 84, closed=True)
+    x, y, _ = points.T
+    reach = 8 + 30 * np.abs(np.cos(3.5 * np.arctan2(y, x))) ** 8
+    return np.column_stack([reach * x, reach * y, 5 - 5 * (x**2 + y**2)]), faces
 
 
 def pocket():
@@ -92,14 +93,12 @@ def surface(shape):
     return voxflat.surface(made) if isinstance(made, tuple) else voxflat.surface(made, spacing=(1, 1, 1), repair=True)
 
 
-def sheet(place, size, counts=None, centred=False):
+def sheet(place, size, counts=None):
     """Return a grid of triangles: places of (u, v), over a rectangle with so many vertices, or over given u and v."""
     if counts is None:
         along, across = size
     else:
         along, across = (np.linspace(0, length, count) for length, count in zip(size, counts, strict=True))
-    if centred:
-        along, across = along - along.mean(), across - across.mean()
     u, v = np.meshgrid(along, across, indexing="ij")
     points = np.stack(np.broadcast_arrays(*place(u, v)), axis=-1).reshape(-1, 3).astype(float)
     number = np.arange(u.size).reshape(u.shape)
@@ -126,9 +125,3 @@ def quads(a, b, c, d):
     """Return two triangles for each quadrilateral."""
     a, b, c, d = (corner.ravel() for corner in (a, b, c, d))
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
-def part(points, faces, kept):
-    """Return the triangles whose corners are all kept."""
-    used, faces = np.unique(faces[kept[faces].all(axis=1)], return_inverse=True)
-    return points[used], faces.reshape(-1, 3)

@@ -26,16 +26,22 @@ def test_has_no_folds(made):
     assert (signed > 0).all() or (signed < 0).all()
 
 
-def test_descent_only_goes_down(made):
-    assert (np.diff(made.metadata["descent"]["energies"]) <= 0).all()
-
-
 def test_what_did_not_converge_is_told(made):
     told = any("before it converged" in warning for warning in made.metadata["warnings"])
     assert told == (not made.metadata["descent"]["converged"])
 
 
-@pytest.mark.parametrize("shape", [hard_shapes.long_strip, hard_shapes.densities], ids=lambda shape: shape.__name__)
+@pytest.mark.parametrize(
+    "shape",
+    [
+        hard_shapes.long_strip,
+        hard_shapes.densities,
+        pytest.param(
+            hard_shapes.slivers, marks=pytest.mark.xfail(strict=True, reason="thin triangles count as thicker")
+        ),
+    ],
+    ids=lambda shape: shape.__name__,
+)
 def test_sheets_that_unroll_do(shape):
     flat = voxflat.flatten(hard_shapes.surface(shape)).distortion
     assert flat.raw.relative_error < 2e-3
@@ -50,7 +56,7 @@ def areas(uv, faces):
 
 def test_a_moebius_band_is_refused():
     points, faces = moebius_band()
-    with pytest.raises(voxflat.InputError, match="side|orient"):
+    with pytest.raises(voxflat.InputError, match=r"side|orient"):
         voxflat.flatten((points, faces))
 
 

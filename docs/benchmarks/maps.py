@@ -20,7 +20,6 @@ import maps_known
 import maps_makers
 import maps_pareto
 import maps_peers
-from distances import machine
 
 SECTIONS = {
     "fsaverage5": maps_peers.fsaverage5,
@@ -47,13 +46,15 @@ def main():
     parser.add_argument("--spacings", nargs="+", type=float, default=[2.3, 1.35, 1.0, 0.7, 0.6], help="of growth, mm")
     parser.add_argument("--weightings", type=int, default=9, help="from local to global")
     parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
-    parser.add_argument("--keep", type=Path, help="directory where maps are kept; those that are there are not made anew")
+    parser.add_argument(
+        "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
+    )
     parser.add_argument("--pictures", type=Path, default=PICTURES, help="directory of pictures")
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(SECTIONS)
     if unknown := set(chosen) - set(SECTIONS):
         parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
-    print(f"{machine()}, Python {platform.python_version()}")
+    print(f"{distances_tables.machine()}, Python {platform.python_version()}")
     for name in chosen:
         start = time.perf_counter()
         SECTIONS[name](options)

@@ -20,8 +20,7 @@ RADIUS = 30.0
 def developable(options):
     """Flatten surfaces that unroll without error, and compare distances in the map with those in the plane."""
     rows = []
-    for name, (plane, points) in developables().items():
-        faces = Delaunay(plane).simplices.astype(np.int64)
+    for name, (plane, points, faces) in developables().items():
         for maker, made in made_by(options.makers, {"points": points, "faces": faces}, options).items():
             error = relative_errors(pairs(plane), pairs(made.places))
             edge = voxflat.measure((points, faces), made.places, sources=1, reference="graph").triangles.edge
@@ -35,24 +34,29 @@ def developable(options):
 
 
 def developables():
-    """Return points in the plane and on the surface that it is rolled to, mm, by the surface's name."""
+    """Return points in the plane and on the surface that it is rolled to, mm, and faces, by the surface's name."""
     sheet = scattered(100.0, 40.0)
     x, y = sheet.T
-    sector = scattered(1.0, 1.0, 60)
-    radius, angle = 20 + 60 * sector[:, 0], 2.4 * (sector[:, 1] - 0.5)
+    sector = scattered(120.0, 60.0)
+    radius, angle = 20 + sector[:, 1], sector[:, 0] / 50 - 1.2
     cone = radius * np.array([np.cos(angle), np.sin(angle)])
     slope = 0.6  # of the cone's sides: circles of the sector become longer turns of a thinner one
-    turned = radius * np.array([slope * np.cos(angle / slope), slope * np.sin(angle / slope), np.full_like(radius, 0.8)])
+    turned = radius * np.array(
+        [slope * np.cos(angle / slope), slope * np.sin(angle / slope), np.full_like(radius, 0.8)]
+    )
+    faces, of_sector = (Delaunay(where).simplices.astype(np.int64) for where in (sheet, sector))
     return {
-        "plane": (sheet, np.column_stack([sheet, np.zeros(len(sheet))])),
-        "cylinder": (sheet, np.column_stack([20 * np.cos(x / 20), 20 * np.sin(x / 20), y])),
-        "cone": (cone.T, turned.T),
+        "plane": (sheet, np.column_stack([sheet, np.zeros(len(sheet))]), faces),
+        "cylinder": (sheet, np.column_stack([20 * np.cos(x / 20), 20 * np.sin(x / 20), y]), faces),
+        "cone": (cone.T, turned.T, of_sector),
     }
 
 
 def scattered(length, width, count=41):
     """Return points at random places near those of a grid over a rectangle, whose border is even."""
-    x, y = np.meshgrid(np.linspace(0, length, round(count * length / width)), np.linspace(0, width, count), indexing="ij")
+    x, y = np.meshgrid(
+        np.linspace(0, length, round(count * length / width)), np.linspace(0, width, count), indexing="ij"
+    )
     step = width / (count - 1)
     aside = np.random.default_rng(0).uniform(-0.3, 0.3, (2, *x.shape)) * step
     aside[:, [0, -1]] = aside[:, :, [0, -1]] = 0
@@ -73,7 +77,9 @@ def hemisphere(options):
         return RADIUS * reach[:, None] * np.column_stack([np.cos(around), np.sin(around)])
 
     def best(measure):
-        found = minimize(lambda shape: measure(true, cdist(radial(shape)[some], radial(shape))), [0, 0], method="Nelder-Mead")
+        found = minimize(
+            lambda shape: measure(true, cdist(radial(shape)[some], radial(shape))), [0, 0], method="Nelder-Mead"
+        )
         return radial(found.x)
 
     maps = {
@@ -86,7 +92,9 @@ def hemisphere(options):
     maps |= {name: made.places for name, made in made_by(options.makers, job, options).items()}
     for weighting in (0.0, 1.0):
         told = job | {"options": {"weighting": weighting}}
-        maps |= {f"{name}, weighting {weighting:g}": one.places for name, one in made_by(["voxflat"], told, options).items()}
+        maps |= {
+            f"{name}, weighting {weighting:g}": one.places for name, one in made_by(["voxflat"], told, options).items()
+        }
     rows = []
     for name, places in maps.items():
         flat = cdist(places[some], places)
@@ -95,7 +103,9 @@ def hemisphere(options):
         local = np.mean(np.abs(scale * flat[near] / true[near] - 1))
         triangles = voxflat.measure((points, faces), places, sources=1, reference="graph").triangles
         figures = (least_relative(true, flat), local, least_stress(true, flat), triangles.areal_p95)
-        rows.append([name, *(f"{100 * value:.2f}" for value in figures[:2]), *(f"{value:.4f}" for value in figures[2:])])
+        rows.append(
+            [name, *(f"{100 * value:.2f}" for value in figures[:2]), *(f"{value:.4f}" for value in figures[2:])]
+        )
     columns = ("map", "all %", "≤ 10 mm %", "stress-1, at its own best scale", "area: 95 %")
     table(f"Hemisphere, {len(points):,} vertices, beside great circles", columns, rows)
 

@@ -185,7 +185,9 @@ def autoflatten(job, options):
     points, faces = job["points"], job["faces"]
     vertices = np.arange(len(points))
     with tempfile.TemporaryDirectory() as directory:
-        surface, patch, flat = (Path(directory, name) for name in ("lh.fiducial", "lh.cut.patch.3d", "lh.flat.patch.3d"))
+        surface, patch, flat = (
+            Path(directory, name) for name in ("lh.fiducial", "lh.cut.patch.3d", "lh.flat.patch.3d")
+        )
         write_mesh(surface, Mesh(points, faces))
         write_patch(patch, Patch(vertices, points, patch_border(faces, vertices, len(points))))
         called = [command, "flatten", patch, "--base-surface", surface, "-o", flat, "--print-every", "1000"]

@@ -46,7 +46,10 @@ def pareto(options):
     of_others = {name: comparison[name] for name in comparison.maps if name not in called.values()}
     options.pictures.mkdir(parents=True, exist_ok=True)
     figures.save(trade(of_ours, of_others), options.pictures / "maps_pareto.png")
-    figures.save(convergence({weighting: one.descent for weighting, one in ours.items()}), options.pictures / "maps_convergence.png")
+    figures.save(
+        convergence({weighting: one.descent for weighting, one in ours.items()}),
+        options.pictures / "maps_convergence.png",
+    )
     usual = min(ours, key=lambda weighting: abs(weighting - 0.5))
     shown = {"voxflat": ours[usual].places, SHIPPED: shipped} | {name: one.places for name, one in peers.items()}
     scales = {"voxflat": of_ours[usual]} | of_others
@@ -75,7 +78,9 @@ def trade(ours, others):
         x = [value(of) for of in ours.values()]
         y = [100 * of.best_scale.relative_error for of in ours.values()]
         axes.plot(x, y, color="0.6", linewidth=1, zorder=1)
-        shown = axes.scatter(x, y, c=list(ours), cmap=COLOURS, vmin=0, vmax=1, s=42, zorder=2, edgecolor="white", linewidth=0.6)
+        shown = axes.scatter(
+            x, y, c=list(ours), cmap=COLOURS, vmin=0, vmax=1, s=42, zorder=2, edgecolor="white", linewidth=0.6
+        )
         for end in (min(ours), 0.5, max(ours)):
             if end in ours:
                 place = list(ours).index(end)
@@ -111,7 +116,13 @@ def convergence(descents):
     for weighting, descent in descents.items():
         energies = np.array(descent["energies"])
         above = 100 * (energies / energies[-1] - 1)
-        axes.plot(np.arange(len(above))[above > 0], above[above > 0], color=colormaps[COLOURS](weighting), linewidth=1.4, label=f"{weighting:g}")
+        axes.plot(
+            np.arange(len(above))[above > 0],
+            above[above > 0],
+            color=colormaps[COLOURS](weighting),
+            linewidth=1.4,
+            label=f"{weighting:g}",
+        )
     axes.grid(color="0.92")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(title="weighting", frameon=False, ncols=2)
