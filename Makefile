@@ -45,8 +45,8 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
-bench-flatten: setup ## maps beside fsaverage5's own, and of whole hemispheres up to 220,000 vertices
-	$(RUN) python docs/benchmarks/maps.py
+bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM and autoflatten; growth; weighting; hard shapes (hours)
+	$(RUN) --group bench python docs/benchmarks/maps.py
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py

@@ -53,9 +53,16 @@ def pareto(options):
     usual = min(ours, key=lambda weighting: abs(weighting - 0.5))
     shown = {"voxflat": ours[usual].places, SHIPPED: shipped} | {name: one.places for name, one in peers.items()}
     scales = {"voxflat": of_ours[usual]} | of_others
-    shown = {name: scales[name].best_scale.scale * places for name, places in shown.items()}
-    judged = voxflat.compare((points, faces), shown, sources=options.sources, reference="exact")
+    shown = {name: scales[name].best_scale.scale * turned(places, shown["voxflat"]) for name, places in shown.items()}
+    judged = voxflat.compare((points, faces), shown, sources=options.sources // 4, reference="exact")
     figures.save(figures.heat_maps(judged), options.pictures / "maps_heat.png")
+
+
+def turned(places, like):
+    """Return places turned, and mirrored if need be, to lie as others do (orthogonal Procrustes)."""
+    places, like = places - places.mean(axis=0), like - like.mean(axis=0)
+    left, _, right = np.linalg.svd(places.T @ like)
+    return places @ left @ right
 
 
 def trade(ours, others):
@@ -72,7 +79,7 @@ def trade(ours, others):
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(10.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(10.4, 4.4), layout="constrained")
     grid = figure.subplots(1, len(PANELS), sharey=True)
     for axes, (label, value) in zip(grid, PANELS, strict=True):
         x = [value(of) for of in ours.values()]
@@ -90,12 +97,12 @@ def trade(ours, others):
             there = value(of), 100 * of.best_scale.relative_error
             axes.scatter(*there, marker=marker, color=colour, s=54, zorder=3)
             axes.annotate(name, there, (8, -3), textcoords="offset points", fontsize=10, color=colour)
-        axes.margins(0.12)
+        axes.margins(x=0.24, y=0.12)
         axes.set_xlabel(label)
         axes.grid(color="0.92")
         axes.set_axisbelow(True)
     grid[0].set_ylabel("relative error of all distances (%)")
-    figure.colorbar(shown, ax=grid.tolist(), label="voxflat's weighting, from local to global")
+    figure.colorbar(shown, ax=grid.tolist(), aspect=30).set_label("voxflat's weighting: local to global", labelpad=8)
     return figure
 
 
@@ -113,6 +120,7 @@ def convergence(descents):
     """
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.add_subplot(xlabel="step on the full mesh", ylabel="energy above its end (%)", yscale="log")
+    axes.yaxis.set_major_formatter("{x:g}")
     for weighting, descent in descents.items():
         energies = np.array(descent["energies"])
         above = 100 * (energies / energies[-1] - 1)
@@ -123,6 +131,7 @@ def convergence(descents):
             linewidth=1.4,
             label=f"{weighting:g}",
         )
+    axes.set_ylim(bottom=0.01)
     axes.grid(color="0.92")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(title="weighting", frameon=False, ncols=2)
