@@ -25,7 +25,7 @@ def adversarial(options):
         triangles = made.distortion.triangles
         counts = (triangles.flipped, triangles.collapsed, triangles.covering, triangles.crossings)
         errors = 100 * made.distortion.best_scale.relative_error, 100 * triangles.edge
-        said = "; ".join(made.metadata["warnings"])
+        said = "; ".join(warning.split(": ")[0] for warning in made.metadata["warnings"])
         rows.append([name, f"{len(made):,}", *(f"{error:.2f}" for error in errors), *map(str, counts), said])
     columns = ("shape", "vertices", "all %", "edges %", "turned over", "without area", "covering", "crossings", "said")
     table("Hard shapes", columns, rows)

@@ -55,7 +55,7 @@ def pareto(options):
     scales = {"voxflat": of_ours[usual]} | of_others
     shown = {name: scales[name].best_scale.scale * turned(places, shown["voxflat"]) for name, places in shown.items()}
     judged = voxflat.compare((points, faces), shown, sources=options.sources // 4, reference="exact")
-    figures.save(figures.heat_maps(judged), options.pictures / "maps_heat.png")
+    figures.heat_maps(judged).savefig(options.pictures / "maps_heat.png", dpi=90)
 
 
 def turned(places, like):
@@ -94,13 +94,12 @@ def trade(ours, others):
                 axes.annotate(f"{end:g}", (x[place], y[place]), (6, 5), textcoords="offset points", fontsize=9)
         for name, of in others.items():
             marker, colour = LOOKS[name]
-            there = value(of), 100 * of.best_scale.relative_error
-            axes.scatter(*there, marker=marker, color=colour, s=54, zorder=3)
-            axes.annotate(name, there, (8, -3), textcoords="offset points", fontsize=10, color=colour)
-        axes.margins(x=0.24, y=0.12)
+            axes.scatter(value(of), 100 * of.best_scale.relative_error, marker=marker, color=colour, s=54, label=name)
+        axes.margins(0.1)
         axes.set_xlabel(label)
         axes.grid(color="0.92")
         axes.set_axisbelow(True)
+    grid[-1].legend(loc="lower right")
     grid[0].set_ylabel("relative error of all distances (%)")
     figure.colorbar(shown, ax=grid.tolist(), aspect=30).set_label("voxflat's weighting: local to global", labelpad=8)
     return figure
