@@ -39,6 +39,8 @@ pub enum Reason {
     JoinBoundaries,
     /// The surface was closed like a sphere's, or with the other cuts alone it would be all but closed.
     Sphere,
+    /// It relieves the map of the disk.
+    Relaxation,
 }
 
 /// How much a seam avoids crowns: an edge on one counts up to this many times as long as one in a fold's depth.

@@ -5,6 +5,7 @@ pub mod curvature;
 pub mod cuts;
 pub mod decimate;
 pub mod holes;
+pub(crate) mod inward;
 mod homology;
 pub mod level;
 pub mod loops;

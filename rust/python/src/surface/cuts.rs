@@ -95,11 +95,19 @@ impl Surface {
                     Reason::Handle => "handle",
                     Reason::JoinBoundaries => "boundaries joined",
                     Reason::Sphere => "closed sphere",
+                    Reason::Relaxation => "relaxation",
                 },
             )?;
             list.append(entry)?;
         }
         Ok((opened.surface.into(), list))
+    }
+
+    fn relax(&self, py: Python<'_>, length: f64, count: usize, least_gain: f64) -> PyResult<(Self, Vec<(Vec<u32>, f64)>, Vec<f64>)> {
+        let inner = Arc::clone(&self.0);
+        let budget = voxflat::flatten::relaxation::Budget { length, count, least_gain };
+        let relaxed = run(py, None, None, move |control| voxflat::flatten::relaxation::relax(&inner.surface, budget, control))?;
+        Ok((relaxed.surface.into(), relaxed.cuts.into_iter().map(|cut| (cut.vertices, cut.length)).collect(), relaxed.energies))
     }
 
     /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that
