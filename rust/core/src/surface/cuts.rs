@@ -39,7 +39,7 @@ pub enum Reason {
     JoinBoundaries,
     /// The surface was closed like a sphere's, or with the other cuts alone it would be all but closed.
     Sphere,
-    /// It relieves the map of the disk.
+    /// It relieves the map ([`crate::flatten::relaxation`]).
     Relaxation,
 }
 
@@ -118,7 +118,7 @@ fn require_connected(topology: &Topology) -> Result<()> {
 }
 
 /// A cut along half-edges of the surface, each of which begins where the one before ends.
-fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
+pub(crate) fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
     let end = path.last().map(|&h| surface.target(h));
     Cut {
         vertices: path.iter().map(|&h| surface.origin(h)).chain(end).collect(),

@@ -17,77 +17,91 @@ use crate::sources::Sources;
 use crate::surface::Surface;
 
 /// Points from which distances are kept.
-const LANDMARKS: usize = 64;
+pub const LANDMARKS: usize = 48;
 
+/// The energy is that of the map that is to be made (docs/decisions/0013).
 const BANDS: Bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };
 const AREA: f64 = 6.0;
 const STIFFNESS: f64 = 0.08;
 
-#[derive(Debug)]
-pub struct Slit {
-    /// The id of the vertex where it ends.
-    pub tip: u32,
-    pub half_edges: Vec<u32>,
-    /// mm.
-    pub length: f64,
-}
+/// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
+const TRIED: Until = Until { steps: 25, gain: 1e-3 };
 
+/// And when the cut is made.
+const SETTLED: Until = Until { steps: 80, gain: 3e-4 };
+
+/// A surface and a map of it that folds nowhere.
 #[derive(Debug)]
 pub struct Sketch {
     pub surface: Surface,
     uv: Vec<Vector2<f64>>,
     landmarks: Vec<u32>,
+    /// Of the map, with distances as they are on this surface.
     pub energy: f64,
 }
 
 impl Sketch {
+    /// A disk and its map.
+    ///
+    /// # Errors
+    /// As [`levels::flatten`].
     pub fn new(surface: Surface, control: &Control) -> Result<Self> {
-        let graph = GeodesicGraph::new(&surface, control)?;
-        let sources = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 };
-        let landmarks = sources.choose(&graph, control)?;
-        let rows = DistanceRows::compute(&graph, &landmarks, control)?;
-        let scaling = classical_scaling(&rows.among(control)?)?;
-        let (uv, _) = levels::flatten(&surface, &rows, &scaling.places, control)?;
+        let quiet = control.part();
+        let graph = GeodesicGraph::new(&surface, &quiet)?;
+        let landmarks = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 }.choose(&graph, &quiet)?;
+        let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
+        let scaling = classical_scaling(&rows.among(&quiet)?)?;
+        let (uv, _) = levels::flatten(&surface, &rows, &scaling.places, &quiet)?;
         let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
         sketch.settle(control)?;
         Ok(sketch)
     }
 
-    pub fn with(&self, slit: &Slit, control: &Control) -> Result<Self> {
-        let surface = self.surface.cut_open(slit.half_edges.iter().copied());
+    /// What becomes of it by a cut along half-edges. Its lips lie on each other at first.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`], and those of descent.
+    pub fn with(&self, cut: &[u32], control: &Control) -> Result<Self> {
+        let surface = self.surface.cut_open(cut.iter().copied());
         let mut uv = vec![Vector2::zeros(); surface.len()];
-        let mut landmarks = self.landmarks.clone();
-        for (old, new) in self.surface.faces().as_flattened().iter().zip(surface.faces().as_flattened()).rev() {
-            uv[*new as usize] = self.uv[*old as usize];
-            self.landmarks.iter().zip(&mut landmarks).filter(|(landmark, _)| *landmark == old).for_each(|(_, l)| *l = *new);
+        let mut number = vec![0; self.surface.len()]; // of the two on a cut, one
+        for (&old, &new) in self.surface.faces().as_flattened().iter().zip(surface.faces().as_flattened()) {
+            uv[new as usize] = self.uv[old as usize];
+            number[old as usize] = new;
         }
+        let landmarks = self.landmarks.iter().map(|&landmark| number[landmark as usize]).collect();
         let mut sketch = Self { surface, uv, landmarks, energy: f64::NAN };
-        sketch.descend(Until { steps: 40, gain: 1e-3 }, control)?;
+        sketch.descend(TRIED, control)?;
         Ok(sketch)
     }
 
+    /// Descends further.
+    ///
+    /// # Errors
+    /// As [`Sketch::with`].
     pub fn settle(&mut self, control: &Control) -> Result<()> {
-        self.descend(Until { steps: 200, gain: 1e-4 }, control)
+        self.descend(SETTLED, control)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {
-        let quiet = Control::default();
-        let t0 = std::time::Instant::now();
+        let quiet = control.part();
         let graph = GeodesicGraph::new(&self.surface, &quiet)?;
         let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
-        let t1 = t0.elapsed();
         let all: Vec<u32> = (0..self.surface.len() as u32).collect();
-        let pairs = Pairs::new(&rows, &all, control)?;
+        let pairs = Pairs::new(&rows, &all, &quiet)?;
         let triangles = Triangles::new(&self.surface);
-        let springs = Springs::new(triangles.corners().collect(), self.surface.len(), control)?;
+        let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
         let shape = Shape { area: AREA, scale: triangles.best_scale(&self.uv) };
-        let energy = MapEnergy { pairs: &pairs, bands: BANDS, triangles: &triangles, shape, stiffness: STIFFNESS, springs: &springs };
-        let t2 = t0.elapsed();
-        let went = descend(&energy, &mut self.uv, until, control)?;
-        if std::env::var("RELAX").is_ok() {
-            eprintln!("   n {} rows {:?} prep {:?} all {:?} steps {}", self.surface.len(), t1, t2, t0.elapsed(), went.energies.len());
-        }
-        self.energy = went.energies[went.energies.len() - 1];
+        let energy = MapEnergy {
+            pairs: &pairs,
+            bands: BANDS,
+            triangles: &triangles,
+            shape,
+            stiffness: STIFFNESS,
+            springs: &springs,
+        };
+        let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
+        self.energy = energies[energies.len() - 1];
         Ok(())
     }
 }
