@@ -20,13 +20,17 @@ use crate::surface::inward::{Inward, spread};
 use sketch::{LANDMARKS, Sketch};
 
 /// Vertices of the coarse surface on which cuts are tried.
-const COARSE: usize = 1600;
+const COARSE: usize = 1000;
 
 /// Places into which cuts may lead.
 const TIPS: usize = 40;
 
 /// Most cuts.
 const MOST_CUTS: usize = 32;
+
+/// A cut is worth its gain by this power of its length: of equal gains for their length the longer cut is taken, since many
+/// short cuts leave more pieces between them.
+const POWER: f64 = 0.7;
 
 /// Cuts that are tried at a time, whatever the number of threads: which are tried at all depends on it.
 const AT_A_TIME: usize = 4;
@@ -43,7 +47,7 @@ pub struct Relaxation {
 impl Default for Relaxation {
     /// As long as it pays: five to nine cuts of a hemisphere.
     fn default() -> Self {
-        Self { length: f64::INFINITY, least_gain: 0.05 }
+        Self { length: f64::INFINITY, least_gain: 0.03 }
     }
 }
 
@@ -153,18 +157,18 @@ impl Trials {
         Ok(Self { sketch, tips, least_rate })
     }
 
-    /// The cut, no longer than `longest` mm, that gains most for its length; none if none gains enough.
+    /// The cut, no longer than `longest` mm, that is worth most; none if none gains enough.
     ///
-    /// A cut gains less once another is made near it, hardly ever more. So those that gained most when they were tried last
-    /// are tried first, and none that gained less for its length than another gains now (Minoux 1978).
+    /// A cut gains less once another is made near it, hardly ever more. So those that were worth most when they were tried
+    /// last are tried first, and none that was worth less than another is now (Minoux 1978).
     fn best(&mut self, longest: f64, control: &Control) -> Result<Option<Trial>> {
         let mut untried = self.slits(longest, control)?;
         let mut best: Option<(f64, Trial)> = None;
         loop {
-            let rate = |(n, slit): &(usize, Slit)| self.tips[*n].gain / slit.length;
-            untried.sort_by(|a, b| rate(b).total_cmp(&rate(a)).then(a.1.tip.cmp(&b.1.tip)));
-            let bar = best.as_ref().map_or(self.least_rate, |best| best.0);
-            let count = untried.iter().take(AT_A_TIME).take_while(|slit| rate(slit) > bar).count();
+            let worth = |(n, slit): &(usize, Slit)| self.worth(self.tips[*n].gain, slit.length);
+            untried.sort_by(|a, b| worth(b).total_cmp(&worth(a)).then(a.1.tip.cmp(&b.1.tip)));
+            let bar = best.as_ref().map_or(0.0, |best| best.0);
+            let count = untried.iter().take(AT_A_TIME).take_while(|slit| worth(slit) > bar).count();
             if count == 0 {
                 return Ok(best.map(|(_, trial)| trial));
             }
@@ -173,12 +177,17 @@ impl Trials {
             let tried: Vec<Sketch> = batch.par_iter().map(tried).collect::<Result<_>>()?;
             for ((n, slit), sketch) in batch.into_iter().zip(tried) {
                 self.tips[n].gain = self.sketch.energy - sketch.energy;
-                let rate = self.tips[n].gain / slit.length;
-                if best.as_ref().map_or(self.least_rate, |best| best.0) < rate {
-                    best = Some((rate, Trial { slit, sketch }));
+                let worth = self.worth(self.tips[n].gain, slit.length);
+                if worth > best.as_ref().map_or(0.0, |best| best.0) {
+                    best = Some((worth, Trial { slit, sketch }));
                 }
             }
         }
+    }
+
+    /// What a cut is worth by what it gains; nothing if that is too little for its length.
+    fn worth(&self, gain: f64, length: f64) -> f64 {
+        if gain > self.least_rate * length { gain / length.powf(POWER) } else { 0.0 }
     }
 
     /// The shortest way from the boundary to each tip; of those that are too long the beginning.
