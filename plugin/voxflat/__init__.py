@@ -8,6 +8,7 @@ whatever tool.
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
+from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import measure
@@ -22,6 +23,8 @@ from voxflat.rows import DistanceRows, open_rows
 __all__ = [
     "Cancelled",
     "Check",
+    "Cut",
+    "CutSurface",
     "DistanceRows",
     "Distortion",
     "Figures",
@@ -34,6 +37,7 @@ __all__ = [
     "VoxflatError",
     "__version__",
     "check",
+    "cut",
     "flatten",
     "geodesic",
     "load",
