@@ -95,7 +95,7 @@ def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.
             ends = [whole.ids[end].tolist() for end in (a, b)]
             raise InputError(f"cut {number}: no path leads from {ends[0]} to {ends[1]}") from None
         passed += steps[1:].tolist()
-    return whole.ids[passed]
+    return np.asarray(whole.ids[passed])
 
 
 def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any], float]:

@@ -56,7 +56,7 @@ def medial_wall_of(whole: Surface) -> NDArray[np.bool_]:
     if whole.thickness is None:
         raise InputError(f"the medial wall is where white and pial surface touch: give pial, too; or {advice}")
     touching = whole.thickness[whole.vertices] < _TOUCHING
-    corners = touching[whole.faces].all(axis=1)
+    corners = np.asarray(np.asarray(touching[whole.faces]).all(axis=1))
     if not corners.any():
         raise InputError(f"white and pial surface touch nowhere, so the medial wall is not found: {advice}")
     places = whole.core.part_of_faces(corners)
