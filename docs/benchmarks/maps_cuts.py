@@ -2,9 +2,10 @@
 
     python docs/benchmarks/maps_cuts.py [PICTURE]
 
-`make bench-flatten` runs it, too. On fsaverage5 the medial wall is left out as the shipped map leaves it out, and automatic
-cuts may be as long as the shipped ones. Each map is judged by the distances on its own cut surface; `uncut` is its mean
-relative error against distances on the surface that lacks the medial wall only, between the same 300 points and all others.
+`make bench-flatten` runs it, too. On fsaverage5 the medial wall is left out as the shipped map leaves it out, and
+automatic cuts may be as long as the shipped ones. Each map is judged by the distances on its own cut surface; `uncut`
+is its mean relative error against distances on the surface that lacks the medial wall only, between the same 300 points
+and all others.
 """
 
 import sys
@@ -111,8 +112,8 @@ def report(surface_name, cuts, length, surface, uncut, **patch):
     of, triangles = flat.distortion.best_scale, flat.distortion.triangles
     against = "" if uncut is None else f"{100 * error_on(uncut, flat):.2f}"
     print(
-        f"| {surface_name} | {cuts} | {length:.0f} | {len(flat)} | {wall:.1f} | {cpu:.1f} | {100 * of.relative_error:.2f} "
-        f"| {100 * of.relative_error_30mm:.2f} | {100 * of.relative_error_10mm:.2f} | {against} | {of.stress_1:.4f} "
+        f"| {surface_name} | {cuts} | {length:.0f} | {len(flat)} | {wall:.1f} | {cpu:.1f} "
+        f"| {100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} | {100 * of.relative_error_10mm:.2f} | {against} | {of.stress_1:.4f} "
         f"| {100 * triangles.edge:.2f} | {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} "
         f"| {triangles.covering} |",
         flush=True,

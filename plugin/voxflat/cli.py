@@ -1,4 +1,4 @@
-"""The command line: `voxflat flatten`, `check`, `surface`, `cut`, `path`, `rows`, `measure`, `image`, `texture`, `demo`.
+"""The command line: `voxflat flatten`, `check`, `surface`, `cut`, `path`, `rows`, `measure`, `image`, `demo`, ...
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
