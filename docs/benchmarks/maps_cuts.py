@@ -113,9 +113,9 @@ def report(surface_name, cuts, length, surface, uncut, **patch):
     against = "" if uncut is None else f"{100 * error_on(uncut, flat):.2f}"
     print(
         f"| {surface_name} | {cuts} | {length:.0f} | {len(flat)} | {wall:.1f} | {cpu:.1f} "
-        f"| {100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} "
-        f"| {100 * of.relative_error_10mm:.2f} | {against} | {of.stress_1:.4f} | {100 * triangles.edge:.2f} | {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} "
-        f"| {triangles.covering} |",
+        f"| {100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} | {100 * of.relative_error_10mm:.2f} "
+        f"| {against} | {of.stress_1:.4f} | {100 * triangles.edge:.2f} "
+        f"| {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} | {triangles.covering} |",
         flush=True,
     )
     return flat
