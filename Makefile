@@ -47,6 +47,7 @@ bench-distances: setup ## every figure of distances beside its target and its pe
 
 bench-flatten: setup ## maps beside fsaverage5's own, and of whole hemispheres up to 220,000 vertices
 	$(RUN) python docs/benchmarks/maps.py
+	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py

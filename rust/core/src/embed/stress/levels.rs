@@ -47,7 +47,7 @@ const LOOSE: Dials =
     Dials { bands: Bands { weights: [1.0, 0.3, 0.0], outliers: [f64::INFINITY; 2] }, area: 0.0, stiffness: 0.02 };
 
 /// What makes the map (docs/decisions/0013).
-const FINAL: Dials =
+pub(crate) const FINAL: Dials =
     Dials { bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] }, area: 6.0, stiffness: 0.08 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
@@ -63,12 +63,12 @@ fn weighted(weighting: f64) -> Dials {
 
 /// What counts how much.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Dials {
-    bands: Bands,
+pub(crate) struct Dials {
+    pub bands: Bands,
     /// γ, the price of changes of area.
-    area: f64,
+    pub area: f64,
     /// β, the weight of the triangles beside the distances.
-    stiffness: f64,
+    pub stiffness: f64,
 }
 
 /// How descent on the finest level went.
