@@ -17,7 +17,7 @@ setup: ## everything that the other targets need
 	@.ci/setup $(UV)
 	@$(UV) sync --locked --all-extras --quiet
 
-demo: setup ## flatten a patch of human cortex into demo/
+demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
 
 test: setup ## all checks and tests
@@ -47,6 +47,7 @@ bench-distances: setup ## every figure of distances beside its target and its pe
 
 bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM and autoflatten; growth; weighting; hard shapes (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py
+	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
@@ -67,7 +68,7 @@ paper-mapmaker: setup ## the figures of Schwartz, Shaw, Wolfson (1989), paper be
 	$(RUN) python docs/paper/schwartz1989.py
 
 pictures: demo ## the pictures of the docs
-	cp demo/flat_image.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py

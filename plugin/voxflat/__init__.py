@@ -8,6 +8,7 @@ whatever tool, and `compare` several of them.
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
+from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import Comparison, compare, measure
@@ -23,6 +24,8 @@ __all__ = [
     "Cancelled",
     "Check",
     "Comparison",
+    "Cut",
+    "CutSurface",
     "DistanceRows",
     "Distortion",
     "Figures",
@@ -37,6 +40,7 @@ __all__ = [
     "__version__",
     "check",
     "compare",
+    "cut",
     "flatten",
     "geodesic",
     "load",
