@@ -17,7 +17,7 @@ setup: ## everything that the other targets need
 	@.ci/setup $(UV)
 	@$(UV) sync --locked --all-extras --quiet
 
-demo: setup ## flatten a patch of human cortex into demo/
+demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
 
 test: setup ## all checks and tests
@@ -45,8 +45,9 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
-bench-flatten: setup ## maps beside fsaverage5's own, and of whole hemispheres up to 220,000 vertices
-	$(RUN) python docs/benchmarks/maps.py
+bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM and autoflatten; growth; weighting; hard shapes (long)
+	$(RUN) --group bench python docs/benchmarks/maps.py
+	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
@@ -71,7 +72,7 @@ paper-saucan: setup ## the figures of Appleboim, Saucan, Zeevi (2006), paper bes
 	$(RUN) python docs/paper/saucan.py $(SKULLS)
 
 pictures: demo ## the pictures of the docs
-	cp demo/flat_image.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py

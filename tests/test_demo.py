@@ -15,16 +15,17 @@ def output(tmp_path_factory):
     return directory, flat_map, "\n".join(lines)
 
 
-def test_the_patch_is_large_and_its_map_is_fair(output):
+def test_the_hemisphere_is_whole_and_its_map_is_fair(output):
     _, flat_map, _ = output
-    assert len(flat_map) >= 5000
-    assert flat_map.distortion.raw.relative_error < 0.07
-    assert flat_map.metadata["planarity"] > 0.98
+    assert len(flat_map) > 75_000
+    assert flat_map.distortion.best_scale.relative_error < 0.09
+    triangles = flat_map.distortion.triangles
+    assert (triangles.flipped, triangles.crossings, triangles.covering) == (0, 0, 0)
 
 
 def test_everything_is_written_and_named(output):
     directory, flat_map, told = output
-    for name in ("flat_image.png", "heat_map.png", "scatter.png", "spectrum.png", "patch_3d.png"):
+    for name in ("flat_image.png", "grey_matter.png", "heat_map.png", "scatter.png", "spectrum.png", "patch_3d.png"):
         picture = np.asarray(Image.open(directory / name).convert("RGB"))
         assert min(picture.shape[:2]) > 400
         assert picture.std() > 20  # not blank
@@ -32,13 +33,6 @@ def test_everything_is_written_and_named(output):
     np.testing.assert_array_equal(voxflat.load(directory / "map.npz").uv, flat_map.uv)
     assert (directory / "summary.txt").read_text().strip() in told
     assert str(directory) in told
-
-
-def test_the_central_cortex_is_seen_from_outside_with_superior_up(output):
-    _, flat_map, _ = output
-    u, v = flat_map.uv.T
-    assert np.corrcoef(v, flat_map.points[:, 2])[0, 1] > 0.5
-    assert np.corrcoef(u, flat_map.points[:, 1])[0, 1] > 0.5  # the right side: anterior is to the right
 
 
 def test_a_directory_that_cannot_be_made(tmp_path):

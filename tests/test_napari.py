@@ -164,7 +164,7 @@ def test_demo_cortex_is_a_sample(make_napari_viewer):
     viewer = make_napari_viewer()
     viewer.open_sample("voxflat", "demo_cortex")
     t1, labels, seed = viewer.layers
-    white_matter, _ = demo_cortex()
+    white_matter, _, _ = demo_cortex()
     assert isinstance(t1, Image)
     assert labels.data.dtype == np.uint8
     assert_array_equal(labels.data, white_matter.data > THRESHOLD)

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from voxflat import demo
+
 SIDES = ("left", "right")
 SPACINGS = (1.0, 0.7, 0.5)
 
@@ -104,19 +106,13 @@ def fsaverage5(side):
     }
 
 
-def mni152_white_matter(side, threshold=0.5):
-    """Load a hemisphere's white matter from the MNI152 template, without cerebellum and brain stem.
-
-    The hemispheres are parted at x = 0 mm; the voxels there belong to neither. The brain stem is cut through at
-    z = -14 mm by taking out the voxels with |x| ≤ 20 mm and -45 < y < 0 mm in that one slice; the lower stem and with
-    it the cerebellum, which no other white matter joins to the hemisphere, are then not in the largest component.
+def mni152_white_matter(side):
+    """Load a hemisphere's white matter from the MNI152 template, as `voxflat.demo.hemisphere` takes it out.
 
     Parameters
     ----------
     side : {"left", "right"}
         Hemisphere.
-    threshold : float, optional
-        White matter is where its probability is greater.
 
     Returns
     -------
@@ -129,20 +125,10 @@ def mni152_white_matter(side, threshold=0.5):
         ``labels == (probability > threshold)``.
     """
     check_side(side)
-    from nilearn import datasets
-
-    image = datasets.load_mni152_wm_template(resolution=1)
-    probability = np.array(image.dataobj, dtype=np.float32)
-    x, y, z = (
-        offset + step * np.arange(length)
-        for offset, step, length in zip(image.affine[:3, 3], np.diag(image.affine)[:3], probability.shape, strict=True)
-    )
-    white = probability > threshold
-    white[x >= 0 if side == "left" else x <= 0] = False
-    white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
-    labels = largest_component(white)
-    probability[(probability > threshold) & ~labels] = 0
-    return labels.astype(np.uint8), np.array(image.affine, dtype=float), probability
+    white_matter, _, _ = demo.demo_cortex()
+    labels = demo.hemisphere(white_matter, side).data
+    probability = np.where((white_matter.data > demo.THRESHOLD) & (labels == 0), 0, white_matter.data)
+    return labels, white_matter.affine, probability
 
 
 def check_side(side):

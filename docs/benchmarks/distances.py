@@ -56,7 +56,7 @@ def main():
     chosen = options.only.split(",") if options.only else list(SECTIONS)
     if unknown := set(chosen) - set(SECTIONS):
         parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
-    print(f"{machine()}, Python {platform.python_version()}")
+    print(f"{distances_tables.machine()}, Python {platform.python_version()}")
     for name in chosen:
         start = time.perf_counter()
         SECTIONS[name](options)
@@ -64,17 +64,6 @@ def main():
     missed = distances_tables.misses
     print("\n## " + (f"{len(missed)} targets missed" if missed else "All targets met") + "\n")
     print("\n".join(f"- {line}" for line in missed))
-
-
-def machine():
-    """Name the processor, its cores and the load."""
-    try:
-        with open("/proc/cpuinfo") as file:
-            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
-    except OSError:
-        names = []
-    load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
-    return f"{names[0] if names else platform.processor()} ({platform.machine()}), {os.cpu_count()} cores{load}"
 
 
 if __name__ == "__main__":

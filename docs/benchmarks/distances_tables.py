@@ -1,5 +1,7 @@
 """What the parts of `distances.py` share: tables, targets, errors, times."""
 
+import os
+import platform
 import time
 from collections import defaultdict
 
@@ -83,3 +85,14 @@ def exponent(sizes, values):
 def seconds(value):
     """Format a time, s."""
     return f"{value:.1f} s" if value >= 10 else f"{value:.2f} s" if value >= 0.1 else f"{1e3 * value:.1f} ms"
+
+
+def machine():
+    """Name the processor, its cores and the load."""
+    try:
+        with open("/proc/cpuinfo") as file:
+            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        names = []
+    load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
+    return f"{names[0] if names else platform.processor()} ({platform.machine()}), {os.cpu_count()} cores{load}"

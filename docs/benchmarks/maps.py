@@ -1,77 +1,67 @@
-"""Judge maps of the default method beside the flat maps that fsaverage5 comes with, and time them on large surfaces.
+"""Judge flat maps: the default method beside its peers on the same cuts, by exact distances from the same sources.
 
     make bench-flatten
+    python docs/benchmarks/maps.py --only fsaverage5,pareto
 
-Same vertices, same cuts, exact distances from the same 300 random points, figures at each map's best scale with their
-standard errors. Whole hemispheres are judged as they are flattened: by straight links, from 200 points.
+Every map is made in a process of its own; wall and CPU time, s, are without reading input. Compare ratios, machines
+differ. Peers: the flat maps that fsaverage5 comes with, ARAP and SLIM (libigl), and `autoflatten flatten`.
 """
 
-import resource
+import argparse
+import platform
 import time
+from pathlib import Path
 
 import anatomy
-import numpy as np
+import distances_tables
+import maps_growth
+import maps_hard
+import maps_known
+import maps_makers
+import maps_pareto
+import maps_peers
 
-import voxflat
-
-SOURCES = 300
-HEADER = (
-    "| surface | map | vertices | wall s | CPU s | all % | ≤ 30 mm % | ≤ 10 mm % | stress-1 | edges % "
-    "| area: median, 95 % | turned over | covering |"
-)
+SECTIONS = {
+    "fsaverage5": maps_peers.fsaverage5,
+    "whole": maps_peers.whole,
+    "growth": maps_growth.growth,
+    "pareto": maps_pareto.pareto,
+    "developable": maps_known.developable,
+    "hemisphere": maps_known.hemisphere,
+    "adversarial": maps_hard.adversarial,
+}
+PICTURES = Path(__file__).resolve().parents[1] / "pictures"
 
 
 def main():
-    """Print the table."""
-    print(HEADER)
-    print("|---" * HEADER.count("|", 1) + "|")
-    for side in ("left", "right"):
-        hemisphere = anatomy.fsaverage5(side)
-        places, faces = hemisphere["flat"]
-        places = np.nan_to_num(places)  # vertices that no triangle has
-        for kind in ("white", "mid", "pial"):
-            surface = voxflat.surface((hemisphere[kind], hemisphere["faces"]))
-            name = f"fsaverage5 {kind} {side}"
-            ours, wall, cpu = flatten(surface, keep=(hemisphere[kind], faces))
-            maps = {"voxflat": ours, "shipped": (places, faces)}
-            compared = voxflat.compare(surface, maps, sources=SOURCES, reference="exact")
-            report(name, "voxflat", len(ours), wall, cpu, compared["voxflat"])
-            report(name, "shipped", len(ours), None, None, compared["shipped"])
-    for side in ("left", "right"):
-        labels, affine, _ = anatomy.mni152_white_matter(side)
-        surface = voxflat.surface(labels, affine=affine, repair=True)
-        ours, wall, cpu = flatten(surface)
-        report(f"MNI152 white matter {side}, whole", "voxflat", len(ours), wall, cpu, ours.distortion)
-    hemisphere = anatomy.fsaverage5("left")
-    for spacing in (1.0, 0.7, 0.5):
-        labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
-        surface = voxflat.surface(labels, affine=affine, repair=True)
-        ours, wall, cpu = flatten(surface)
-        report(
-            f"fsaverage5 white left, voxels of {spacing} mm, whole", "voxflat", len(ours), wall, cpu, ours.distortion
-        )
-    print(f"\nmemory at its peak: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
-
-
-def flatten(surface, **patch):
-    """Return a map and how long it took: wall and CPU, s."""
-    wall, cpu = time.monotonic(), time.process_time()
-    made = voxflat.flatten(surface, **patch)
-    return made, time.monotonic() - wall, time.process_time() - cpu
-
-
-def report(surface, name, vertices, wall, cpu, distortion):
-    """Print a row."""
-    of, errors, triangles = distortion.best_scale, distortion.standard_error.best_scale, distortion.triangles
-    seconds = " | | | " if wall is None else f" | {wall:.1f} | {cpu:.1f} | "
-    names = ("relative_error", "relative_error_30mm", "relative_error_10mm")
-    relative = (f"{100 * getattr(of, name):.2f} ± {100 * getattr(errors, name):.2f}" for name in names)
-    print(
-        f"| {surface} | {name} | {vertices}{seconds}{' | '.join(relative)} "
-        f"| {of.stress_1:.4f} ± {errors.stress_1:.4f} | {100 * triangles.edge:.2f} "
-        f"| {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} | {triangles.covering} |",
-        flush=True,
+    """Run the sections that are asked for, and say what is not met."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
+    parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
+    parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
+    parser.add_argument("--kinds", nargs="+", default=["white", "mid", "pial"], choices=["white", "mid", "pial"])
+    parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
+    parser.add_argument("--whole", type=float, default=0.7, help="voxels of the whole hemisphere, mm")
+    parser.add_argument("--whole-sources", type=int, default=100, help="that maps of whole hemispheres are judged from")
+    parser.add_argument("--spacings", nargs="+", type=float, default=[2.3, 1.35, 1.0, 0.7, 0.6], help="of growth, mm")
+    parser.add_argument("--weightings", type=int, default=9, help="from local to global")
+    parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
+    parser.add_argument(
+        "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
     )
+    parser.add_argument("--pictures", type=Path, default=PICTURES, help="directory of pictures")
+    options = parser.parse_args()
+    chosen = options.only.split(",") if options.only else list(SECTIONS)
+    if unknown := set(chosen) - set(SECTIONS):
+        parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
+    print(f"{distances_tables.machine()}, Python {platform.python_version()}")
+    for name in chosen:
+        start = time.perf_counter()
+        SECTIONS[name](options)
+        print(f"_{name}: {time.perf_counter() - start:.0f} s_", flush=True)
+    missed = distances_tables.misses
+    print("\n## " + (f"{len(missed)} targets missed" if missed else "All targets met") + "\n")
+    print("\n".join(f"- {line}" for line in missed))
 
 
 if __name__ == "__main__":

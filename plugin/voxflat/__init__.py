@@ -9,6 +9,7 @@ with bounds of the distortion that are proven.
 
 from voxflat._check import Check, check
 from voxflat._core import __version__
+from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import Comparison, compare, measure
@@ -26,6 +27,8 @@ __all__ = [
     "Certificate",
     "Check",
     "Comparison",
+    "Cut",
+    "CutSurface",
     "DistanceRows",
     "Distortion",
     "Figures",
@@ -43,6 +46,7 @@ __all__ = [
     "__version__",
     "check",
     "compare",
+    "cut",
     "flatten",
     "geodesic",
     "load",

@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat._cuts import close_holes, cut_along, opened, read_cuts
 from voxflat._errors import InputError
+from voxflat._medialwall import is_medial_wall, medial_wall_of
 from voxflat._prepare import Progress, keep_mask
 from voxflat._surface import Surface, as_mesh
 from voxflat.io import Volume
 from voxflat.meshes import Patch, holds_mesh, is_patch, read_patch, read_region
 
 _STRAY_SHARE = 0.05  # of a patch's triangles, that may lie in stray pieces
-_SMALL_HOLE = 15.0  # mm around, that is closed for measuring
-_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels
 _FAR_SEED = 2.0  # voxels between a seed point and the surface that need no remark
 
 
@@ -43,6 +43,8 @@ def cut_out(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    relax: float | bool | None = None,
+    threads: int | None = None,
     progress: Progress | None = None,
     to_disk: bool = True,
 ) -> Cutout:
@@ -52,7 +54,7 @@ def cut_out(
     ----------
     whole : Surface
         The surface.
-    keep, drop, seed_point, radius, polygon, cuts, progress
+    keep, drop, seed_point, radius, polygon, cuts, relax, threads, progress
         As in `voxflat.flatten`.
     to_disk : bool
         Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
@@ -70,7 +72,8 @@ def cut_out(
         raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
     remarks = list(whole.remarks)
     part = whole
-    region = _region(whole, keep, drop)
+    paths, left_out = read_cuts(whole, cuts)
+    region = _region(whole, keep, drop, left_out)
     if region is not None:
         part = part.with_core(part.core.part_of_faces(region))
     seed_id = None
@@ -87,14 +90,16 @@ def cut_out(
         part = part.with_core(core)
     part, told = _one_piece(part, region is not None or seed_id is not None or polygon is not None)
     remarks += told
-    part, cut_paths = _cut(part, cuts)
+    part, cut_paths, length = cut_along(part, paths)
     faces = part.faces
-    opened: list[dict[str, Any]] = []
+    automatic: list[dict[str, Any]] = []
     if to_disk:
-        part, faces, told = _close_holes(part, progress)
+        part, faces, told = close_holes(part, progress)
         remarks += told
-        if cuts is None or cut_paths:
-            part, faces, opened, told = _open(part, faces, progress)
+        if paths is None or cut_paths or relax:
+            is_fixed = paths is not None and not cut_paths
+            part, automatic, told = opened(part, relax, length, threads, progress, is_fixed=is_fixed)
+            faces = part.faces[: len(faces)]
             remarks += told
     metadata = {
         **whole.metadata,
@@ -105,7 +110,7 @@ def cut_out(
         "radius": None if radius is None else float(radius),
         "polygon": None if polygon is None else np.asarray(polygon).tolist(),
         "cuts": cut_paths,
-        "automatic_cuts": opened,
+        "automatic_cuts": automatic,
         "surface_points": len(whole),
         "points": len(np.unique(part.vertices)),
     }
@@ -115,12 +120,15 @@ def cut_out(
 # --------------------------------------------------------------------------------------------- regions
 
 
-def _region(whole: Surface, keep: object | None, drop: object | None) -> NDArray[np.bool_] | None:
+def _region(
+    whole: Surface, keep: object | None, drop: object | None, left_out: NDArray[np.int64] | None
+) -> NDArray[np.bool_] | None:
     """Return which triangles belong to the patch: those given, or those all of whose corners are to be kept."""
-    if keep is None and drop is None:
+    if keep is None and drop is None and left_out is None:
         return None
     for name, region in (("keep", keep), ("drop", drop)):
-        if isinstance(region, str | os.PathLike) and not os.path.exists(region):
+        is_name = name == "drop" and is_medial_wall(region)
+        if not is_name and isinstance(region, str | os.PathLike) and not os.path.exists(region):
             raise InputError(f"the region to {name}: there is no file {os.fspath(region)}")
     faces = whole.faces
     kept: NDArray[np.bool_] = np.ones(len(faces), dtype=np.bool_)
@@ -128,7 +136,10 @@ def _region(whole: Surface, keep: object | None, drop: object | None) -> NDArray
         of_mesh = None if whole.is_voxels else _triangles(whole, keep)
         kept = _all_corners(_vertices(whole, keep, "the region to keep"), faces) if of_mesh is None else of_mesh
     if drop is not None:
-        kept &= _all_corners(~_vertices(whole, drop, "the region to drop"), faces)
+        dropped = medial_wall_of(whole) if is_medial_wall(drop) else _vertices(whole, drop, "the region to drop")
+        kept &= _all_corners(~dropped, faces)
+    if left_out is not None:
+        kept &= _all_corners(~_vertices(whole, left_out, "what the cuts leave out"), faces)
     if not kept.any():
         raise InputError(f"the patch holds no triangle of the surface ({len(whole)} vertices): does it belong to it?")
     return kept
@@ -238,58 +249,3 @@ def _one_piece(part: Surface, is_chosen: bool) -> tuple[Surface, list[str]]:
     what = "the patch" if is_chosen else "the surface"
     remark = f"{what} has {len(sizes)} components: the largest, {100 * (1 - rest):.1f} % of its triangles, is used"
     return part.with_core(part.core.largest_piece()), [remark]
-
-
-# ----------------------------------------------------------------------------------------- cuts and holes
-
-
-def _cut(part: Surface, cuts: object | None) -> tuple[Surface, list[Any]]:
-    """Cut along the user's paths."""
-    if cuts is None:
-        return part, []
-    if isinstance(cuts, np.ndarray | list | tuple) and len(cuts) and isinstance(cuts[0], Integral):
-        cuts = [cuts]
-    if not isinstance(cuts, list | tuple):
-        raise InputError(
-            f"cuts are {type(cuts).__name__}; give a list of paths, each a list of vertices one after another"
-        )
-    paths = [part.find(path, f"cut {number}") for number, path in enumerate(cuts)]
-    if paths:
-        part = part.with_core(part.core.cut(paths))
-    return part, [np.asarray(path).tolist() for path in cuts]
-
-
-def _close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDArray[np.uint32], list[str]]:
-    """Close small holes, so that distances lead across them; the map's faces stay those of the input."""
-    longest = _SMALL_HOLE
-    if part.is_voxels:
-        longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    core, filled, _ = part.core.fill_holes(longest, progress)
-    if not filled:
-        return part, part.faces, []
-    return (
-        part.with_core(core),
-        part.faces,
-        [f"{filled} hole(s) up to {longest:g} mm around were closed for measuring"],
-    )
-
-
-def _open(
-    part: Surface, faces: NDArray[np.uint32], progress: Progress | None
-) -> tuple[Surface, NDArray[np.uint32], list[dict[str, Any]], list[str]]:
-    """Cut open what is no disk."""
-    topology = part.core.topology()["components"][0]
-    if topology["euler"] == 1:
-        return part, faces, [], []
-    own = len(faces)
-    core, cuts = part.core.open_to_disk(progress)
-    total = sum(cut["length"] for cut in cuts)
-    paths = "1 path" if len(cuts) == 1 else f"{len(cuts)} paths"
-    remark = (
-        f"the surface is no disk ({topology['handles']} handles, {topology['loops']} boundary loops): it was cut open "
-        f"along {paths}, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
-    )
-    for cut in cuts:
-        cut["ids"] = part.ids[cut.pop("vertices")].tolist()
-    opened = part.with_core(core)
-    return opened, opened.faces[:own], cuts, [remark]

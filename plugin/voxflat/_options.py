@@ -23,6 +23,7 @@ __all__ = [
     "places",
     "quiet",
     "region",
+    "relax",
     "rings",
     "sampling",
     "seed",
@@ -104,8 +105,12 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
 
 
-def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | None:
-    """Take files of vertex lists as cuts."""
+def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | None:
+    """Take files of vertex lists as cuts; a file of cuts stays one."""
+    if any(file.suffix.lower() == ".json" for file in value):
+        if len(value) > 1:
+            raise click.BadParameter("a file of cuts (.json) holds all of them; give no other.")
+        return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
 
@@ -182,7 +187,7 @@ region = _group(
         metavar="MASK",
         help="Flatten only this: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
     ),
-    click.option("--drop", type=FILE, metavar="MASK", help="Leave this out, such as the medial wall; as for --keep."),
+    click.option("--drop", type=FILE, metavar="MASK", help="Leave this out; as for --keep, or medial-wall."),
     click.option(
         "--seed-point",
         metavar="I,J,K|V",
@@ -204,10 +209,37 @@ region = _group(
         metavar="FILE",
         multiple=True,
         callback=_paths,
-        help="Cut along the neighbouring vertices listed in this file, as voxflat path writes it; may be given again.",
+        help="Cut along the neighbouring vertices listed in this file, as voxflat path writes it; may be given again. "
+        "Or cut as in this one file of cuts (.json), as voxflat cut writes it.",
     ),
 )
 """Which part of the surface is worked on."""
+
+
+def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
+    """Take the length instead, where one is given."""
+    length = ctx.params.pop("relax_length", None)
+    if length is not None and value is False:
+        raise click.BadParameter("--no-relax and --relax-length contradict each other.")
+    return value if length is None else float(length)
+
+
+relax = _group(
+    click.option(
+        "--relax-length",
+        type=click.FloatRange(min=0),
+        metavar="MM",
+        is_eager=True,
+        help="Relaxation cuts, those of --cut included, are no longer than this, mm.",
+    ),
+    click.option(
+        "--relax/--no-relax",
+        default=None,
+        callback=_relax,
+        help="Cut the disk further where that relieves the map, as long as it pays.  [default: of closed surfaces]",
+    ),
+)
+"""Which cuts are made beyond those that make a disk."""
 
 
 def store(*, required: bool) -> Callable[[_Command], _Command]:

@@ -39,12 +39,15 @@ class Surface:
         Where it came from and how it was made.
     remarks : tuple of str
         What the user should know of it.
+    thickness : ndarray of float64, shape (V,), or None
+        From white to pial surface at each vertex of the whole surface, mm, where both were given.
     """
 
     core: _core.Surface
     voxels: NDArray[np.int64] | None
     metadata: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    thickness: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -400,6 +403,7 @@ def _of_mesh(mesh: Mesh, pial: object | None) -> Surface:
     if suspicion and suspicion not in remarks:
         remarks.append(f"the surface {suspicion}")
     measured_on = "the given surface"
+    thickness = None
     if pial is not None:
         other = as_mesh(pial)
         if other is None:
@@ -409,6 +413,7 @@ def _of_mesh(mesh: Mesh, pial: object | None) -> Surface:
                 f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
                 "one subject and correspond vertex by vertex"
             )
+        thickness = np.linalg.norm(other.points - mesh.points, axis=1)
         core = core.moved((mesh.points[core.ids] + other.points[core.ids]) / 2)
         measured_on = "midthickness: halfway to the pial surface"
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
@@ -420,7 +425,7 @@ def _of_mesh(mesh: Mesh, pial: object | None) -> Surface:
         "structure": mesh.structure,
         "measured_on": measured_on,
     }
-    return Surface(core, None, metadata, tuple(remarks))
+    return Surface(core, None, metadata, tuple(remarks), thickness)
 
 
 # ------------------------------------------------------------------------------------------ from volumes

@@ -60,6 +60,7 @@ def flatten(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    relax: float | bool | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str | None = None,
     geodesic: str | None = None,
@@ -102,7 +103,7 @@ def flatten(
         mask of shape (V,), vertex numbers, or a file: FreeSurfer label or patch, GIFTI label or shape, or a GIFTI
         surface whose triangles are the patch.
     drop : as `keep`, optional
-        What not to flatten, such as the medial wall.
+        What not to flatten, such as the medial wall; ``"medial wall"`` finds it where white and pial surface touch.
     seed_point : sequence of 3 ints, or int, optional
         Voxel indices, or for meshes the number of a vertex; the surface within `radius` of it is flattened.
     radius : float, optional
@@ -110,10 +111,14 @@ def flatten(
     polygon : array_like of voxel indices (k, 3) or vertex numbers (k,), optional
         Corners; what is flattened is the smaller side of the closed path along edges that is shortest from each to the
         next.
-    cuts : list of paths, optional
+    cuts : list of paths, or path of a file, optional
         Paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the surface is cut
-        before; `voxflat.path` finds them. What is still no disk is cut open automatically, and that is said; ``[]``
-        forbids it.
+        before; `voxflat.path` finds them. Or a file of cuts, as `voxflat.cut` saves it. What is still no disk is cut
+        open automatically, and that is said; ``[]`` forbids it.
+    relax : bool or float, optional
+        Cut the disk further, from its boundary inwards, where that relieves the map most: as long as it pays (True), or
+        up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default what was closed like a
+        sphere is cut as long as it pays, and nothing else.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
         400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50, or all points if there are fewer. To
@@ -176,7 +181,7 @@ def flatten(
     if method != "schwartz1989":
         _refuse(method, neighbourhood=neighbourhood, starts=starts)
     if method == "grossmann2002":
-        _refuse(method, drop=drop, polygon=polygon, cuts=cuts)
+        _refuse(method, drop=drop, polygon=polygon, cuts=cuts, relax=relax or None)
         prepared = prepare(
             surface,
             **place,
@@ -191,7 +196,8 @@ def flatten(
         _refuse(method, store=store)
     mapmaker = Mapmaker.checked(neighbourhood, starts)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
-    cut = cut_out(whole, **patch, drop=drop, polygon=polygon, cuts=cuts, progress=progress)
+    patch |= {"drop": drop, "polygon": polygon, "cuts": cuts, "relax": relax}
+    cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
     if method == "schwartz1989":
         return _schwartz1989(cut, how, mapmaker)
     if method == "zigelman2002":

@@ -1,4 +1,4 @@
-"""The command line, `voxflat`: `flatten`, `check`, `surface`, `path`, `rows`, `measure`, `patches`, `image`, ...
+"""The command line: `voxflat flatten`, `check`, `surface`, `cut`, `path`, `rows`, `measure`, `patches`, `image`, ...
 
 Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
 """
@@ -17,6 +17,7 @@ import numpy as np
 import voxflat
 from voxflat import _atlascli, _options
 from voxflat._console import Bars, Program, bars
+from voxflat._cutcommand import cut as _cut_command
 from voxflat._distortion import json_ready
 from voxflat._errors import InputError
 from voxflat._options import FILE
@@ -67,6 +68,7 @@ Examples:
 @_options.making
 @_options.volume
 @_options.region
+@_options.relax
 @_options.memory_limit
 @click.option(
     "--sources",
@@ -130,6 +132,8 @@ def flatten(input_: Path, output: Path, as_json: bool, quiet: bool, **options: A
     elif not quiet:
         click.echo(_summary(flat_map, output))
 
+
+main.add_command(_cut_command)
 
 _MAKING = ("pial", "probability", "repair")
 _VOLUME = ("label", "threshold", "spacing")

@@ -1,4 +1,4 @@
-"""The demo: a patch of the human central cortex, from the MNI152 template that nilearn carries."""
+"""The demo: the left hemisphere of the human cortex, from the MNI152 template that nilearn carries."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from voxflat._errors import InputError
 from voxflat._prepare import Progress
@@ -20,7 +21,7 @@ from voxflat.io import Volume
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "flatten_demo", "run"]
+__all__ = ["DEPTH", "RADIUS", "SEED_POINT", "THRESHOLD", "demo_cortex", "hemisphere", "run"]
 
 THRESHOLD = 0.5
 """White matter is where its probability is greater."""
@@ -35,7 +36,7 @@ DEPTH = 2.0
 """How far outside white matter T1 is sampled, mm: in grey matter."""
 
 
-def demo_cortex() -> tuple[Volume, Volume]:
+def demo_cortex() -> tuple[Volume, Volume, Volume]:
     """Load the demo's volumes from nilearn; nothing is downloaded.
 
     Returns
@@ -44,6 +45,8 @@ def demo_cortex() -> tuple[Volume, Volume]:
         Probability of white matter in the MNI152 template (0 to 1), 1 mm.
     t1 : Volume
         The T1-weighted template on the same grid.
+    grey_matter : Volume
+        Probability of grey matter (0 to 1) on the same grid.
 
     Raises
     ------
@@ -59,34 +62,51 @@ def demo_cortex() -> tuple[Volume, Volume]:
         images = (
             datasets.load_mni152_wm_template(resolution=1),
             datasets.load_mni152_template(resolution=1),
+            datasets.load_mni152_gm_template(resolution=1),
         )
-    white_matter, t1 = (
+    white_matter, t1, grey_matter = (
         Volume(np.asarray(image.dataobj, dtype=np.float32), np.asarray(image.affine, dtype=np.float64))
         for image in images
     )
-    return white_matter, t1
+    return white_matter, t1, grey_matter
 
 
-def flatten_demo(white_matter: Volume, progress: Progress | None = None) -> FlatMap:
-    """Flatten the demo's patch.
+def hemisphere(white_matter: Volume, side: str = "left") -> Volume:
+    """Take a hemisphere out of the template's white matter, without cerebellum and brain stem.
+
+    The hemispheres are parted at x = 0 mm; the voxels there belong to neither. The brain stem is cut through at
+    z = -14 mm by taking out the voxels with abs(x) <= 20 mm and -45 < y < 0 mm in that one slice; the lower stem and
+    with it the cerebellum, which no other white matter joins to the hemisphere, are then not in the largest component.
 
     Parameters
     ----------
     white_matter : Volume
-        The first volume of `demo_cortex`.
-    progress : callable, optional
-        As in `voxflat.flatten`.
+        The first volume of `demo_cortex`, shape (197, 233, 189).
+    side : {"left", "right"}
+        Hemisphere.
 
     Returns
     -------
-    FlatMap
+    Volume
+        uint8 of the same shape: 1 in white matter, one component under face adjacency.
     """
-    whole = surface(white_matter, threshold=THRESHOLD, repair="voxels", progress=progress)
-    return flatten(whole, seed_point=SEED_POINT, radius=RADIUS, progress=progress)
+    x, y, z = (
+        offset + step * np.arange(length)
+        for offset, step, length in zip(
+            white_matter.affine[:3, 3], np.diag(white_matter.affine)[:3], white_matter.data.shape, strict=True
+        )
+    )
+    white = white_matter.data > THRESHOLD
+    white[x >= 0 if side == "left" else x <= 0] = False
+    white[np.ix_(np.abs(x) <= 20, (y > -45) & (y < 0), z == -14)] = False
+    components, _ = ndimage.label(white)
+    sizes = np.bincount(components.ravel())
+    sizes[0] = 0
+    return Volume((components == sizes.argmax()).astype(np.uint8), white_matter.affine)
 
 
 def run(output: Path, progress: Progress | None = None, tell: Callable[[str], None] = print) -> FlatMap:
-    """Flatten the demo's patch and write the map, its pictures and its figures.
+    """Flatten the demo's hemisphere and write the map, its pictures and its figures.
 
     Parameters
     ----------
@@ -112,17 +132,19 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make the directory {output}: {error.strerror}; choose another place") from error
-    white_matter, t1 = demo_cortex()
+    white_matter, t1, grey_matter = demo_cortex()
     start = time.perf_counter()
-    flat_map = flatten_demo(white_matter, progress)
+    whole = surface(hemisphere(white_matter), repair=True, progress=progress)
+    flat_map = flatten(whole, progress=progress)
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")
     pictures: dict[str, Callable[[Path], None]] = {
-        "flat_image.png": lambda path: figures.save(_flat_image(flat_map, t1), path),
+        "flat_image.png": lambda path: figures.save(_flat_image(flat_map, t1, "T1"), path),
+        "grey_matter.png": lambda path: figures.save(_flat_image(flat_map, grey_matter, "Grey matter"), path),
         "heat_map.png": lambda path: figures.save(figures.heat_map(flat_map), path),
         "scatter.png": lambda path: figures.save(figures.scatter(flat_map), path),
         "spectrum.png": lambda path: figures.save(figures.spectrum(flat_map), path),
-        "patch_3d.png": lambda path: figures.save_picture(figures.patch_3d(flat_map, white_matter), path),
+        "patch_3d.png": lambda path: figures.save_picture(figures.patch_3d(flat_map), path),
     }
     for name, write in pictures.items():
         write(output / name)
@@ -134,11 +156,11 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     return flat_map
 
 
-def _flat_image(flat_map: FlatMap, t1: Volume) -> Figure:
+def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
     from voxflat import figures
 
     # right at the border of white matter T1 is the same everywhere
-    return figures.flat_image(flat_map, t1, depth=DEPTH, title=f"T1, {DEPTH:g} mm outside white matter")
+    return figures.flat_image(flat_map, volume, depth=DEPTH, title=f"{name}, {DEPTH:g} mm outside white matter")
 
 
 def _summary(flat_map: FlatMap, seconds: float) -> str:
@@ -146,17 +168,18 @@ def _summary(flat_map: FlatMap, seconds: float) -> str:
     metadata = flat_map.metadata
     repair = metadata["repair"]
     triangles = flat_map.distortion.triangles
-    flipped = 0 if triangles is None else triangles.flipped
+    assert triangles is not None
+    cut = sum(cut["length"] for cut in metadata["automatic_cuts"])
     return "\n".join(
         [
-            "Right central cortex of the MNI152 template, white matter > 0.5",
-            f"{repair['handles']} handles of the whole white matter were repaired: {len(repair['cut'])} voxels "
-            f"removed, {len(repair['filled'])} added",
-            f"a patch of {len(flat_map)} of {metadata['surface_points']} vertices, "
-            f"within {metadata['radius']:g} mm of voxel {tuple(metadata['seed_point'])}",
-            f"flattened in {seconds:.2f} s from {metadata['sources']} sources, {width:.0f} x {height:.0f} mm",
-            f"{100 * metadata['planarity']:.1f} % of the distances' spectrum lies in the plane, "
-            f"{flipped} of {len(flat_map.faces)} triangles are turned over",
+            "Left hemisphere of the MNI152 template, white matter > 0.5",
+            f"{repair['handles']} handles were repaired: {len(repair['cut'])} voxels removed, "
+            f"{len(repair['filled'])} added",
+            f"cut open along {len(metadata['automatic_cuts'])} paths, {cut:.0f} mm in all",
+            f"{len(flat_map)} vertices flattened in {seconds:.0f} s from {metadata['sources']} sources, "
+            f"{width:.0f} x {height:.0f} mm",
+            f"{triangles.flipped} of {len(flat_map.faces)} triangles are turned over, "
+            f"{triangles.covering} cover another one",
             "",
             flat_map.distortion.table(),
         ]

@@ -56,6 +56,7 @@ _ERROR_LABEL = "mean relative error of distances (%)"
 _AREAS = "RdBu_r"  # from shrunk to grown
 _AREA_LABEL = "area, log2(flat / surface)"
 _USED, _POSITIVE, _NEGATIVE = "#c1440e", "#8a9ba8", "#ffffff"
+_CLOSED = 0.05  # of what the normals would sum up to on a plane
 _SURROUNDINGS = "#d8d8d4"
 _OUTLINE = "#606060"
 _MOST_LABELS = 12  # in a legend
@@ -349,7 +350,7 @@ def _map_axes(image: FlatImage) -> tuple[Figure, Axes]:
     left, right, bottom, top = image.extent
     height = float(np.clip(5.0 * (top - bottom) / (right - left), 2.0, 8.0))
     margin = 0.03 * max(right - left, top - bottom)
-    figure = Figure(figsize=(6.8, height + 0.9), layout="constrained")
+    figure = Figure(figsize=(6.8, height + 0.9), layout="compressed")
     axes = figure.add_subplot(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
     axes.set(xlim=(left - margin, right + margin), ylim=(bottom - margin, top + margin), autoscale_on=False)
     step = image.pixel_size  # a pixel more on each side, where the outline closes
@@ -369,8 +370,7 @@ def _inside(image: FlatImage) -> NDArray[np.bool_]:
 
 
 def _add_colour_bar(axes: Axes, shown: Any, label: str, **options: Any) -> None:
-    """Add a colour bar as high as the axes, which a bar in a column of its own is not if their aspect is fixed."""
-    axes.figure.colorbar(shown, cax=axes.inset_axes((1.04, 0.0, 0.045, 1.0)), label=label, **options)
+    axes.figure.colorbar(shown, ax=axes, label=label, fraction=0.045, pad=0.03, aspect=22, **options)
 
 
 def _name_labels(axes: Axes, image: FlatImage) -> None:
@@ -455,9 +455,16 @@ def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, fi
 
 
 def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
-    """Point the camera at the patch against its mean normal, superior up, as near as it fits."""
+    """Point the camera at the patch against its mean normal, superior up, as near as it fits.
+
+    What was closed has no such side: it is seen from the left if it lies on the left, else from the right.
+    """
     a, b, c = (flat_map.points[flat_map.faces[~flat_map.torn, corner]] for corner in range(3))
-    outward = _unit(np.cross(b - a, c - a).sum(axis=0))
+    normals = np.cross(b - a, c - a)
+    outward = normals.sum(axis=0)
+    if np.linalg.norm(outward) < _CLOSED * np.linalg.norm(normals, axis=1).sum():
+        outward = np.array([-1.0 if flat_map.points[:, 0].mean() < 0 else 1.0, 0.0, 0.0])
+    outward = _unit(outward)
     superior = (0, 0, 1) if abs(outward[2]) < 0.9 else (0, 1, 0)
     right = _unit(np.cross(superior, outward))
     axes = np.stack([right, np.cross(outward, right), outward])

@@ -18,7 +18,7 @@ def demo_cortex() -> list[LayerData]:
     """
     from voxflat.demo import SEED_POINT, THRESHOLD, demo_cortex
 
-    white_matter, t1 = demo_cortex()
+    white_matter, t1, _ = demo_cortex()
     labels = np.asarray(white_matter.data > THRESHOLD, dtype=np.uint8)
     place = {"affine": white_matter.affine, "units": ("mm", "mm", "mm")}
     return [

@@ -1,14 +1,14 @@
 //! Progress and cancelling of long work.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
 
 /// What long work reports and obeys. Share it between the thread that works and the one that watches.
 #[derive(Debug, Default)]
 pub struct Control {
-    stop: AtomicBool,
+    stop: Arc<AtomicBool>,
     stage: Mutex<(&'static str, u64)>,
     done: AtomicU64,
 }
@@ -41,6 +41,11 @@ impl Control {
     pub fn progress(&self) -> Progress {
         let (stage, total) = *self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         Progress { stage, done: self.done.load(Ordering::Relaxed).min(total), total }
+    }
+
+    /// For a part of the work: cancelled with it, its own progress untold.
+    pub fn part(&self) -> Self {
+        Self { stop: Arc::clone(&self.stop), ..Self::default() }
     }
 
     /// Asks the work to end; it returns [`Error::Cancelled`] soon after.

@@ -215,6 +215,9 @@ pub enum Error {
     )]
     FactorNotPositive { vertex: usize, factor: f64 },
 
+    #[error("the relaxation option {name} is {value}: give a number that is not negative")]
+    RelaxationOption { name: &'static str, value: f64 },
+
     #[error(
         "the surface falls into {count} components (of {sizes} triangles): open one at a time, the largest for example"
     )]

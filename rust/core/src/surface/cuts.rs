@@ -39,6 +39,8 @@ pub enum Reason {
     JoinBoundaries,
     /// The surface was closed like a sphere's, or with the other cuts alone it would be all but closed.
     Sphere,
+    /// It relieves the map ([`crate::flatten::relaxation`]).
+    Relaxation,
 }
 
 /// How much a seam avoids crowns: an edge on one counts up to this many times as long as one in a fold's depth.
@@ -116,7 +118,7 @@ fn require_connected(topology: &Topology) -> Result<()> {
 }
 
 /// A cut along half-edges of the surface, each of which begins where the one before ends.
-fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
+pub(crate) fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
     let end = path.last().map(|&h| surface.target(h));
     Cut {
         vertices: path.iter().map(|&h| surface.origin(h)).chain(end).collect(),

@@ -6,6 +6,7 @@ pub mod cuts;
 pub mod decimate;
 pub mod holes;
 mod homology;
+pub(crate) mod inward;
 pub mod level;
 pub mod loops;
 pub mod mesh;

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use voxflat::surface::cuts::{self, Reason};
+use voxflat::flatten::relaxation::{Relaxation, relax};
+use voxflat::surface::cuts::{self, Cut, Reason};
 use voxflat::surface::holes::{fill_holes, small_holes};
 use voxflat::surface::loops::{Handle, cut_handles, handles};
 use voxflat::surface::thin::thin_places;
@@ -84,22 +85,26 @@ impl Surface {
     ) -> PyResult<(Self, Bound<'py, PyList>)> {
         let inner = Arc::clone(&self.0);
         let opened = run(py, None, progress.as_ref(), move |control| cuts::open_to_disk(&inner.surface, control))?;
-        let list = PyList::empty(py);
-        for cut in opened.cuts {
-            let entry = PyDict::new(py);
-            entry.set_item("vertices", cut.vertices.into_pyarray(py))?;
-            entry.set_item("length", cut.length)?;
-            entry.set_item(
-                "reason",
-                match cut.reason {
-                    Reason::Handle => "handle",
-                    Reason::JoinBoundaries => "boundaries joined",
-                    Reason::Sphere => "closed sphere",
-                },
-            )?;
-            list.append(entry)?;
-        }
+        let list = cut_list(py, opened.cuts)?;
         Ok((opened.surface.into(), list))
+    }
+
+    /// A disk with relaxation cuts of a length in all, or as many as pay; the cuts, and the coarse map's energies.
+    #[pyo3(signature = (length=None, threads=None, progress=None))]
+    fn relax<'py>(
+        &self,
+        py: Python<'py>,
+        length: Option<f64>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Self, Bound<'py, PyList>, Vec<f64>)> {
+        let inner = Arc::clone(&self.0);
+        let relaxation = match length {
+            None => Relaxation::default(),
+            Some(length) => Relaxation { length, least_gain: 0.0 },
+        };
+        let relaxed = run(py, threads, progress.as_ref(), move |control| relax(&inner.surface, relaxation, control))?;
+        Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.energies))
     }
 
     /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that
@@ -140,6 +145,24 @@ fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<Bound<'py, 
         entry.set_item("vertices", &handle.vertices)?;
         entry.set_item("length", handle.length)?;
         entry.set_item("centre", [handle.centre.x, handle.centre.y, handle.centre.z])?;
+        list.append(entry)?;
+    }
+    Ok(list)
+}
+
+fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<Bound<'_, PyList>> {
+    let list = PyList::empty(py);
+    for cut in cuts {
+        let entry = PyDict::new(py);
+        entry.set_item("vertices", cut.vertices.into_pyarray(py))?;
+        entry.set_item("length", cut.length)?;
+        let reason = match cut.reason {
+            Reason::Handle => "handle",
+            Reason::JoinBoundaries => "boundaries joined",
+            Reason::Sphere => "closed sphere",
+            Reason::Relaxation => "relaxation",
+        };
+        entry.set_item("reason", reason)?;
         list.append(entry)?;
     }
     Ok(list)

@@ -47,7 +47,7 @@ const LOOSE: Dials =
     Dials { bands: Bands { weights: [1.0, 0.3, 0.0], outliers: [f64::INFINITY; 2] }, area: 0.0, stiffness: 0.02 };
 
 /// What makes the map (docs/decisions/0013).
-const FINAL: Dials =
+pub(crate) const FINAL: Dials =
     Dials { bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] }, area: 6.0, stiffness: 0.08 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
@@ -63,12 +63,12 @@ fn weighted(weighting: f64) -> Dials {
 
 /// What counts how much.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Dials {
-    bands: Bands,
+pub(crate) struct Dials {
+    pub bands: Bands,
     /// γ, the price of changes of area.
-    area: f64,
+    pub area: f64,
     /// β, the weight of the triangles beside the distances.
-    stiffness: f64,
+    pub stiffness: f64,
 }
 
 /// How descent on the finest level went.
@@ -118,9 +118,8 @@ pub fn flatten(
     Ok((uv.into_iter().map(Into::into).collect(), convergence))
 }
 
-/// What the user is told, on the finest level and on coarser ones, and where descent begins again.
+/// What the user is told, on the finest level and on coarser ones.
 const STAGES: [&str; 2] = ["keeping distances and shapes", "keeping distances and shapes, coarsely"];
-const KEEPING_APART: &str = "keeping parts of the map apart";
 
 /// How far vertices of the boundary may come out of a coarser map, if the boundary crosses itself by the one before.
 const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
@@ -214,8 +213,9 @@ impl Level {
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
 
-    /// Descent to the map of least energy. If its outline runs into itself, once more from the start, and the outline is kept
-    /// from it on the way.
+    /// Descent to the map of least energy, its outline kept from running into itself. On the way from the first map, where all
+    /// still moves far, parts may pass through each other; only if the outline runs into itself in the end, this descent is made
+    /// again without.
     fn settle(
         &self,
         uv: &mut Vec<Vector2<f64>>,
@@ -224,17 +224,18 @@ impl Level {
         stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
+        let apart = Some((&self.outline, APART));
+        if !is_coarsest {
+            let is_apart = self.outline.crossings(uv, control)? == 0;
+            return self.descend(uv, false, dials, apart.filter(|_| is_apart), stage, control);
+        }
         let start = uv.clone();
-        let free = self.descend(uv, is_coarsest, dials, None, stage, control)?;
+        let free = self.descend(uv, true, dials, None, stage, control)?;
         if self.outline.crossings(uv, control)? == 0 {
             return Ok(free);
         }
-        let left = std::mem::replace(uv, start);
-        if self.outline.crossings(uv, control)? > 0 {
-            *uv = left; // there was no way to begin without
-            return Ok(free);
-        }
-        self.descend(uv, is_coarsest, dials, Some((&self.outline, APART)), KEEPING_APART, control)
+        *uv = start;
+        self.descend(uv, true, dials, apart, stage, control)
     }
 
     fn descend(

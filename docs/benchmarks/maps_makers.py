@@ -1,0 +1,249 @@
+"""Makers of flat maps: voxflat and its peers, each map in a process of its own.
+
+    python docs/benchmarks/maps_makers.py MAKER JOB.npz MADE.npz
+
+makes a map in this process. `make` starts such a process, so that time and memory are of one map alone. A job holds a
+surface: the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
+Peers start as their users do: ARAP and SLIM (libigl) from the harmonic map to a disk, or where that folds from the one
+with equal springs; 100 iterations. `autoflatten flatten` has its defaults; it is the command as it is, so that its
+times contain its start and compilation.
+"""
+
+import hashlib
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+ITERATIONS = 100
+GIB = 2**30
+
+
+class NoMapError(Exception):
+    """A maker made no map; says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A flat map and what it took.
+
+    Parameters
+    ----------
+    places, points, faces : ndarray
+        In the plane, on the surface as it was cut, mm; triangles.
+    wall, cpu : float
+        Without reading the input and importing packages, s.
+    peak : float
+        Memory of the process at its peak, packages included, GiB.
+    descent : dict
+        voxflat's ``metadata["descent"]``.
+    """
+
+    places: np.ndarray
+    points: np.ndarray
+    faces: np.ndarray
+    wall: float = np.nan
+    cpu: float = np.nan
+    peak: float = np.nan
+    descent: dict = field(default_factory=dict)
+
+
+# ---------------------------------------------------------------------------------- in the caller's process
+
+
+def make(maker, job, limit=3600.0, keep=None):
+    """Make a map in a process of its own.
+
+    Parameters
+    ----------
+    maker : str
+        One of `MAKERS`.
+    job : dict
+        ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of `voxflat.flatten`.
+    limit : float, optional
+        Seconds after which there is no map.
+    keep : path, optional
+        Where maps are kept; one of the same job is taken from there, with the times of when it was made.
+
+    Returns
+    -------
+    Made
+
+    Raises
+    ------
+    NoMapError
+    """
+    with tempfile.TemporaryDirectory() as directory:
+        made = Path(directory, "made.npz")
+        if keep is not None:
+            made = Path(keep, f"{maker.replace(' ', '_')}-{_key(job)}.npz")
+            made.parent.mkdir(parents=True, exist_ok=True)
+        if not made.exists():
+            path = Path(directory, "job.npz")
+            np.savez(path, **{**job, "options": json.dumps(job.get("options", {}))})
+            command = [sys.executable, __file__, maker, path, made]
+            try:
+                done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
+            except subprocess.TimeoutExpired:
+                raise NoMapError(f"no map after {limit:.0f} s") from None
+            if done.returncode:
+                raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
+        with np.load(made) as found:
+            arrays = {name: found[name] for name in ("places", "points", "faces")}
+            costs = {name: float(found[name]) for name in ("wall", "cpu", "peak")}
+            return Made(**arrays, **costs, descent=json.loads(str(found["descent"])))
+
+
+def _key(job):
+    """Return what tells jobs apart."""
+    told = hashlib.sha256(json.dumps(job.get("options", {}), sort_keys=True).encode())
+    for name in sorted(set(job) - {"options"}):
+        told.update(name.encode() + np.ascontiguousarray(job[name]).tobytes())
+    return told.hexdigest()[:16]
+
+
+# ------------------------------------------------------------------------------------- in a process of its own
+
+
+def voxflat_map(job, options):
+    """Return a map of the default method, the surface as it was cut, and how descent went."""
+    import voxflat
+
+    if "labels" in job:
+        surface = voxflat.surface(job["labels"], affine=job["affine"], repair=True)
+    else:
+        surface = voxflat.surface((job["points"], job["faces"]))
+    made = voxflat.flatten(surface, **options)
+    return made.uv, made.points, made.faces, made.metadata["descent"]
+
+
+def arap(job, options):
+    """Return an as-rigid-as-possible map (Liu, Zhang, Xu, Gotsman, Gortler 2008).
+
+    A vertex is held. With dynamics instead, as in libigl's tutorial, 100 iterations are far from enough.
+    """
+    import igl
+
+    points, faces = job["points"], job["faces"]
+    data = igl.ARAPData()
+    data.max_iter = ITERATIONS
+    start = on_disk(points, faces)
+    igl.arap_precomputation(points, faces, 2, np.zeros(1, dtype=np.int32), data)
+    return igl.arap_solve(np.ascontiguousarray(start[:1]), data, start), points, faces, {}
+
+
+def slim(job, options):
+    """Return a map of least symmetric Dirichlet energy (Rabinovich, Poranne, Panozzo, Sorkine-Hornung 2017)."""
+    import igl
+
+    points, faces = job["points"], job["faces"]
+    start = np.asfortranarray(on_disk(points, faces))
+    nothing = np.zeros(0, dtype=np.int32), np.zeros((0, 2), order="F")
+    arrays = np.asfortranarray(points), np.asfortranarray(faces, dtype=np.int32)
+    data = igl.slim_precompute(*arrays, start, igl.MappingEnergyType.SYMMETRIC_DIRICHLET, *nothing, 0.0)
+    return np.asarray(igl.slim_solve(data, ITERATIONS))[:, :2], points, faces, {}
+
+
+def on_disk(points, faces):
+    """Return the harmonic map to a disk of the surface's area; with equal springs, if that turns triangles over."""
+    import igl
+    from scipy.sparse import coo_array, csr_array
+    from scipy.sparse.linalg import spsolve
+
+    loop = igl.boundary_loop(faces)
+    circle = igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32))[:, :2]
+    circle *= np.sqrt(np.sum(igl.doublearea(points, faces)) / 2 / np.pi)
+    places = igl.harmonic(points, faces, loop, np.ascontiguousarray(circle), 1)
+    if not len(igl.flipped_triangles(places, faces)) and np.isfinite(places).all():
+        return places
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.unique(np.sort(ends, axis=1), axis=0)
+    ends = np.concatenate([ends, ends[:, ::-1]])
+    links = csr_array(coo_array((np.ones(len(ends)), ends.T), shape=(len(points), len(points))))
+    springs = csr_array(coo_array((links.sum(axis=1), 2 * (np.arange(len(points)),)))) - links
+    inner = np.setdiff1d(np.arange(len(points)), loop)
+    places[loop] = circle
+    places[inner] = spsolve(springs[inner][:, inner].tocsc(), -(springs[inner][:, loop] @ circle))
+    return places
+
+
+def autoflatten(job, options):
+    """Return the map of the command `autoflatten flatten`, with its defaults."""
+    from voxflat.meshes import Mesh, Patch, patch_border, patch_faces, read_patch, write_mesh, write_patch
+
+    command = Path(sys.executable).with_name("autoflatten")
+    command = command if command.exists() else shutil.which("autoflatten")
+    if command is None:
+        raise NoMapError("autoflatten is not installed")
+    points, faces = job["points"], job["faces"]
+    vertices = np.arange(len(points))
+    with tempfile.TemporaryDirectory() as directory:
+        surface, patch, flat = (
+            Path(directory, name) for name in ("lh.fiducial", "lh.cut.patch.3d", "lh.flat.patch.3d")
+        )
+        write_mesh(surface, Mesh(points, faces))
+        write_patch(patch, Patch(vertices, points, patch_border(faces, vertices, len(points))))
+        called = [command, "flatten", patch, "--base-surface", surface, "-o", flat, "--print-every", "1000"]
+        done = subprocess.run(called, capture_output=True, text=True)
+        if not flat.exists():
+            raise NoMapError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
+        found = read_patch(flat)
+    places = np.full((len(points), 2), np.nan)
+    places[found.vertices] = found.points[:, :2]
+    kept = patch_faces(faces, found.vertices, len(points))
+    if len(kept) != len(faces):
+        raise NoMapError(f"left out {len(faces) - len(kept)} triangles")
+    return places, points, faces, {}
+
+
+MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten}
+IMPORTS = {"voxflat": ("voxflat",), "ARAP": ("igl",), "SLIM": ("igl",), "autoflatten": ("voxflat",)}
+
+
+def main():
+    """Make a map, and say what it took."""
+    maker, path, made = sys.argv[1:]
+    with np.load(path) as file:
+        job = {name: file[name] for name in file.files}
+    options = json.loads(str(job.pop("options")))
+    for package in IMPORTS[maker]:
+        __import__(package)
+    start = time.perf_counter(), _cpu()
+    try:
+        places, points, faces, descent = MAKERS[maker](job, options)
+    except NoMapError as error:
+        sys.exit(str(error))
+    wall, cpu = time.perf_counter() - start[0], _cpu() - start[1]
+    if not np.isfinite(places).all():
+        sys.exit("places that are not finite")
+    costs = {"wall": wall, "cpu": cpu, "peak": _peak() / GIB, "descent": json.dumps(descent)}
+    np.savez(made, places=places, points=points, faces=faces, **costs)
+
+
+def _cpu():
+    """Return the CPU time of this process and of those that it has waited for, s."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+def _peak():
+    """Return the greatest memory of this process or of one that it has started, bytes.
+
+    What Linux calls `ru_maxrss` begins with the memory of the process that started this one.
+    """
+    own = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        own = 1024 * int(line.split()[1])
+    return max(own, 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,229 @@
+//! Relaxation cuts: the few short cuts that relieve the map of a curved disk most (docs/decisions/0016).
+//!
+//! A disk with curvature cannot be flat; a cut from its boundary inwards lets it spread. Which cut is best is tried on a
+//! [`Sketch`], the map of a coarse surface. Cuts may lead into places spread evenly over the surface, each along the shortest
+//! way from the boundary. The one that lowers the map's energy most for its length is made, on the surface itself, too; then
+//! the next, from the boundary as it is now, so that cuts grow branches or get longer. It ends when the length is used up
+//! or no cut gains enough.
+
+mod sketch;
+
+use rayon::prelude::*;
+
+use super::check_disk;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::Surface;
+use crate::surface::cuts::{Cut, Reason, described};
+use crate::surface::decimate::{Options, decimate};
+use crate::surface::inward::{Inward, spread};
+use sketch::{LANDMARKS, Sketch};
+
+/// Vertices of the coarse surface on which cuts are tried.
+const COARSE: usize = 1000;
+
+/// Places into which cuts may lead.
+const TIPS: usize = 40;
+
+/// Most cuts.
+const MOST_CUTS: usize = 32;
+
+/// A cut is worth its gain by this power of its length: of equal gains for their length the longer cut is taken, since many
+/// short cuts leave more pieces between them.
+const POWER: f64 = 0.7;
+
+/// Cuts that are tried at a time, whatever the number of threads: which are tried at all depends on it.
+const AT_A_TIME: usize = 4;
+
+/// How much is cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Relaxation {
+    /// The cuts together are no longer than this, mm.
+    pub length: f64,
+    /// For each length of √area that is cut, the energy falls by so much at least.
+    pub least_gain: f64,
+}
+
+impl Default for Relaxation {
+    /// As long as it pays: about 350 mm of a hemisphere without its medial wall.
+    fn default() -> Self {
+        Self { length: f64::INFINITY, least_gain: 0.03 }
+    }
+}
+
+impl Relaxation {
+    /// # Errors
+    /// [`Error::RelaxationOption`].
+    pub fn validate(&self) -> Result<()> {
+        let refuse = |name, value| Err(Error::RelaxationOption { name, value });
+        if self.length.is_nan() || self.length < 0.0 {
+            return refuse("length", self.length);
+        }
+        if self.least_gain.is_nan() || self.least_gain < 0.0 {
+            return refuse("least_gain", self.least_gain);
+        }
+        Ok(())
+    }
+}
+
+/// A disk with relaxation cuts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Relaxed {
+    /// The disk: the faces of the input, whose vertices on cuts are doubled and keep their ids.
+    pub surface: Surface,
+    /// The cuts in the order in which they were made, each from the boundary, or from another cut, inwards.
+    pub cuts: Vec<Cut>,
+    /// The energy of the coarse map at first and after each cut; empty where nothing was to be tried.
+    pub energies: Vec<f64>,
+}
+
+/// Cuts a disk open where that relieves its map most. The result is the same each time, for any number of threads.
+///
+/// # Errors
+/// [`Error::RelaxationOption`], [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::Cancelled`], and those of flattening.
+pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
+    relaxation.validate()?;
+    check_disk(surface)?;
+    if relaxation.length == 0.0 {
+        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new() });
+    }
+    let mut open = surface.clone().into_input(false); // a vertex' id is now its number
+    let coarse = decimate(&open, &[], &Options { vertices: COARSE, ..Options::default() }, control)?.surface;
+    control.begin("cutting", MOST_CUTS as u64);
+    if coarse.len() <= LANDMARKS {
+        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new() });
+    }
+    let unit = surface.areas().iter().sum::<f64>().sqrt();
+    let mut trials = Trials::new(coarse, relaxation.least_gain / unit, control)?;
+    let (mut cuts, mut energies) = (Vec::new(), vec![trials.sketch.energy]);
+    let mut left = relaxation.length;
+    while cuts.len() < MOST_CUTS
+        && let Some(trial) = trials.best(left, control)?
+    {
+        let path = Inward::of(&open, control)?.to(trial.slit.tip);
+        let (path, length) = shortened(surface, path.unwrap_or_default(), left); // it may be longer than the coarse one
+        if path.is_empty() {
+            break;
+        }
+        left -= length;
+        open = open.cut_open(path.iter().copied());
+        cuts.push(described(surface, &path, Reason::Relaxation));
+        trials.accept(trial, control)?;
+        energies.push(trials.sketch.energy);
+        control.advance();
+    }
+    let is_cut = |&h: &u32| surface.twins()[h as usize] != open.twins()[h as usize];
+    let seam: Vec<u32> = (0..surface.twins().len() as u32).filter(is_cut).collect();
+    Ok(Relaxed { surface: surface.cut_open(seam), cuts, energies })
+}
+
+/// A place into which a cut may lead.
+#[derive(Debug, Clone, Copy)]
+struct Tip {
+    id: u32,
+    /// By how much a cut to it lowered the energy when it was last tried; at first it may be anything.
+    gain: f64,
+}
+
+/// A cut on the coarse surface.
+#[derive(Debug)]
+struct Slit {
+    /// The id of the vertex where it ends.
+    tip: u32,
+    half_edges: Vec<u32>,
+    /// mm.
+    length: f64,
+}
+
+/// A cut and what the coarse map becomes by it.
+struct Trial {
+    slit: Slit,
+    sketch: Sketch,
+}
+
+/// What is tried, and on what.
+struct Trials {
+    sketch: Sketch,
+    tips: Vec<Tip>,
+    /// By how much a cut has to lower the energy, for each mm.
+    least_rate: f64,
+}
+
+impl Trials {
+    fn new(coarse: Surface, least_rate: f64, control: &Control) -> Result<Self> {
+        let sketch = Sketch::new(coarse, control)?;
+        let ids = spread(&sketch.surface, TIPS, control)?.into_iter().map(|v| sketch.surface.ids()[v as usize]);
+        let tips = ids.map(|id| Tip { id, gain: f64::INFINITY }).collect();
+        Ok(Self { sketch, tips, least_rate })
+    }
+
+    /// The cut, no longer than `longest` mm, that is worth most; none if none gains enough.
+    ///
+    /// A cut gains less once another is made near it, hardly ever more. So those that were worth most when they were tried
+    /// last are tried first, and none that was worth less than another is now (Minoux 1978).
+    fn best(&mut self, longest: f64, control: &Control) -> Result<Option<Trial>> {
+        let mut untried = self.slits(longest, control)?;
+        let mut best: Option<(f64, Trial)> = None;
+        loop {
+            let worth = |(n, slit): &(usize, Slit)| self.worth(self.tips[*n].gain, slit.length);
+            untried.sort_by(|a, b| worth(b).total_cmp(&worth(a)).then(a.1.tip.cmp(&b.1.tip)));
+            let bar = best.as_ref().map_or(0.0, |best| best.0);
+            let count = untried.iter().take(AT_A_TIME).take_while(|slit| worth(slit) > bar).count();
+            if count == 0 {
+                return Ok(best.map(|(_, trial)| trial));
+            }
+            let batch: Vec<(usize, Slit)> = untried.drain(..count).collect();
+            let tried = |(_, slit): &(usize, Slit)| self.sketch.with(&slit.half_edges, control);
+            let tried: Vec<Sketch> = batch.par_iter().map(tried).collect::<Result<_>>()?;
+            for ((n, slit), sketch) in batch.into_iter().zip(tried) {
+                self.tips[n].gain = self.sketch.energy - sketch.energy;
+                let worth = self.worth(self.tips[n].gain, slit.length);
+                if worth > best.as_ref().map_or(0.0, |best| best.0) {
+                    best = Some((worth, Trial { slit, sketch }));
+                }
+            }
+        }
+    }
+
+    /// What a cut is worth by what it gains; nothing if that is too little for its length.
+    fn worth(&self, gain: f64, length: f64) -> f64 {
+        if gain > self.least_rate * length { gain / length.powf(POWER) } else { 0.0 }
+    }
+
+    /// The shortest way from the boundary to each tip; of those that are too long the beginning.
+    fn slits(&self, longest: f64, control: &Control) -> Result<Vec<(usize, Slit)>> {
+        let surface = &self.sketch.surface;
+        let inward = Inward::of(surface, control)?;
+        let slit = |tip: &Tip| {
+            let (half_edges, length) = shortened(surface, inward.to(tip.id)?, longest);
+            let tip = surface.ids()[surface.target(*half_edges.last()?) as usize];
+            Some(Slit { tip, half_edges, length })
+        };
+        Ok(self.tips.iter().enumerate().filter_map(|(n, tip)| Some((n, slit(tip)?))).collect())
+    }
+
+    /// Makes a cut that was tried.
+    fn accept(&mut self, trial: Trial, control: &Control) -> Result<()> {
+        self.sketch = trial.sketch;
+        self.sketch.settle(control)
+    }
+}
+
+/// As much of a path as is no longer than `longest` mm, and how long that is.
+fn shortened(surface: &Surface, mut path: Vec<u32>, longest: f64) -> (Vec<u32>, f64) {
+    let mut length = 0.0;
+    let count = path
+        .iter()
+        .take_while(|&&h| {
+            length + surface.length(h) <= longest && {
+                length += surface.length(h);
+                true
+            }
+        })
+        .count();
+    path.truncate(count);
+    (path, length)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! A sketch: the map of a coarse surface, on which cuts are tried.
+
+use nalgebra::Vector2;
+
+use crate::control::Control;
+use crate::embed::classical::classical_scaling;
+use crate::embed::stress::MapEnergy;
+use crate::embed::stress::descent::{Until, descend};
+use crate::embed::stress::levels::{self, FINAL};
+use crate::embed::stress::pairs::Pairs;
+use crate::embed::stress::springs::Springs;
+use crate::embed::stress::triangles::{Shape, Triangles};
+use crate::error::Result;
+use crate::geodesic::graph::GeodesicGraph;
+use crate::rows::{DistanceRows, Rows};
+use crate::sources::Sources;
+use crate::surface::Surface;
+
+/// Points from which distances are kept.
+pub const LANDMARKS: usize = 48;
+
+/// Edges that links cross on so small a surface, many times over.
+const CROSSED: u32 = 5;
+
+/// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
+const TRIED: Until = Until { steps: 25, gain: 1e-3 };
+
+/// And when the cut is made.
+const SETTLED: Until = Until { steps: 80, gain: 3e-4 };
+
+/// A surface and a map of it that folds nowhere.
+#[derive(Debug)]
+pub struct Sketch {
+    pub surface: Surface,
+    uv: Vec<Vector2<f64>>,
+    landmarks: Vec<u32>,
+    /// Of the map, with distances as they are on this surface.
+    pub energy: f64,
+}
+
+impl Sketch {
+    /// A disk and its map.
+    ///
+    /// # Errors
+    /// As [`levels::flatten`].
+    pub fn new(surface: Surface, control: &Control) -> Result<Self> {
+        let quiet = control.part();
+        let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
+        let landmarks = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 }.choose(&graph, &quiet)?;
+        let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
+        let scaling = classical_scaling(&rows.among(&quiet)?)?;
+        let (uv, _) = levels::flatten(&surface, &rows, &scaling.places, 0.5, &quiet)?;
+        let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
+        sketch.settle(control)?;
+        Ok(sketch)
+    }
+
+    /// What becomes of it by a cut along half-edges. Its lips lie on each other at first.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`], and those of descent.
+    pub fn with(&self, cut: &[u32], control: &Control) -> Result<Self> {
+        let surface = self.surface.cut_open(cut.iter().copied());
+        let mut uv = vec![Vector2::zeros(); surface.len()];
+        let mut number = vec![0; self.surface.len()]; // of the two on a cut, one
+        for (&old, &new) in self.surface.faces().as_flattened().iter().zip(surface.faces().as_flattened()) {
+            uv[new as usize] = self.uv[old as usize];
+            number[old as usize] = new;
+        }
+        let landmarks = self.landmarks.iter().map(|&landmark| number[landmark as usize]).collect();
+        let mut sketch = Self { surface, uv, landmarks, energy: f64::NAN };
+        sketch.descend(TRIED, control)?;
+        Ok(sketch)
+    }
+
+    /// Descends further.
+    ///
+    /// # Errors
+    /// As [`Sketch::with`].
+    pub fn settle(&mut self, control: &Control) -> Result<()> {
+        self.descend(SETTLED, control)
+    }
+
+    fn descend(&mut self, until: Until, control: &Control) -> Result<()> {
+        let quiet = control.part();
+        let graph = GeodesicGraph::crossing(&self.surface, CROSSED, &quiet)?;
+        let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
+        let all: Vec<u32> = (0..self.surface.len() as u32).collect();
+        let pairs = Pairs::new(&rows, &all, &quiet)?;
+        let triangles = Triangles::new(&self.surface);
+        let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
+        // the energy is that of the map that is to be made
+        let shape = Shape { area: FINAL.area, scale: triangles.best_scale(&self.uv) };
+        let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
+        let (bands, stiffness) = (FINAL.bands, FINAL.stiffness);
+        let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
+        let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
+        self.energy = energies[energies.len() - 1];
+        Ok(())
+    }
+}

@@ -1,0 +1,113 @@
+use super::*;
+use crate::geodesic::engine::Engine;
+use crate::geodesic::graph::GeodesicGraph;
+use crate::rows::DistanceRows;
+use crate::sources::Sources;
+use crate::surface::cuts::{cut, open_to_disk};
+use crate::surface::mesh::shapes;
+use crate::surface::topology::Topology;
+
+fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
+    relax(surface, Relaxation { length, least_gain }, &Control::default()).unwrap()
+}
+
+/// Of a sphere what lies below a height: more than a half if it is positive.
+fn cap(height: f64) -> Surface {
+    let sphere = shapes::surface(shapes::sphere(4));
+    let below: Vec<bool> = sphere.points().iter().map(|p| p.z < height).collect();
+    sphere.part_of_vertices(&below)
+}
+
+/// The same disk, cut along what is told and nothing else.
+fn assert_cut(surface: &Surface, relaxed: &Relaxed) {
+    assert!(Topology::of(&relaxed.surface).is_disk());
+    let paths: Vec<Vec<u32>> = relaxed.cuts.iter().map(|cut| cut.vertices.clone()).collect();
+    assert_eq!(cut(surface, &paths).unwrap(), relaxed.surface);
+    for cut in &relaxed.cuts {
+        let ends = cut.vertices.windows(2).map(|pair| [pair[0], pair[1]].map(|v| surface.points()[v as usize]));
+        assert!((cut.length - ends.map(|[a, b]| (a - b).norm()).sum::<f64>()).abs() < 1e-9);
+        assert_eq!(cut.reason, Reason::Relaxation);
+    }
+    assert_eq!(relaxed.energies.len(), relaxed.cuts.len() + 1);
+}
+
+#[test]
+fn cuts_relieve_a_cap_and_keep_to_their_length() {
+    let cap = cap(0.3);
+    for length in [0.5, 1.5, 3.0] {
+        let relaxed = relaxed(&cap, length, 0.0);
+        assert_cut(&cap, &relaxed);
+        let total: f64 = relaxed.cuts.iter().map(|cut| cut.length).sum();
+        assert!(0.7 * length < total && total <= length, "{total} of {length}");
+        assert!(relaxed.energies.windows(2).all(|pair| pair[1] < pair[0]), "{:?}", relaxed.energies);
+    }
+}
+
+#[test]
+fn a_cut_cap_has_a_better_map() {
+    let cap = cap(0.5);
+    let error = |surface: &Surface| {
+        let control = Control::default();
+        let graph = GeodesicGraph::new(surface, &control).unwrap();
+        let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
+        let engine = Engine::new(&graph, sources.len(), &control).unwrap();
+        let rows = DistanceRows::by(&engine, &sources, &control).unwrap();
+        let map = crate::flatten::voxflat(surface, rows, 0.5, &engine, 0, &control).unwrap();
+        map.distortion.best_scale.relative_error
+    };
+    let relaxed = relaxed(&cap, 3.0, 0.0);
+    let [before, after] = [&cap, &relaxed.surface].map(error);
+    assert!(after < 0.7 * before, "{before} {after}");
+}
+
+#[test]
+fn what_is_flat_or_developable_is_not_cut() {
+    let sheet = shapes::surface(shapes::sheet(20, 30));
+    let rolled = |p: &nalgebra::Vector3<f64>| [12.0 * (p.x / 12.0).cos(), 12.0 * (p.x / 12.0).sin(), p.y].into();
+    let rolled = sheet.moved(sheet.points().iter().map(rolled).collect()).unwrap();
+    for surface in [sheet, rolled] {
+        let relaxed = relax(&surface, Relaxation::default(), &Control::default()).unwrap();
+        assert_eq!((relaxed.cuts.len(), &relaxed.surface), (0, &surface));
+    }
+}
+
+#[test]
+fn a_sphere_is_opened_and_relaxed_and_earlier_cuts_stay() {
+    let sphere = shapes::surface(shapes::sphere(4));
+    let opened = open_to_disk(&sphere, &Control::default()).unwrap();
+    let relaxed = relax(&opened.surface, Relaxation::default(), &Control::default()).unwrap();
+    assert!(!relaxed.cuts.is_empty());
+    assert_cut(&opened.surface, &relaxed);
+    let seams = opened.surface.twins().iter().zip(relaxed.surface.twins());
+    assert!(seams.filter(|(before, _)| **before == u32::MAX).all(|(_, after)| *after == u32::MAX));
+}
+
+#[test]
+fn the_same_bits_for_any_number_of_threads() {
+    let cap = cap(0.2);
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| relaxed(&cap, 2.0, 0.0))
+    };
+    let one = with(1);
+    assert!(!one.cuts.is_empty());
+    assert_eq!(one, with(3));
+}
+
+#[test]
+fn what_is_too_small_or_no_disk_or_not_wanted() {
+    let triangle = shapes::surface(shapes::sheet(1, 1)).part(&[true, false]);
+    assert_eq!(relaxed(&triangle, 9.0, 0.0).surface, triangle);
+    let cap = cap(0.0);
+    assert_eq!(relaxed(&cap, 0.0, 0.0).surface, cap);
+    assert_eq!(relaxed(&cap, 1e-3, 0.0).surface, cap);
+    let control = Control::default();
+    let closed = relax(&shapes::surface(shapes::sphere(2)), Relaxation::default(), &control);
+    assert!(matches!(closed, Err(Error::NotADisk { .. })));
+    for (length, least_gain) in [(f64::NAN, 0.0), (-1.0, 0.0), (1.0, f64::NAN), (1.0, -1.0)] {
+        let refused = relax(&cap, Relaxation { length, least_gain }, &control);
+        assert!(matches!(refused, Err(Error::RelaxationOption { .. })));
+    }
+    control.cancel();
+    assert_eq!(relax(&cap, Relaxation::default(), &control), Err(Error::Cancelled));
+}
