@@ -116,7 +116,8 @@ def test_check_lists_all_defects():
         ({"keep": np.arange(49) % 7 != 3}, "falls into 2 pieces that do not touch"),
         ({"cuts": [[0, 2]]}, "0 and 2"),
         ({"cuts": [[0, 99]]}, "vertex 99 is not on the surface"),
-        ({"cuts": "auto"}, "give a list of paths"),
+        ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
+        ({"cuts": 5}, "cuts are int; give a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
         ({"sources": 50}, "50 sources are more than the 49 points"),
         ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
@@ -145,10 +146,13 @@ def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
 
     sphere = pv.Icosphere(radius=20.0, nsub=3)
     flat = voxflat.flatten(sphere)
-    (cut,) = flat.metadata["automatic_cuts"]
-    assert cut["reason"] == "closed sphere"
-    assert cut["length"] > 30
-    assert len(flat) == sphere.n_points + len(cut["ids"]) - 2
+    first, *others = flat.metadata["automatic_cuts"]
+    assert first["reason"] == "closed sphere"
+    assert first["length"] > 30
+    assert others
+    assert all(cut["reason"] == "relaxation" for cut in others)
+    # a cut doubles its inner vertices, one from the boundary its first one, too
+    assert len(flat) == sphere.n_points + len(first["ids"]) - 2 + sum(len(cut["ids"]) - 1 for cut in others)
     assert any("it was cut open along 1 path," in record.getMessage() for record in caplog.records)
 
 

@@ -94,7 +94,7 @@ def test_triangles_without_texture_are_transparent(mesh, flat_map, tmp_path, is_
     first = f"f {' '.join(f'{v}/{v}' for v in mesh[1][0] + 1)}\n"
     assert first in text
     path.write_text(text.replace(first, f"f {' '.join(map(str, mesh[1][0] + 1))}\n" if is_there else ""))
-    image = flat_map.image(path, 0.25)
+    image = flat_map.image(path, 0.2)
     at = faces_at(flat_map, image)
     (bare,) = np.flatnonzero((np.sort(flat_map.ids[flat_map.faces], axis=1) == np.sort(mesh[1][0])).all(axis=1))
     assert (at == bare).sum() > 3

@@ -1,7 +1,7 @@
 //! Relaxation cuts: the few short cuts that relieve the map of a curved disk most (docs/decisions/0016).
 //!
 //! A disk with curvature cannot be flat; a cut from its boundary inwards lets it spread. Which cut is best is tried on a
-//! [`Sketch`], the map of a coarse surface. Cuts may lead into places spread evenly over the surface, each along the shortest
+//! `Sketch`, the map of a coarse surface. Cuts may lead into places spread evenly over the surface, each along the shortest
 //! way from the boundary. The one that lowers the map's energy most for its length is made, on the surface itself, too; then
 //! the next, from the boundary as it is now, so that cuts grow branches or get longer. It ends when the length is used up
 //! or no cut gains enough.

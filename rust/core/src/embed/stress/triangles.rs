@@ -14,10 +14,11 @@ use rayon::prelude::*;
 
 use crate::surface::Surface;
 
-/// Thinner triangles count as so many times as high as their longest side: among others their shape is noise. Where half of
-/// all are thin, this is taken as a part of what they usually are.
+/// Thinner triangles count as so many times as high as their longest side: among others their shape is noise. Where a fifth of
+/// all are thinner this is no accident, and it is taken as a part of what these are.
 const THINNEST: f64 = 0.12;
-const THINNER_THAN_USUAL: f64 = 0.25;
+const MANY: f64 = 0.2;
+const THINNER_THAN_MANY: f64 = 0.25;
 
 /// Triangles whose area shrinks to less than this have no say in the scale.
 const LEAST_GROWTH: f64 = 0.05;
@@ -93,9 +94,9 @@ impl Triangles {
     pub fn new(surface: &Surface) -> Self {
         let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::new(surface.points(), face, thinnest));
         let mut heights: Vec<f64> = rests(0.0).map(|rest| rest.height()).collect();
-        let middle = heights.len() / 2;
-        let usual = heights.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let rests: Vec<Rest> = rests(THINNEST.min(THINNER_THAN_USUAL * *usual)).collect();
+        let fifth = (MANY * heights.len() as f64) as usize;
+        let thin = *heights.select_nth_unstable_by(fifth, f64::total_cmp).1;
+        let rests: Vec<Rest> = rests(if thin < THINNEST { THINNER_THAN_MANY * thin } else { THINNEST }).collect();
         let mut starts = vec![0u32; surface.len() + 1];
         rests.iter().flat_map(|rest| rest.corners).for_each(|vertex| starts[vertex as usize + 1] += 1);
         for vertex in 0..surface.len() {
