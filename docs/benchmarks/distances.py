@@ -9,8 +9,6 @@ machines differ. Peers: pygeodesic, potpourri3d, navis-fastcore, scipy, and Conn
 
 import argparse
 import os
-import platform
-import time
 
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read by numpy when it is imported
 
@@ -52,18 +50,7 @@ def main():
     parser.add_argument("--sizes", nargs="+", default=list(distances_rows.RADII), choices=distances_rows.RADII)
     parser.add_argument("--rounds", type=int, default=5, help="repetitions of what is timed")
     parser.add_argument("--meshes", nargs="+", default=list(distances_speed.MESHES), choices=distances_speed.MESHES)
-    options = parser.parse_args()
-    chosen = options.only.split(",") if options.only else list(SECTIONS)
-    if unknown := set(chosen) - set(SECTIONS):
-        parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
-    print(f"{distances_tables.machine()}, Python {platform.python_version()}")
-    for name in chosen:
-        start = time.perf_counter()
-        SECTIONS[name](options)
-        print(f"_{name}: {time.perf_counter() - start:.0f} s_", flush=True)
-    missed = distances_tables.misses
-    print("\n## " + (f"{len(missed)} targets missed" if missed else "All targets met") + "\n")
-    print("\n".join(f"- {line}" for line in missed))
+    distances_tables.run(SECTIONS, parser)
 
 
 if __name__ == "__main__":

@@ -96,3 +96,18 @@ def machine():
         names = []
     load = f", load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else ""
     return f"{names[0] if names else platform.processor()} ({platform.machine()}), {os.cpu_count()} cores{load}"
+
+
+def run(sections, parser):
+    """Run the sections that ``--only`` names, or all; tell which targets were missed."""
+    options = parser.parse_args()
+    chosen = options.only.split(",") if options.only else list(sections)
+    if unknown := set(chosen) - set(sections):
+        parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(sections)}")
+    print(f"{machine()}, Python {platform.python_version()}")
+    for name in chosen:
+        start = time.perf_counter()
+        sections[name](options)
+        print(f"_{name}: {time.perf_counter() - start:.0f} s_", flush=True)
+    print("\n## " + (f"{len(misses)} targets missed" if misses else "All targets met") + "\n")
+    print("\n".join(f"- {line}" for line in misses))

@@ -8,8 +8,6 @@ differ. Peers: the flat maps that fsaverage5 comes with, ARAP and SLIM (libigl),
 """
 
 import argparse
-import platform
-import time
 from pathlib import Path
 
 import anatomy
@@ -50,18 +48,7 @@ def main():
         "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
     )
     parser.add_argument("--pictures", type=Path, default=PICTURES, help="directory of pictures")
-    options = parser.parse_args()
-    chosen = options.only.split(",") if options.only else list(SECTIONS)
-    if unknown := set(chosen) - set(SECTIONS):
-        parser.error(f"unknown sections: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
-    print(f"{distances_tables.machine()}, Python {platform.python_version()}")
-    for name in chosen:
-        start = time.perf_counter()
-        SECTIONS[name](options)
-        print(f"_{name}: {time.perf_counter() - start:.0f} s_", flush=True)
-    missed = distances_tables.misses
-    print("\n## " + (f"{len(missed)} targets missed" if missed else "All targets met") + "\n")
-    print("\n".join(f"- {line}" for line in missed))
+    distances_tables.run(SECTIONS, parser)
 
 
 if __name__ == "__main__":
