@@ -53,7 +53,7 @@ def the_image(figure):
 
 
 def the_bar(figure):
-    return figure.axes[0].child_axes[0]
+    return figure.axes[1]
 
 
 # ------------------------------------------------------------------------------------------- scatter
