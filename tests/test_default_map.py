@@ -1,5 +1,6 @@
 """The default map: what it promises whatever the surface, and what its options do."""
 
+import hard_shapes
 import numpy as np
 import pytest
 
@@ -86,3 +87,26 @@ def test_a_glove_does_not_lie_on_itself():
     triangles = flat.distortion.triangles
     assert (triangles.flipped, triangles.crossings, triangles.covering) == (0, 0, 0)
     assert np.isfinite(flat.uv).all()
+
+
+def test_options_are_refused_before_anything_is_done():
+    def progress(stage, done, total):
+        raise AssertionError(stage)
+
+    points, faces, _ = sheet(30, 30, dome)
+    for options in ({"weighting": 2}, {"geodesic": "edges"}, {"weighting": "near"}, {"relax": -1.0}, {"relax": np.nan}):
+        with pytest.raises(voxflat.InputError, match=f"{next(iter(options))} is"):
+            voxflat.flatten((points, faces), progress=progress, **options)
+
+
+def test_distances_that_are_too_long_are_told():
+    usual = voxflat.flatten(sheet(21, 16, dome)[:2], sources=30)
+    assert 0 <= usual.metadata["distance_error"] < 2e-3
+    assert not usual.metadata["warnings"]
+    slivers = hard_shapes.surface(hard_shapes.slivers)
+    found = voxflat.flatten(slivers)
+    assert found.metadata["distance_error"] > 0.02
+    assert any("distances along links are" in text for text in found.metadata["warnings"])
+    exact = voxflat.flatten(slivers, geodesic="exact")
+    assert "distance_error" not in exact.metadata
+    assert not any("distances along links are" in text for text in exact.metadata["warnings"])

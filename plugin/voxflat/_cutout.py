@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat._cuts import close_holes, cut_along, opened, read_cuts
+from voxflat._cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat._errors import InputError
 from voxflat._medialwall import is_medial_wall, medial_wall_of
 from voxflat._prepare import Progress, keep_mask
@@ -70,6 +70,7 @@ def cut_out(
         raise InputError(f"the radius is {radius!r}; give a number")
     if polygon is not None and seed_point is not None:
         raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
+    check_relax(relax)
     remarks = list(whole.remarks)
     part = whole
     paths, left_out = read_cuts(whole, cuts)

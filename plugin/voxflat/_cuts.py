@@ -126,6 +126,18 @@ def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any
 # ------------------------------------------------------------------------------------------- holes and automatic cuts
 
 
+def check_relax(relax: float | bool | None) -> None:
+    """Refuse what says not how far to relax.
+
+    Parameters
+    ----------
+    relax : bool, float or None
+        As in `voxflat.flatten`.
+    """
+    if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
+        raise InputError(f"relax is {relax!r}; give True, False, or the length of the cuts in mm")
+
+
 def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDArray[np.uint32], list[str]]:
     """Close small holes, so that distances lead across them; the map's faces stay those of the input.
 
@@ -185,8 +197,6 @@ def opened(
         ``ids``, ``length`` (mm), ``reason``.
     remarks : list of str
     """
-    if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
-        raise InputError(f"relax is {relax!r}; give True, False, or the length of the cuts in mm")
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []
     remarks = []

@@ -98,6 +98,8 @@ def match(whole: Surface, flat: object) -> Matched:
             return _of_patch(whole, flat)
     if isinstance(flat, FlatMap):
         return _of_map(whole, flat)
+    if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
+        flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
     mesh = as_mesh(flat)
     if mesh is None:
         places = np.asarray(flat)

@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from voxflat._prepare import (
 )
 from voxflat._rangeimage import pixels_of
 from voxflat._store import Store, prepare_store
+from voxflat._surface import Surface
 from voxflat._surface import surface as _surface
 from voxflat.flatmap import FlatMap
 from voxflat.rows import DistanceRows, open_rows
@@ -41,6 +43,8 @@ _SAMPLES = 625  # 25 x 25, as in the paper
 _LONG_RANGE = 50  # fewer leave more starts in a fold, more change little
 _METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989")
 _SAMPLINGS = ("decimation", "farthest", "random", "grid")
+_SPOTS = 2  # sources from which distances along links are compared with exact ones
+_MUCH_TOO_LONG = 0.01  # 0.1 % is usual
 _SOLVERS = ("graph", "marching", "exact")
 
 __all__ = ["flatten", "geodesic"]
@@ -194,6 +198,7 @@ def flatten(
     _refuse(method, link_lengths=link_lengths)
     if method != "voxflat":
         _refuse(method, store=store)
+    solver, weighting = _checked_voxflat(geodesic, weighting)
     mapmaker = Mapmaker.checked(neighbourhood, starts)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
     patch |= {"drop": drop, "polygon": polygon, "cuts": cuts, "relax": relax}
@@ -202,7 +207,7 @@ def flatten(
         return _schwartz1989(cut, how, mapmaker)
     if method == "zigelman2002":
         return _zigelman2002(cut, how)
-    return _voxflat(cut, how, geodesic or "graph", 0.5 if weighting is None else weighting)
+    return _voxflat(cut, how, solver, weighting)
 
 
 @dataclass(frozen=True)
@@ -237,11 +242,18 @@ def _refuse(method: str, **options: object) -> None:
             raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
 
 
-def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
+def _checked_voxflat(geodesic: str | None, weighting: float | None) -> tuple[str, float]:
+    """Return what only the method "voxflat" knows, or its defaults."""
+    solver = "graph" if geodesic is None else geodesic
     if solver not in _SOLVERS:
-        raise InputError(f"geodesic is {solver!r}; give 'graph', 'marching' or 'exact'")
-    if not (isinstance(weighting, int | float) and 0 <= weighting <= 1):
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching' or 'exact'")
+    weighting = 0.5 if weighting is None else weighting
+    if not (isinstance(weighting, Real) and 0 <= weighting <= 1):
         raise InputError(f"weighting is {weighting!r}; give a number from 0, local, to 1, global")
+    return solver, float(weighting)
+
+
+def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
     part = cut.part
     chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LANDMARKS)
     threads = how.threads or os.cpu_count() or 1
@@ -253,7 +265,7 @@ def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
     result = part.core.voxflat(chosen, how.seed, solver, weighting, how.threads, how.progress, key)
     if store is not None:
         store.tell(result["found"])
-    told: dict[str, Any] = {"geodesic": solver, "weighting": float(weighting)}
+    told: dict[str, Any] = {"geodesic": solver, "weighting": weighting}
     rows = None
     if store is not None:
         told["store"], rows = str(store.path), open_rows(store.path).rows
@@ -261,7 +273,25 @@ def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
         rows = part.core.rows(chosen, solver, how.threads, how.progress)
     energies, converged = result["convergence"]
     told["descent"] = {"converged": converged, "energies": energies}
-    return _over_triangles("voxflat", cut, how, result, need, rows, told)
+    doubts = []
+    if solver == "graph":
+        told["distance_error"] = error = _error_of_links(part, chosen[:_SPOTS], how)
+        if error > _MUCH_TOO_LONG:
+            doubts = [
+                f"distances along links are {100 * error:.1f} % too long here, which thin triangles can cause; "
+                "geodesic='exact' measures them exactly"
+            ]
+    return _over_triangles("voxflat", cut, how, result, need, rows, told, doubts)
+
+
+def _error_of_links(part: Surface, sources: NDArray[np.uint32], how: _How) -> float:
+    """Return by which part of themselves distances along links from some sources are longer than exact ones."""
+    found, exact = (
+        np.asarray(part.core.rows(sources, solver, how.threads, how.progress), dtype=np.float64)
+        for solver in ("graph", "exact")
+    )
+    apart = exact > 0
+    return float((found[apart] / exact[apart] - 1).mean())
 
 
 def _zigelman2002(cut: Cutout, how: _How) -> FlatMap:
@@ -335,6 +365,8 @@ def _over_triangles(
         warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
     if distortion.triangles is not None and distortion.triangles.crossings:
         warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
+    elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
+        warnings.append(f"the map lies on itself: {distortion.triangles.covering} triangles cover another one")
     if distortion.triangles is not None and distortion.triangles.flipped:
         warnings.append(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"

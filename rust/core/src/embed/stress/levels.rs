@@ -276,6 +276,7 @@ impl Level {
                 && self.outline.crossings(uv, control)? > 0
             {
                 *uv = before; // a vertex slipped through an edge by rounding
+                curve.push(energies[0]);
                 return Ok(Convergence { energies: curve, converged: false });
             }
             let [first, last] = [energies[0], energies[energies.len() - 1]];

@@ -111,11 +111,13 @@ impl Outline {
             let [along_a, along_b] = self.ends(edge, direction);
             Bounds::of(&[a, b, a + along_a * most, b + along_b * most], self.gaps[edge])
         };
-        let meets = |(first, edge): (usize, usize)| {
+        let mut farthest = most;
+        self.visit_near(swept, |first, edge| {
             let corners = [self.edges[first][0], self.edges[edge][0], self.edges[edge][1]];
-            meeting(corners.map(|vertex| uv[vertex as usize]), corners.map(|vertex| direction[vertex as usize]))
-        };
-        self.near(swept).into_iter().map(meets).fold(most, f64::min)
+            let [at, way] = [uv, direction].map(|values| corners.map(|vertex| values[vertex as usize]));
+            farthest = farthest.min(meeting(at, way));
+        });
+        farthest
     }
 
     /// Number of times that the boundary crosses itself.
@@ -129,32 +131,34 @@ impl Outline {
     }
 
     fn contacts(&self, uv: &[Place]) -> Vec<Contact> {
-        let contact = |(first, edge): (usize, usize)| {
-            let ([p, _], [a, b]) = (self.ends(first, uv), self.ends(edge, uv));
-            let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
-            let apart = p - (a + (b - a) * along);
-            let gap = self.gaps[first].min(self.gaps[edge]);
-            let contact = Contact { vertex: self.edges[first][0], edge: self.edges[edge], along, apart, gap };
-            (apart.norm_squared() < gap * gap).then_some(contact)
-        };
-        let near = self.near(|edge| Bounds::of(&self.ends(edge, uv), self.gaps[edge]));
-        near.into_iter().filter_map(contact).collect()
+        let mut contacts = Vec::new();
+        self.visit_near(
+            |edge| Bounds::of(&self.ends(edge, uv), self.gaps[edge]),
+            |first, edge| {
+                let ([p, _], [a, b]) = (self.ends(first, uv), self.ends(edge, uv));
+                let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+                let apart = p - (a + (b - a) * along);
+                let gap = self.gaps[first].min(self.gaps[edge]);
+                if apart.norm_squared() < gap * gap {
+                    contacts.push(Contact { vertex: self.edges[first][0], edge: self.edges[edge], along, apart, gap });
+                }
+            },
+        );
+        contacts
     }
 
-    /// The pairs of edges whose boxes meet, of which the first's first vertex is not on the second.
-    fn near(&self, bounds: impl Fn(usize) -> Bounds) -> Vec<(usize, usize)> {
+    /// Visits the pairs of edges whose boxes meet, of which the first's first vertex is not on the second.
+    fn visit_near(&self, bounds: impl Fn(usize) -> Bounds, mut visit: impl FnMut(usize, usize)) {
         let tree = Tree::over((0..self.edges.len()).map(bounds).collect());
-        let mut pairs = Vec::new();
         for (position, &first) in tree.order.iter().enumerate() {
             let vertex = self.edges[first as usize][0];
             tree.any_other(position, &mut |edge| {
                 if !self.edges[edge as usize].contains(&vertex) {
-                    pairs.push((first as usize, edge as usize));
+                    visit(first as usize, edge as usize);
                 }
                 false
             });
         }
-        pairs
     }
 }
 
