@@ -13,14 +13,17 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::volume::{Affine, Mask};
 
-/// How far from the surfels' centres to the fitted surface nodes are moved (docs/decisions/0006).
-const SHARE: f64 = 0.5;
+/// How often the surface of a solid is fitted; each time evens out more of the steps between voxels (docs/decisions/0006).
+const SOLID_FITS: usize = 2;
 
 /// The same for a sheet one voxel thick, whose voxels' centres scatter about it on both sides.
-const SHEET_SHARE: f64 = 1.0;
-
-/// How often a sheet is fitted; each time evens out more of the steps between voxels.
 const SHEET_FITS: usize = 3;
+
+/// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpened`]).
+const SHARPENING: f64 = 0.6;
+
+/// The same for nodes that an image with a level has placed.
+const LEVEL_SHARPENING: f64 = 0.25;
 
 /// What a label is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,11 +101,7 @@ impl VoxelMesh {
                 *count += 1.0;
             }
             let base: Vec<Vector3<f64>> = base.into_iter().map(|(sum, count)| sum / count).collect();
-            let mut points = base;
-            for _ in 0..SHEET_FITS {
-                points = fit(&surfels, nodes, &points, spacing, SHEET_SHARE, control)?.points;
-            }
-            Ok(points)
+            Ok(Fitting::new(&surfels, nodes, spacing).fit(base, SHEET_FITS, control)?.points)
         };
         let (nodes, surface) = Nodes::triangulate(&surfels, &middles, place, control)?;
         let mesh = Self::in_space(&surface, &nodes, &surfels, &voxels)?;
@@ -115,10 +114,6 @@ impl VoxelMesh {
     /// # Errors
     /// [`Error::ShapeMismatch`], [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
-        Self::blended(mask, affine, level, SHARE, control)
-    }
-
-    fn blended(mask: &Mask, affine: &Affine, level: Option<&Level>, share: f64, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
             return Err(Error::ShapeMismatch { shape: mask.shape(), given, needed });
@@ -135,16 +130,17 @@ impl VoxelMesh {
         };
         let centres: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(centre).collect();
         let place = |nodes: &Nodes| {
-            let base = nodes.means(&centres);
-            let mut places = fit(&surfels, nodes, &base, spacing, share, control)?;
-            if let Some(level) = level {
-                for (point, normal) in places.points.iter_mut().zip(&places.normals) {
-                    let [at, along] = [*point, *normal].map(|v| Vector3::from_fn(|a, _| v[a] / spacing[a]));
-                    let support = (0..3).map(|a| normal[a].abs() * spacing[a]).sum::<f64>(); // a voxel's width, mm
-                    *point += normal * (support * level.along(at, along * support).unwrap_or(0.0));
-                }
+            let fitting = Fitting::new(&surfels, nodes, spacing);
+            let mut places = fitting.fit(nodes.means(&centres), SOLID_FITS, control)?;
+            let Some(level) = level else {
+                return Ok(places.sharpened(SHARPENING, &fitting.neighbours, spacing));
+            };
+            for (point, normal) in places.points.iter_mut().zip(&places.normals) {
+                let [at, along] = [*point, *normal].map(|v| Vector3::from_fn(|a, _| v[a] / spacing[a]));
+                let width = positions::width(normal, spacing);
+                *point += normal * (width * level.along(at, along * width).unwrap_or(0.0));
             }
-            Ok(places.points)
+            Ok(places.sharpened(LEVEL_SHARPENING, &fitting.neighbours, spacing))
         };
         let (nodes, surface) = Nodes::triangulate(&surfels, &centres, place, control)?;
         Self::in_space(&surface, &nodes, &surfels, &voxels)
@@ -168,19 +164,29 @@ impl VoxelMesh {
     }
 }
 
-/// Fits the surface through the nodes' bases.
-fn fit(
-    surfels: &Surfels,
-    nodes: &Nodes,
-    base: &[Vector3<f64>],
+/// What fits through nodes have in common.
+struct Fitting {
+    outward: Vec<Vector3<f64>>,
+    neighbours: Neighbours,
     spacing: [f64; 3],
-    share: f64,
-    control: &Control,
-) -> Result<Places> {
-    let area = |surfel: u32| Vector3::from_fn(|a, _| surfels.direction(surfel)[a] as f64 / spacing[a]);
-    let areas: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(area).collect();
-    let outward = nodes.means(&areas).into_iter().map(|n| n.try_normalize(1e-12).unwrap_or_default()).collect();
-    positions::fit(base, outward, &neighbours(surfels, nodes), spacing, share, control)
+}
+
+impl Fitting {
+    fn new(surfels: &Surfels, nodes: &Nodes, spacing: [f64; 3]) -> Self {
+        let area = |surfel: u32| Vector3::from_fn(|a, _| surfels.direction(surfel)[a] as f64 / spacing[a]);
+        let areas: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(area).collect();
+        let outward = nodes.means(&areas).into_iter().map(|n| n.try_normalize(1e-12).unwrap_or_default()).collect();
+        Self { outward, neighbours: neighbours(surfels, nodes), spacing }
+    }
+
+    /// Fits the surface through the nodes' bases, and so many times in all through what the last fit gave.
+    fn fit(&self, base: Vec<Vector3<f64>>, times: usize, control: &Control) -> Result<Places> {
+        let mut places = Places { points: base, normals: Vec::new() };
+        for _ in 0..times {
+            places = positions::fit(&places.points, self.outward.clone(), &self.neighbours, self.spacing, control)?;
+        }
+        Ok(places)
+    }
 }
 
 /// Nodes that meet at a point.
