@@ -117,6 +117,7 @@ class FlattenSurface(QWidget):
     def _on_returned(self, result: FlatLayers) -> None:
         if self._worker is None or self._worker.abort_requested:
             return  # cancelled when it was just done
+        self._timer.stop()  # adding layers handles events, in which progress would be shown over the summary
         seconds = time.perf_counter() - self._started
         error = 100 * result.flat_map.distortion.raw.relative_error
         summary = f"{len(result.flat_map):,} points in {seconds:.1f} s, {error:.1f} % mean relative error"

@@ -48,7 +48,6 @@ impl Inner {
         if let Some(graph) = known.as_ref() {
             return Ok(Arc::clone(graph));
         }
-        control.begin("joining neighbours", 1);
         let graph = Arc::new(GeodesicGraph::new(&self.surface, control)?);
         *known = Some(Arc::clone(&graph));
         Ok(graph)

@@ -80,8 +80,10 @@ impl GeodesicGraph {
 
     /// The graph whose links cross up to so many edges.
     pub(crate) fn crossing(surface: &Surface, crossed: u32, control: &Control) -> Result<Self> {
+        control.begin("joining neighbours", 2 * surface.len() as u64);
         let outgoing = outgoing(surface);
         let of_vertex = |vertex: u32| {
+            control.advance();
             if vertex.is_multiple_of(1024) {
                 control.check()?;
             }
@@ -141,6 +143,7 @@ impl GeodesicGraph {
     fn perhaps_needless(&self, links: &Upward, control: &Control) -> Result<Vec<bool>> {
         let of_vertex = |lengths: &mut Vec<f32>, vertex: u32| {
             control.check()?;
+            control.advance();
             lengths.resize(self.vertices(), f32::INFINITY);
             self.arcs(vertex).for_each(|arc| lengths[arc.to as usize] = arc.length);
             let needless = |link: &Arc| {
@@ -171,9 +174,11 @@ impl GeodesicGraph {
         let mut open: Vec<(u32, u32)> = (0..).zip(links.iter()).map(|(link, (a, _))| (link, a)).collect();
         open.retain(|&(link, _)| needless[link as usize]);
         open.par_sort_unstable_by_key(|&(link, _)| (links.arcs[link as usize].length.to_bits(), link));
+        control.begin("dropping needless links", open.len().div_ceil(1024) as u64);
         for (count, (link, a)) in open.into_iter().enumerate() {
             if count.is_multiple_of(1024) {
                 control.check()?;
+                control.advance();
             }
             let arc = links.arcs[link as usize];
             if !self.is_replaced(a, arc, &stays) {
