@@ -22,6 +22,7 @@ import maps_peers
 SECTIONS = {
     "fsaverage5": maps_peers.fsaverage5,
     "whole": maps_peers.whole,
+    "mni152": maps_peers.mni152,
     "growth": maps_growth.growth,
     "pareto": maps_pareto.pareto,
     "developable": maps_known.developable,

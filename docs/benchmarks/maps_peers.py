@@ -19,12 +19,25 @@ def whole(options):
     """Compare maps of a whole hemisphere of voxels, cut open by voxflat."""
     hemisphere = anatomy.fsaverage5("left")
     labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], options.whole)
-    ours = made_by(["voxflat"], {"labels": labels, "affine": affine}, options)
+    title = f"fsaverage5 white left, voxels of {options.whole} mm, whole"
+    cut_open(title, {"labels": labels, "affine": affine}, options)
+
+
+def mni152(options):
+    """Compare maps of a hemisphere of the MNI152 template by marching cubes, cut open by voxflat."""
+    points, faces = anatomy.mni152_marching_cubes("left")
+    cut_open("MNI152 white matter left, marching cubes, whole", {"points": points, "faces": faces}, options)
+
+
+def cut_open(title, job, options):
+    """Compare maps of a closed surface with the cuts of voxflat's."""
+    ours = made_by(["voxflat"], job, options)
     if not ours:
         return
     points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
     peers = [name for name in options.makers if name != "voxflat"]
     made = ours | made_by(peers, {"points": points, "faces": faces}, options)
     comparison = compared(points, faces, made, options.whole_sources)
-    title = f"fsaverage5 white left, voxels of {options.whole} mm, whole"
-    print_maps(title, comparison, made, "voxflat's time contains the surface and its cuts; peers begin with these.")
+    print_maps(
+        title, comparison, made, "voxflat's time contains its cuts, and of voxels the surface; peers begin with these."
+    )
