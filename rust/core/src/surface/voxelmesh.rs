@@ -20,7 +20,7 @@ const SOLID_FITS: usize = 2;
 const SHEET_FITS: usize = 3;
 
 /// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpened`]).
-const SHARPENING: f64 = 0.6;
+const SHARPENING: f64 = 0.65;
 
 /// The same for nodes that an image with a level has placed.
 const LEVEL_SHARPENING: f64 = 0.25;
