@@ -17,7 +17,7 @@ use crate::volume::{Affine, Mask};
 const SOLID_FITS: usize = 2;
 
 /// The same for a sheet one voxel thick, whose voxels' centres scatter about it on both sides.
-const SHEET_FITS: usize = 3;
+const SHEET_FITS: usize = 4;
 
 /// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpened`]).
 const SHARPENING: f64 = 0.65;
