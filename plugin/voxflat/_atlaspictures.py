@@ -37,9 +37,7 @@ def atlas_page(atlas: FlatAtlas) -> Figure:
         All at the same scale, in mm; colours as in `atlas_3d`.
     """
     places = atlas.layout()
-    corners: Any = np.empty((len(atlas.faces), 3, 2))
-    for n, patch in enumerate(atlas):
-        corners[patch.faces] = places[atlas.starts[n] : atlas.starts[n + 1]][patch.triangles]
+    corners: Any = places[atlas.corners]
     colours = _colours(len(atlas))[atlas.labels]
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
