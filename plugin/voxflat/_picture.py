@@ -18,7 +18,7 @@ from voxflat.io import atomic_path, write_volume
 if TYPE_CHECKING:
     from voxflat._flatimage import FlatImage
 
-__all__ = ["ENDINGS", "are_labels", "coloured", "write_image"]
+__all__ = ["ENDINGS", "are_labels", "coloured", "label_colours", "write_image"]
 
 _WINDOW = (1, 99)  # percentiles shown as black and white
 _GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
