@@ -136,7 +136,10 @@ def same_map(layer, expected):
 def test_manifest_is_valid_and_its_commands_resolve():
     manifest = PluginManifest.from_distribution("voxflat")
     manifest.validate_imports()
-    assert [widget.display_name for widget in manifest.contributions.widgets] == ["Flatten surface"]
+    assert [widget.display_name for widget in manifest.contributions.widgets] == [
+        "Flatten surface",
+        "Flatten in patches",
+    ]
 
 
 def test_menus_of_a_real_viewer(make_napari_viewer):
@@ -148,8 +151,9 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
             menu.aboutToShow.emit()
         return [action.text() for action in menu.actions()]
 
-    assert "Flatten surface (voxflat)" in texts(viewer.window.layers_menu, "Transform")
-    assert "Flatten surface (voxflat)" in texts(viewer.window.plugins_menu)
+    names = ("Flatten surface", "Flatten in patches")
+    assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
+    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in names]
     assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
 
 

@@ -13,7 +13,10 @@ from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
 from voxflat._judge import Comparison, compare, measure
+from voxflat._lookup import Places
+from voxflat._page import FlatPage
 from voxflat._path import Path, path
+from voxflat._pieces import FlatPieces
 from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
 from voxflat._texture import TexturedSurface
@@ -34,9 +37,12 @@ __all__ = [
     "Figures",
     "FlatAtlas",
     "FlatMap",
+    "FlatPage",
     "FlatPatch",
+    "FlatPieces",
     "InputError",
     "Path",
+    "Places",
     "Plane",
     "StandardErrors",
     "Surface",

@@ -16,30 +16,31 @@ from numpy.typing import NDArray
 from voxflat._errors import InputError
 
 if TYPE_CHECKING:
+    from voxflat._pieces import FlatPieces
     from voxflat.atlas import FlatAtlas
 
-__all__ = ["atlas_3d", "atlas_page"]
+__all__ = ["atlas_3d", "atlas_heat_map", "atlas_page"]
 
 _GOLDEN = 0.6180339887498949  # of a turn between the hues of patches that follow each other
 
 
-def atlas_page(atlas: FlatAtlas) -> Figure:
+def atlas_page(atlas: FlatAtlas, *, packing: str = "boxes") -> Figure:
     """Show the patches of an atlas side by side on a page.
 
     Parameters
     ----------
     atlas : FlatAtlas
         An atlas.
+    packing : {"boxes", "shapes"}
+        As in `FlatAtlas.page`.
 
     Returns
     -------
     matplotlib.figure.Figure
         All at the same scale, in mm; colours as in `atlas_3d`.
     """
-    places = atlas.layout()
-    corners: Any = np.empty((len(atlas.faces), 3, 2))
-    for n, patch in enumerate(atlas):
-        corners[patch.faces] = places[atlas.starts[n] : atlas.starts[n + 1]][patch.triangles]
+    places = atlas.layout(packing=packing)
+    corners: Any = places[atlas.corners]
     colours = _colours(len(atlas))[atlas.labels]
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
@@ -48,6 +49,36 @@ def atlas_page(atlas: FlatAtlas) -> Figure:
     axes.autoscale()
     certified = atlas.certificate
     axes.set_title(f"{len(atlas)} patches, {len(atlas.faces)} triangles, C ≤ {certified.c:.4f}, K ≤ {certified.k:.4f}")
+    return figure
+
+
+def atlas_heat_map(atlas: FlatPieces, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
+    """Show the distortion of each triangle on the page of an atlas.
+
+    Parameters
+    ----------
+    atlas : FlatPieces
+        An atlas.
+    pixel_size : float, optional
+        Side of a pixel, mm.
+    of : {"isometric", "quasi_conformal", "areal"}
+        C, K, or the change of area.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        From 1, no change, to the 99th percentile of the triangles; of areas from the 1st.
+    """
+    image = atlas.heat_map(pixel_size, of=of)
+    values = getattr(atlas, of)
+    least, most = np.nanpercentile(values[np.isfinite(values)], (1, 99))
+    figure = Figure(figsize=(9.0, 7.5), layout="constrained")
+    axes = figure.add_subplot(xlabel="mm", ylabel="mm")
+    low = min(least, 1.0) if of == "areal" else 1.0
+    shown = axes.imshow(
+        image.data, cmap="inferno", vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"
+    )
+    figure.colorbar(shown, ax=axes, label=image.name, extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
 
 

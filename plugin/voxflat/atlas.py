@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
+from voxflat._pieces import FlatPieces, load_pieces, save_pieces
 from voxflat._prepare import Progress, checked_seed, checked_threads, log
 from voxflat._surface import surface as _surface
-from voxflat.io import atomic_path
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "patches"]
 
-_FORMAT = "voxflat atlas 1"
+_FORMAT = "voxflat atlas 2"
 _SHOWN = 12  # patches in a table
 
 
@@ -104,52 +102,25 @@ class FlatPatch:
         return f"<FlatPatch: {len(self.faces)} triangles, {self.area:.4g} mm², C = {self.isometric:.4f}>"
 
 
-@dataclass(frozen=True, eq=False)
-class FlatAtlas(Sequence[FlatPatch]):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
     """A surface as flat patches, from the largest to the smallest: a sequence of `FlatPatch`.
 
     Parameters
     ----------
-    points : ndarray, shape (N, 3)
-        The surface's vertices, RAS+ mm.
-    faces : ndarray of int64, shape (F, 3)
-        Its triangles.
-    ids : ndarray of int64, shape (N, 3) or (N,)
-        What each vertex is in the input: voxel indices, or the number of a vertex.
-    labels : ndarray of int64, shape (F,)
-        The patch of each triangle.
-    stretch : ndarray, shape (F, 2)
-        σ1 ≥ σ2 of each triangle, measured in its plane.
+    points, faces, ids, labels, stretch, starts, vertices, uv, corners, metadata
+        As of all `FlatPieces`; each piece is a patch.
     certificate : Certificate
         What is proven for all patches.
-    starts : ndarray of int64, shape (patches + 1,)
-        Where each patch's vertices begin in `vertices` and `uv`.
-    vertices, uv : ndarray
-        Those of all patches, one after another.
     planes : ndarray, shape (patches, 4, 3)
         Origin, normal, and the axes u and v of each patch's plane.
     measured : ndarray, shape (patches, 4)
         Tilt, area, isometric and quasi_conformal of each patch.
-    metadata : dict
-        How it was made.
     """
 
-    points: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    ids: NDArray[np.int64]
-    labels: NDArray[np.int64]
-    stretch: NDArray[np.float64]
     certificate: Certificate
-    starts: NDArray[np.int64]
-    vertices: NDArray[np.int64]
-    uv: NDArray[np.float64]
     planes: NDArray[np.float64]
     measured: NDArray[np.float64]
-    metadata: dict[str, Any] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        """Return the number of patches."""
-        return len(self.measured)
 
     def __repr__(self) -> str:
         return (
@@ -171,7 +142,7 @@ class FlatAtlas(Sequence[FlatPatch]):
             faces=faces,
             vertices=vertices,
             uv=self.uv[rows],
-            triangles=np.searchsorted(vertices, self.faces[faces]),
+            triangles=self.corners[faces] - self.starts[n],
             plane=Plane(origin, normal, np.stack(axes)),
             certificate=self.certificate,
             tilt=tilt,
@@ -223,9 +194,7 @@ class FlatAtlas(Sequence[FlatPatch]):
     @property
     def broken(self) -> NDArray[np.bool_]:
         """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
-        most, least = self.stretch.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            held = (np.maximum(most, 1 / least) <= self.certificate.c) & (most / least <= self.certificate.k)
+        held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
         return np.asarray(~held)
 
     def table(self) -> str:
@@ -257,34 +226,6 @@ class FlatAtlas(Sequence[FlatPatch]):
             lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
         return "\n".join(lines)
 
-    def layout(self, gap: float | None = None) -> NDArray[np.float64]:
-        """Lay the patches out on a page, in rows, without overlap.
-
-        Parameters
-        ----------
-        gap : float, optional
-            Between the patches' boxes, mm; by default a hundredth of the page.
-
-        Returns
-        -------
-        ndarray, shape (len(self.uv), 2)
-            For each row of `uv` its place on the page, mm; patches are moved, not turned.
-        """
-        boxes = [(uv.min(axis=0), uv.max(axis=0)) for uv in np.split(self.uv, self.starts[1:-1])]
-        low, high = (np.array(corner) for corner in zip(*boxes, strict=True))
-        size = high - low
-        gap = 0.01 * float(np.sqrt(size.prod(axis=1).sum())) if gap is None else float(gap)
-        width = max(float(size[:, 0].max()), 1.2 * float(np.sqrt((size + gap).prod(axis=1).sum())))
-        corner = np.zeros((len(self), 2))
-        x = y = row = 0.0
-        for n in np.lexsort((np.arange(len(self)), -size[:, 1])):
-            if x > 0 and x + size[n, 0] > width:
-                x, y, row = 0.0, y - row - gap, 0.0
-            row = max(row, size[n, 1])
-            corner[n] = x, y - size[n, 1]
-            x += size[n, 0] + gap
-        return np.asarray(self.uv + np.repeat(corner - low, np.diff(self.starts), axis=0))
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the atlas to a file, all of it or nothing.
 
@@ -298,13 +239,8 @@ class FlatAtlas(Sequence[FlatPatch]):
         InputError
             If the path has another ending or cannot be written.
         """
-        path = Path(path)
-        if path.suffix.lower() != ".npz":
-            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz")
-        text = {"format": _FORMAT, "certificate": asdict(self.certificate), "metadata": self.metadata}
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
+        text = {"certificate": asdict(self.certificate), "metadata": self.metadata}
+        save_pieces(path, _FORMAT, text, {name: getattr(self, name) for name in _ARRAYS})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> FlatAtlas:
@@ -326,21 +262,11 @@ class FlatAtlas(Sequence[FlatPatch]):
         FileNotFoundError
             If there is no such file.
         """
-        path = Path(path)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                text = json.loads(str(file["text"]))
-                if text["format"] != _FORMAT:
-                    raise InputError(f"{path} was written by another version of voxflat; make the patches again")
-                arrays = {name: file[name] for name in _ARRAYS}
-            return cls(**arrays, certificate=Certificate(**text["certificate"]), metadata=text["metadata"])
-        except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
-            raise
-        except Exception as error:  # what damage leads to is known to no one
-            raise InputError(f"{path} is not an atlas of voxflat or is damaged ({type(error).__name__})") from error
+        text, arrays = load_pieces(path, _FORMAT, _ARRAYS)
+        return cls(**arrays, certificate=Certificate(**text["certificate"]), metadata=text["metadata"])
 
 
-_ARRAYS = ("points", "faces", "ids", "labels", "stretch", "starts", "vertices", "uv", "planes", "measured")
+_ARRAYS = ("points", "faces", "ids", "labels", "stretch", "starts", "vertices", "uv", "corners", "planes", "measured")
 
 
 def patches(
@@ -404,22 +330,25 @@ def patches(
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
     found = whole.core.patches(limit, value, seeds, seed, threads, progress)
     parts = found["patches"]
+    faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
+    starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
+    vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
     atlas = FlatAtlas(
         points=whole.points,
-        faces=whole.faces.astype(np.int64),
+        faces=faces,
         ids=whole.ids,
-        labels=found["labels"].astype(np.int64),
+        labels=labels,
         stretch=found["stretch"],
         certificate=Certificate(*found["certificate"]),
-        starts=np.cumsum([0, *(len(part["vertices"]) for part in parts)]),
-        vertices=np.concatenate([part["vertices"] for part in parts]).astype(np.int64),
+        starts=starts,
+        vertices=vertices,
         uv=np.concatenate([part["uv"] for part in parts]),
+        corners=_corners(faces, labels, starts, vertices),
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         metadata={
             "method": "saucan2006",
-            "input": whole.metadata["input"],
-            "input_sha256": whole.metadata["input_sha256"],
+            **{name: whole.metadata[name] for name in _SURFACE if name in whole.metadata},
             "limit": {limit: value},
             "seeds": seeds,
             "seed": seed,
@@ -435,6 +364,16 @@ def patches(
     return atlas
 
 
+def _corners(
+    faces: NDArray[np.int64], labels: NDArray[np.int64], starts: NDArray[np.int64], vertices: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Find each triangle's corners among the vertices of its patch, which ascend within each patch."""
+    count = int(vertices.max()) + 1
+    keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts)) * count + vertices
+    return np.searchsorted(keys, labels[:, None] * count + faces)
+
+
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure")
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from voxflat._errors import Cancelled
 from voxflat._napari.meshes import LayerMesh
+from voxflat._napari.page_results import page_layers
 from voxflat._napari.results import FlatLayers
 from voxflat._napari.sampled import Overlay, Shown
 from voxflat._napari.seed import Seed
 from voxflat._napari.volumes import LayerVolume
 from voxflat._prepare import Progress
 from voxflat.api import flatten
+from voxflat.atlas import patches
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,56 @@ class Job:
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _tell(progress, "drawing the map")
         return FlatLayers.of(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchesJob:
+    """All that flattening in patches needs; it knows no layer, so it runs in any thread.
+
+    Parameters
+    ----------
+    surface : LayerVolume or LayerMesh
+        The volume whose surface is flattened, or the surface itself.
+    limit : dict
+        One of ``max_angle``, ``bound`` and ``count``, as in `voxflat.patches`.
+    label, threshold
+        As in `voxflat.patches`.
+    pixel_size : float or None
+        As in `FlatPieces.image`, mm.
+    shown : Sampled, Overlay or None
+        What the page shows.
+    """
+
+    surface: LayerVolume | LayerMesh
+    limit: dict[str, Any]
+    label: int | None = None
+    threshold: float | None = None
+    pixel_size: float | None = None
+    shown: Shown | None = None
+
+    def run(self, progress: Progress) -> FlatLayers:
+        """Flatten in patches.
+
+        Parameters
+        ----------
+        progress : callable
+            As in `voxflat.patches`.
+
+        Returns
+        -------
+        FlatLayers
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.patches`.
+        """
+        _tell(progress, "reading the layer")
+        source = self.surface.read()
+        atlas = patches(source, label=self.label, threshold=self.threshold, progress=progress, **self.limit)
+        atlas.metadata["napari"] = self.surface.origin
+        _tell(progress, "drawing the page")
+        return page_layers(atlas, self.shown, self.pixel_size)
 
 
 def _tell(progress: Progress, stage: str) -> None:

@@ -11,8 +11,9 @@ from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushB
 
 from voxflat._errors import VoxflatError
 from voxflat._napari.map_view import MapView
-from voxflat._napari.report import figures, warnings
+from voxflat._napari.report import figures, table, warnings
 from voxflat._napari.results import HEAT_MEANING, FlatLayers
+from voxflat.atlas import FlatAtlas
 from voxflat.flatmap import FlatMap
 
 if TYPE_CHECKING:
@@ -26,27 +27,35 @@ class MapPanel(QWidget):
     ----------
     viewer : Viewer
         The viewer.
+    meaning : str
+        What the colours of the distortion mean.
+    what : {"map", "atlas"}
+        What is shown.
     parent : QWidget, optional
         The widget's parent.
     """
 
-    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, viewer: Viewer, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
+        self._what = what
         self._viewer = viewer
         self.view = MapView(viewer)
-        self.flat_map: FlatMap | None = None
+        self.flat_map: FlatMap | FlatAtlas | None = None
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
         self.warnings = QLabel()
         self.warnings.setWordWrap(True)
         self.warnings.setTextFormat(Qt.TextFormat.RichText)
-        colours = QLabel(f"Colours of the distortion: {HEAT_MEANING}.")
+        colours = QLabel(f"Colours of the distortion: {meaning}.")
         colours.setWordWrap(True)
         self.toggle = QPushButton()
         self.toggle.clicked.connect(self._on_toggle)
-        self.save = QPushButton("Save map…")
-        self.save.setToolTip("Everything, for voxflat.load() and to be opened in napari")
+        self.save = QPushButton(f"Save {what}…")
+        loads = "voxflat.load() and to be opened in napari" if what == "map" else "voxflat.FlatAtlas.load()"
+        self.save.setToolTip(f"Everything, for {loads}")
         self.save.clicked.connect(self._on_save)
         buttons = QHBoxLayout()
         buttons.addWidget(self.toggle)
@@ -70,6 +79,9 @@ class MapPanel(QWidget):
         """
         self.flat_map = result.flat_map
         self._show_figures(result.flat_map)
+        if result.in_space:
+            self.show_surface()
+            self.view.add_in_space(result.in_space, result.flat_map.metadata["napari"]["layer"])
         self.view.add(result.layers)
         self._name_toggle()
         self.show()
@@ -83,7 +95,7 @@ class MapPanel(QWidget):
         """Stop following the viewer."""
         self._viewer.layers.events.removed.disconnect(self._on_removed)
 
-    def _show_figures(self, flat_map: FlatMap) -> None:
+    def _show_figures(self, flat_map: FlatMap | FlatAtlas) -> None:
         while item := self._figures.takeAt(0):
             if widget := item.widget():
                 widget.deleteLater()
@@ -95,15 +107,16 @@ class MapPanel(QWidget):
         told = warnings(flat_map)
         self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in told))
         self.warnings.setVisible(bool(told))
-        self.setToolTip(f"<pre>{flat_map.distortion.table()}</pre>")
+        self.setToolTip(f"<pre>{table(flat_map)}</pre>")
 
     def _on_toggle(self) -> None:
         (self.view.show_surface if self.view.shows_map else self.view.show_map)()
         self._name_toggle()
 
     def _name_toggle(self) -> None:
-        source = "volume" if self.flat_map is not None and self.flat_map.is_voxels else "surface"
-        self.toggle.setText(f"Show {source}" if self.view.shows_map else "Show map")
+        is_volume = isinstance(self.flat_map, FlatMap) and self.flat_map.is_voxels
+        shown = {"map": "map", "atlas": "page"}[self._what]
+        self.toggle.setText(f"Show {'volume' if is_volume else 'surface'}" if self.view.shows_map else f"Show {shown}")
         self.toggle.setEnabled(self.view.shows_map or bool(self.view.layers))
 
     def _on_removed(self) -> None:
@@ -112,7 +125,7 @@ class MapPanel(QWidget):
             self._name_toggle()
 
     def _on_save(self) -> None:
-        path, _ = QFileDialog.getSaveFileName(self, "Save the flat map", "map.npz", "Flat maps (*.npz)")
+        path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}.npz", "NumPy (*.npz)")
         if path and self.flat_map is not None:
             try:
                 self.flat_map.save(path if path.endswith(".npz") else f"{path}.npz")

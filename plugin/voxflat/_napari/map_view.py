@@ -61,6 +61,22 @@ class MapView:
         self._hidden = [layer for layer in self._layers if not layer.visible]
         self.show_map()
 
+    def add_in_space(self, layers: Sequence[LayerData], source: str) -> None:
+        """Add layers of three dimensions to what is shown when the map is not, in the place of what they were made of.
+
+        Parameters
+        ----------
+        layers : sequence of LayerData
+            `FlatLayers.in_space`.
+        source : str
+            Name of the layer that they stand for.
+        """
+        self.show_surface()
+        if source in self._viewer.layers:
+            self._viewer.layers[source].visible = False
+        _add(self._viewer, layers)
+        self._viewer.dims.ndisplay = 3
+
     def show_map(self) -> None:
         """Show the flat map, as large as the canvas allows, but for layers that were added hidden."""
         viewer = self._viewer
@@ -162,6 +178,6 @@ def _add(viewer: Viewer, layers: Sequence[LayerData]) -> list[Layer]:
         layer = Layer.create(data, keywords, kind)
         layer.name_overlay.visible = True
         if hasattr(layer, "colorbar"):
-            layer.colorbar.visible = not getattr(layer, "rgb", False)
+            layer.colorbar.visible = not getattr(layer, "rgb", False) and "vertex_colors" not in keywords
         added.append(viewer.add_layer(layer))
     return added

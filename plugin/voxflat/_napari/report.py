@@ -7,24 +7,49 @@ from typing import TypeAlias
 import numpy as np
 
 from voxflat._distortion import Triangles
+from voxflat.atlas import FlatAtlas
 from voxflat.flatmap import FlatMap
 
 Row: TypeAlias = tuple[str, str]
 """A figure's name and its value."""
 
 
-def figures(flat_map: FlatMap) -> list[Row]:
-    """Return what tells how good a flat map is.
+def summary(flat_map: FlatMap | FlatAtlas) -> str:
+    """Return in a few words what came out.
 
     Parameters
     ----------
-    flat_map : FlatMap
-        The map.
+    flat_map : FlatMap or FlatAtlas
+        The map, or the atlas.
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(flat_map, FlatAtlas):
+        return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
+    return f"{len(flat_map):,} points, {100 * flat_map.distortion.raw.relative_error:.1f} % mean relative error"
+
+
+def table(flat_map: FlatMap | FlatAtlas) -> str:
+    """Return all figures as text."""
+    return flat_map.table() if isinstance(flat_map, FlatAtlas) else flat_map.distortion.table()
+
+
+def figures(flat_map: FlatMap | FlatAtlas) -> list[Row]:
+    """Return what tells how good a flat map or an atlas is.
+
+    Parameters
+    ----------
+    flat_map : FlatMap or FlatAtlas
+        The map, or the atlas.
 
     Returns
     -------
     list of Row
     """
+    if isinstance(flat_map, FlatAtlas):
+        return _of_atlas(flat_map)
     raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
     width, height = np.ptp(flat_map.uv, axis=0)
     return [
@@ -38,6 +63,26 @@ def figures(flat_map: FlatMap) -> list[Row]:
         ("map", f"{width:.0f} × {height:.0f} mm"),
         *_of_topology(flat_map),
     ]
+
+
+def _of_atlas(atlas: FlatAtlas) -> list[Row]:
+    """Return the certificate beside what is measured."""
+    told, certified = atlas.figures(), atlas.certificate
+    measured = told["measured"]
+    width, height = atlas.layout().max(axis=0)
+    rows = [
+        ("patches", f"{len(atlas):,}"),
+        ("   that make half the area", f"{told['half_of_the_area']:,}"),
+        ("   of one triangle", f"{told['single_triangles']:,}"),
+        ("certified: inclination", f"≤ {certified.angle:.2f}°"),
+        ("   C, lengths", f"≤ {certified.c:.4f}"),
+        ("   K, angles", f"≤ {certified.k:.4f}"),
+        ("measured: inclination", f"{measured['angle']:.2f}°"),
+        ("   C, lengths", f"{measured['c']:.4f}"),
+        ("   K, angles", f"{measured['k']:.4f}"),
+        ("page", f"{width:.0f} × {height:.0f} mm"),
+    ]
+    return rows
 
 
 def _of_triangles(triangles: Triangles) -> list[Row]:
@@ -62,13 +107,13 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
     return rows
 
 
-def warnings(flat_map: FlatMap) -> list[str]:
-    """Return what the user should know of a map, as sentences.
+def warnings(flat_map: FlatMap | FlatAtlas) -> list[str]:
+    """Return what the user should know of a map or an atlas, as sentences.
 
     Parameters
     ----------
-    flat_map : FlatMap
-        The map.
+    flat_map : FlatMap or FlatAtlas
+        The map, or the atlas.
 
     Returns
     -------

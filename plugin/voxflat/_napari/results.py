@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._flatimage import FlatImage
 from voxflat._napari.sampled import Overlay, Shown
+from voxflat.atlas import FlatAtlas
 from voxflat.flatmap import FlatMap, load
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
@@ -25,19 +26,22 @@ _HEAT_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class FlatLayers:
-    """A flat map and its layers.
+    """A flat map or an atlas, and its layers.
 
     Parameters
     ----------
-    flat_map : FlatMap
-        The map.
+    flat_map : FlatMap or FlatAtlas
+        The map, or the atlas.
     layers : list of LayerData
         Images: what the map shows, if anything, and the distortion. Before them, of a mesh, its flat surface with its
         own values, if it has some, and with the distortion, both hidden.
+    in_space : list of LayerData
+        Of an atlas the surface, coloured by patch.
     """
 
-    flat_map: FlatMap
+    flat_map: FlatMap | FlatAtlas
     layers: list[LayerData]
+    in_space: list[LayerData] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -75,7 +79,7 @@ class FlatLayers:
         heat = _heat(flat_map)
         layers = [_distortion_image(flat_map, name, heat, pixel_size)]
         if shown is not None:
-            layers.insert(0, _shown_image(flat_map, shown, pixel_size))
+            layers.insert(0, shown_image(flat_map, shown, pixel_size))
         if not flat_map.is_voxels:
             layers.insert(0, _flat_surface(flat_map, f"{name} flat distortion", heat, HEAT_MEANING))
             if values is not None:
@@ -118,20 +122,21 @@ def _distortion_image(flat_map: FlatMap, name: str, heat: Overlay, pixel_size: f
     keywords = {
         "name": f"{name} distortion",
         **heat.display,
-        **_placement(flat_map, image),
-        **_description(flat_map, HEAT_MEANING),
+        **placement(flat_map, image),
+        **description(flat_map, HEAT_MEANING),
     }
     return image.data, keywords, "image"
 
 
-def _shown_image(flat_map: FlatMap, shown: Shown, pixel_size: float | None) -> LayerData:
+def shown_image(flat_map: FlatMap | FlatAtlas, shown: Shown, pixel_size: float | None) -> LayerData:
+    """Return the layer of what a map or page shows."""
     image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
     keywords = {
         "name": f"{shown.name} flattened",
         **shown.display,
-        **_placement(flat_map, image),
-        **_description(flat_map, shown.meaning),
+        **placement(flat_map, image),
+        **description(flat_map, shown.meaning),
     }
     if shown.kind == "labels":
         data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
@@ -151,36 +156,36 @@ def _flat_surface(flat_map: FlatMap, name: str, values: Overlay, meaning: str) -
         "contrast_limits": _limits(values.values),
         **values.display,
         "features": {"vertex": flat_map.ids, "distortion": flat_map.distortion.per_point},
-        "units": _units(flat_map),
-        **_description(flat_map, meaning),
+        "units": units(flat_map),
+        **description(flat_map, meaning),
     }
     vertices = np.column_stack([-flat_map.uv[:, 1], flat_map.uv[:, 0]])
     return (vertices, flat_map.faces, values.values), keywords, "surface"
 
 
-def _placement(flat_map: FlatMap, image: FlatImage) -> dict[str, Any]:
+def placement(flat_map: FlatMap | FlatAtlas, image: FlatImage) -> dict[str, Any]:
     """Return the keywords for where a flat image lies.
 
     napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
     """
     u, v = image.origin
     scale = (image.pixel_size, image.pixel_size)
-    return {"scale": scale, "translate": (-v, u), "units": _units(flat_map)}
+    return {"scale": scale, "translate": (-v, u), "units": units(flat_map)}
 
 
-def _units(flat_map: FlatMap) -> tuple[str, str] | None:
+def units(flat_map: FlatMap | FlatAtlas) -> tuple[str, str] | None:
     """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm", "mm")
 
 
-def _description(flat_map: FlatMap, meaning: str) -> dict[str, Any]:
+def description(flat_map: FlatMap | FlatAtlas, meaning: str) -> dict[str, Any]:
     """Return the keywords for what a layer is."""
     return {
         "metadata": {
             "voxflat": flat_map,
             "parameters": flat_map.metadata,
-            "distortion": flat_map.distortion.figures(),
+            "distortion": (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures(),
             "colours": meaning,
             "axes": "rows: −v, columns: u, mm",
         }

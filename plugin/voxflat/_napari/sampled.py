@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from voxflat._flatimage import FlatImage
 from voxflat._napari.meshes import LayerMesh
 from voxflat._napari.volumes import LayerVolume
+from voxflat._pieces import FlatPieces
 from voxflat.flatmap import FlatMap
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class Sampled:
         place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
         return f"'{self.name}', as sampled {place}"
 
-    def image(self, flat_map: FlatMap, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         interpolation = "nearest" if self.kind == "labels" else "linear"
         return flat_map.image(self.volume.read(), pixel_size, depth=self.depth, interpolation=interpolation)
@@ -80,7 +81,7 @@ class Overlay:
         """What the map's values are."""
         return f"the values of '{self.name}'"
 
-    def image(self, flat_map: FlatMap, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         return flat_map.image(self.values, pixel_size)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from napari.qt.threading import WorkerBase
 
-from voxflat._napari.job import Job
+from voxflat._napari.job import Job, PatchesJob
 from voxflat._napari.results import FlatLayers
 
 
@@ -15,11 +15,11 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
 
     Parameters
     ----------
-    job : Job
+    job : Job or PatchesJob
         What to do.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job | PatchesJob) -> None:
         super().__init__()
         self._job = job
         self.stage = ("starting", 0, 1)

@@ -115,6 +115,24 @@ def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float
     return np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
 
 
+def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
+    """Carry points from RAS+ mm to a viewer's world.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        RAS+ mm.
+    world : str
+        One of `WORLDS`.
+
+    Returns
+    -------
+    ndarray, shape (N, 3)
+        In mm along the world's axes.
+    """
+    return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
+
+
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
     """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels).
 

@@ -1,3 +1,5 @@
+mod random;
+
 use std::collections::HashMap;
 
 use proptest::prelude::*;
