@@ -161,7 +161,7 @@ class TestBadInput:
             ({"sources": 10**6}, "1000000 sources are more than the 336 points"),
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"sources": 0, "keep_rows": True}, "sources is 0, so there are no rows to keep"),
-            ({"sampling": "grid"}, "give 'farthest' or 'random'"),
+            ({"sampling": "grid"}, "give 'farthest', 'curvature' or 'random'"),
             ({"store": "rows"}, "knows no store"),
             ({"link_lengths": "euclidean"}, "knows no link_lengths"),
             ({"method": "voxflat", "neighbourhood": 3}, "the method 'voxflat' knows no neighbourhood"),

@@ -93,7 +93,7 @@ class TestFlatten:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"sampling": "best"}, "sampling is 'best'; give 'decimation', 'farthest', 'random' or 'grid'"),
+            ({"sampling": "best"}, "sampling is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
             ({"sampling": "grid"}, "is no range image; make one by voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few; give at least 3"),
@@ -101,7 +101,7 @@ class TestFlatten:
             ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
             ({"store": "rows"}, "knows no store"),
             ({"link_lengths": "euclidean"}, "knows no link_lengths"),
-            ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest' or 'random'"),
+            ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest', 'curvature' or 'random'"),
         ],
     )
     def test_wrong_options_are_named(self, options, message):

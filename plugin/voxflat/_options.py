@@ -134,9 +134,9 @@ seed = click.option(
 )
 sampling = click.option(
     "--sampling",
-    type=click.Choice(["farthest", "random"]),
+    type=click.Choice(["farthest", "curvature", "random"]),
     default="farthest",
-    help="How sources are chosen: evenly, each farthest from the others, or at random.",
+    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; or at random.",
 )
 memory_limit = click.option(
     "--memory-limit",

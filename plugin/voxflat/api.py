@@ -42,7 +42,7 @@ _LANDMARKS = 400  # more change no map that we measured
 _SAMPLES = 625  # 25 x 25, as in the paper
 _LONG_RANGE = 50  # fewer leave more starts in a fold, more change little
 _METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989")
-_SAMPLINGS = ("decimation", "farthest", "random", "grid")
+_SAMPLINGS = ("decimation", "farthest", "curvature", "random", "grid")
 _SPOTS = 2  # sources from which distances along links are compared with exact ones
 _MUCH_TOO_LONG = 0.01  # 0.1 % is usual
 _SOLVERS = ("graph", "marching", "exact")
@@ -128,8 +128,9 @@ def flatten(
         400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50, or all points if there are fewer. To
         "schwartz1989" they are a sampling of long distances beside the neighbourhoods (Wolfson, Schwartz 1989); with 0
         most starts end in a fold.
-    sampling : {"farthest", "random", "decimation", "grid"}, optional
-        How sources are chosen: evenly, each farthest from the others along the surface (the default), or at random.
+    sampling : {"farthest", "curvature", "random", "decimation", "grid"}, optional
+        How sources are chosen: evenly, each farthest from the others along the surface (the default); up to four times
+        as close where the surface bends ("curvature"; not for "grossmann2002"); or at random.
         "zigelman2002" only: what decimation leaves (its default; vertices that cannot go without harm to the surface
         are sources, too); or the pixels on a grid over a `range_image`, between which the rest is placed by bilinear
         functions.

@@ -8,12 +8,20 @@ use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
+use crate::surface::Surface;
+use crate::surface::curvature::mean_curvature;
 
 /// Fewest sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
 
+/// The greatest weight of a point ([`by_curvature`]).
+const DENSEST: f64 = 4.0;
+
+/// Rings of neighbours over which curvature is averaged.
+const BEND_RINGS: usize = 3;
+
 /// How sources are chosen. Every choice is the same for the same seed, on every machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Sources {
     /// Each source is the point farthest, along the surface, from those before it; the first is random. Covers evenly.
     Farthest {
@@ -21,6 +29,15 @@ pub enum Sources {
         count: usize,
         /// Seed of the first.
         seed: u64,
+    },
+    /// The same, but a point's distance counts as many times as its weight says ([`by_curvature`]).
+    Weighted {
+        /// How many.
+        count: usize,
+        /// Seed of the first.
+        seed: u64,
+        /// One for each point, positive.
+        weights: Vec<f32>,
     },
     /// Uniformly at random, without repetition.
     Random {
@@ -44,7 +61,10 @@ impl Sources {
             if count > points { Err(Error::TooManySources { sources: count, points }) } else { Ok(count) }
         };
         match *self {
-            Self::Farthest { count, seed } => farthest(graph, checked(count)?, seed, control),
+            Self::Farthest { count, seed } => farthest(graph, checked(count)?, seed, None, control),
+            Self::Weighted { count, seed, ref weights } => {
+                farthest(graph, checked(count)?, seed, Some(weights), control)
+            }
             Self::Random { count, seed } => Ok(random(points, checked(count)?, seed)),
             Self::Given(ref vertices) => given(vertices, points),
         }
@@ -59,7 +79,22 @@ pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     chosen
 }
 
-fn farthest(graph: &impl Links, count: usize, seed: u64, control: &Control) -> Result<Vec<u32>> {
+/// Weights by which `count` sources come to lie closer together where the surface bends, as Grossmann et al. (2002) and Zigelman
+/// et al. (2002) advise: 1 + |H| a, where a = √(area / count) is about how far apart even ones would be, mm, and H the mean
+/// curvature, 1/mm; at most [`DENSEST`].
+pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
+    let apart = (surface.areas().iter().sum::<f64>() / count.max(1) as f64).sqrt();
+    let weight = |bend: f64| (1.0 + bend.abs() * apart).min(DENSEST) as f32;
+    mean_curvature(surface, BEND_RINGS).into_iter().map(weight).collect()
+}
+
+fn farthest(
+    graph: &impl Links,
+    count: usize,
+    seed: u64,
+    weights: Option<&[f32]>,
+    control: &Control,
+) -> Result<Vec<u32>> {
     control.begin("choosing sources", count as u64);
     let mut search = Search::new(graph);
     let mut nearest = vec![f32::INFINITY; graph.vertices()]; // distance to the sources so far
@@ -70,7 +105,13 @@ fn farthest(graph: &impl Links, count: usize, seed: u64, control: &Control) -> R
         search.lower(graph, &[source], &mut nearest, control)?;
         chosen.push(source);
         control.advance();
-        next = first_of_greatest(&nearest);
+        next = match weights {
+            None => first_of_greatest(&nearest),
+            Some(weights) => {
+                let counted: Vec<f32> = nearest.iter().zip(weights).map(|(near, weight)| near * weight).collect();
+                first_of_greatest(&counted)
+            }
+        };
     }
     Ok(chosen)
 }
@@ -96,12 +137,16 @@ fn given(vertices: &[usize], points: usize) -> Result<Vec<u32>> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
     use crate::adjacency::Graph;
     use crate::flatten::chain_graph;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
+    use crate::surface::mesh::shapes;
     use crate::volume::{Affine, Mask};
 
     fn bent_sheet() -> Graph {
@@ -126,6 +171,54 @@ mod tests {
             graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
             nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
         }
+    }
+
+    #[test]
+    fn weighted_sources_are_farthest_by_weight() {
+        let graph = bent_sheet();
+        let control = Control::default();
+        let weights: Vec<f32> = (0..graph.vertices()).map(|v| 1.0 + (v % 7) as f32).collect();
+        let choose = |weights| Sources::Weighted { count: 12, seed: 5, weights }.choose(&graph, &control).unwrap();
+        assert_eq!(
+            choose(vec![2.0; weights.len()]),
+            Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap(),
+            "equal weights change nothing"
+        );
+        let chosen = choose(weights.clone());
+        let mut nearest = vec![f32::INFINITY; graph.vertices()];
+        let mut row = nearest.clone();
+        for (n, &source) in chosen.iter().enumerate() {
+            if n > 0 {
+                let counted = |v: usize| nearest[v] * weights[v];
+                assert_eq!(counted(source as usize), (0..row.len()).map(counted).fold(0.0, f32::max));
+            }
+            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
+            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
+        }
+    }
+
+    #[test]
+    fn sources_are_denser_where_the_surface_bends() {
+        // a gutter: half a cylinder of radius 2 between two level sheets
+        let half = std::f64::consts::PI;
+        let bent_place = |p: &Vector3<f64>| {
+            let (u, v) = (0.4 * (p.x - 30.0), 0.4 * p.y);
+            let (x, z) = match u.clamp(-half, half) / 2.0 {
+                turn if u.abs() <= half => (2.0 * turn.sin(), -2.0 * turn.cos()),
+                turn => (u - 2.0 * turn + 2.0 * turn.signum(), 0.0),
+            };
+            Vector3::new(x, v, z)
+        };
+        let flat = shapes::surface(shapes::sheet(60, 40));
+        let surface = flat.moved(flat.points().iter().map(bent_place).collect()).unwrap();
+        let control = Control::default();
+        let graph = GeodesicGraph::new(&surface, &control).unwrap();
+        let weights = by_curvature(&surface, 60);
+        assert!(weights.iter().all(|&weight| (1.0..=DENSEST as f32).contains(&weight)));
+        let bent = |chosen: &[u32]| chosen.iter().filter(|&&v| surface.points()[v as usize].z < -0.5).count();
+        let even = Sources::Farthest { count: 60, seed: 1 }.choose(&graph, &control).unwrap();
+        let denser = Sources::Weighted { count: 60, seed: 1, weights }.choose(&graph, &control).unwrap();
+        assert!(2 * bent(&denser) > 3 * bent(&even), "{} of {}", bent(&denser), bent(&even));
     }
 
     #[test]

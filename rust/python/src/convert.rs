@@ -9,7 +9,8 @@ use voxflat::distortion::overlap::Overlap;
 use voxflat::distortion::{Distortion, Figures};
 use voxflat::flatten::FlatMap;
 use voxflat::geodesic::marching::Wave;
-use voxflat::sources::Sources;
+use voxflat::sources::{self, Sources};
+use voxflat::surface::Surface;
 use voxflat::surface::level::Level;
 use voxflat::volume::Mask;
 
@@ -72,12 +73,18 @@ pub fn image<'py, T: numpy::Element>(
     table.reshape([height, width, depth])
 }
 
-/// How sources are chosen: "farthest" or "random".
-pub fn sources(sampling: &str, count: usize, seed: u64) -> PyResult<Sources> {
-    match sampling {
-        "farthest" => Ok(Sources::Farthest { count, seed }),
-        "random" => Ok(Sources::Random { count, seed }),
-        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest' or 'random'"))),
+/// How sources are chosen: "farthest", "random", or on a surface of triangles "curvature".
+pub fn sources(sampling: &str, count: usize, seed: u64, surface: Option<&Surface>) -> PyResult<Sources> {
+    match (sampling, surface) {
+        ("farthest", _) => Ok(Sources::Farthest { count, seed }),
+        ("random", _) => Ok(Sources::Random { count, seed }),
+        ("curvature", Some(surface)) => {
+            Ok(Sources::Weighted { count, seed, weights: sources::by_curvature(surface, count) })
+        }
+        (_, None) => Err(InputError::new_err(format!(
+            "sampling is {sampling:?}; give 'farthest' or 'random', which are all that voxels have"
+        ))),
+        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest', 'curvature' or 'random'"))),
     }
 }
 

@@ -164,7 +164,7 @@ impl VoxelSurface {
         seed: u64,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let sources = convert::sources(sampling, count, seed)?;
+        let sources = convert::sources(sampling, count, seed, None)?;
         let inner = Arc::clone(&self.0);
         let chosen = run(py, Some(1), progress.as_ref(), move |control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))

@@ -64,7 +64,7 @@ impl Surface {
         run(py, None, progress.as_ref(), move |control| Ok(inner.graph(control)?.links()))
     }
 
-    /// Chooses sources: "farthest" or "random".
+    /// Chooses sources: "farthest", "curvature" or "random".
     #[pyo3(signature = (sampling, count, seed, progress=None))]
     fn choose_sources<'py>(
         &self,
@@ -74,7 +74,7 @@ impl Surface {
         seed: u64,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let sources = convert::sources(sampling, count, seed)?;
+        let sources = convert::sources(sampling, count, seed, Some(&self.0.surface))?;
         let inner = Arc::clone(&self.0);
         let chosen = run(py, None, progress.as_ref(), move |control| sources.choose(&*inner.graph(control)?, control))?;
         Ok(chosen.into_pyarray(py))
