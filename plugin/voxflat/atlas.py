@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
+from voxflat._glued import GluedAtlas
+from voxflat._glued import glue as _glue
 from voxflat._pieces import FlatPieces, load_pieces, save_pieces
 from voxflat._prepare import Progress, checked_seed, checked_threads, log
 from voxflat._surface import surface as _surface
@@ -253,6 +255,36 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
             corner[n] = x, y - size[n, 1]
             x += size[n, 0] + gap
         return np.asarray(self.uv + np.repeat(corner - low, np.diff(self.starts), axis=0))
+
+    def glue(
+        self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None
+    ) -> GluedAtlas:
+        """Close the seams between the patches, as far as that is possible within a bound on C.
+
+        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least. Every
+        triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that cannot be, a
+        seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
+
+        Parameters
+        ----------
+        bound : float
+            The greatest factor by which lengths may change, above 1 and at most 10.
+        threads, progress
+            As in `surface`.
+
+        Returns
+        -------
+        GluedAtlas
+            The same for any number of threads and any numbering of vertices and triangles, but for the order of arrays.
+
+        Raises
+        ------
+        InputError
+            If the bound does not fit, or the patches themselves are beyond it.
+        Cancelled
+            If `progress` returned False.
+        """
+        return _glue(self, bound, threads, progress)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the atlas to a file, all of it or nothing.

@@ -10,10 +10,10 @@ use crate::surface::mesh::shapes;
 pub(super) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
 /// The places of a triangle's corners, bit by bit.
-type Corners = [[u64; 3]; 3];
+pub(super) type Corners = [[u64; 3]; 3];
 
 /// The patch of a triangle, and the places of its corners there, bit by bit.
-type Flat = (u32, [[u64; 2]; 3]);
+pub(super) type Flat = (u32, [[u64; 2]; 3]);
 
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
 

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::*;
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
-use crate::flatten::saucan::tests::{Mesh, renumber, shaken};
+use crate::flatten::saucan::tests::{Corners, Flat, Mesh, renumber, shaken};
 use crate::flatten::saucan::{Limit, Seeds, patches};
 use crate::surface::mesh::{BORDER, next, shapes};
 
@@ -122,9 +122,9 @@ proptest! {
 }
 
 /// For each triangle, by its places, its piece and where its corners lie, bit by bit.
-fn by_places(surface: &Surface, glued: &Glued) -> HashMap<[[u64; 3]; 3], (usize, [[u64; 2]; 3])> {
+fn by_places(surface: &Surface, glued: &Glued) -> HashMap<Corners, Flat> {
     let bits = |v: u32| <[f64; 3]>::from(surface.points()[v as usize]).map(f64::to_bits);
-    let of_piece = |(number, piece): (usize, &Piece)| {
+    let of_piece = |(number, piece): (u32, &Piece)| {
         let triangle = |(&face, corners): (&u32, &[u32; 3])| {
             let mut corners = [0, 1, 2].map(|k| (bits(surface.faces()[face as usize][k]), corners[k]));
             corners.sort_unstable_by_key(|corner| corner.0);
@@ -133,7 +133,7 @@ fn by_places(surface: &Surface, glued: &Glued) -> HashMap<[[u64; 3]; 3], (usize,
         };
         piece.faces.iter().zip(&piece.corners).map(triangle).collect::<Vec<_>>()
     };
-    glued.pieces.iter().enumerate().flat_map(of_piece).collect()
+    (0..).zip(&glued.pieces).flat_map(of_piece).collect()
 }
 
 /// A sheet of irregular triangles between straight lines, x = 0, 1, 2 and so on, along which it is folded: `at` says where in
