@@ -12,6 +12,7 @@ from voxflat._core import __version__
 from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
+from voxflat._glued import GluedAtlas, GluedPiece, Seams, load_atlas
 from voxflat._judge import Comparison, compare, measure
 from voxflat._path import Path, path
 from voxflat._rangeimage import range_image
@@ -35,9 +36,12 @@ __all__ = [
     "FlatAtlas",
     "FlatMap",
     "FlatPatch",
+    "GluedAtlas",
+    "GluedPiece",
     "InputError",
     "Path",
     "Plane",
+    "Seams",
     "StandardErrors",
     "Surface",
     "TexturedSurface",
@@ -50,6 +54,7 @@ __all__ = [
     "flatten",
     "geodesic",
     "load",
+    "load_atlas",
     "measure",
     "open_rows",
     "patches",

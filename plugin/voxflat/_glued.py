@@ -39,7 +39,7 @@ class Seams:
     closed : float
         Those that were closed.
     holonomy : float
-        Cuts inside a piece: closing them would take a triangle beyond the bound, since the surface is curved around them.
+        Cuts inside a piece: closing them would take a triangle beyond the bound, as the surface is curved around them.
     bound : float
         Cuts between pieces that could not be united within the bound.
     overlap : float
@@ -156,6 +156,25 @@ class GluedAtlas(FlatPieces, Sequence[GluedPiece]):
     def _faces_by_piece(self) -> list[NDArray[np.int64]]:
         order = np.argsort(self.labels, kind="stable")
         return np.split(order, np.searchsorted(self.labels[order], np.arange(1, len(self))))
+
+    @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        closed = 100 * self.seams.closed_share
+        count = int(self.patches.max()) + 1
+        return f"{count} patches in {len(self)} pieces, {closed:.1f} % of the seams closed, C ≤ {self.bound:g}"
+
+    @property
+    def coloured(self) -> NDArray[np.int64]:
+        """What triangles of the same colour have in common in pictures, shape (F,): their patch."""
+        return self.patches
+
+    @cached_property
+    def outline(self) -> NDArray[np.int64]:
+        """Where pieces end, at cuts and at the surface's boundary: edges as pairs of rows of `uv`, shape (edges, 2)."""
+        edges = np.sort(np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+        found, uses = np.unique(edges, axis=0, return_counts=True)
+        return np.asarray(found[uses == 1])
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:

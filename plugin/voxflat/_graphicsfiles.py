@@ -285,8 +285,13 @@ def write_obj(
     faces: NDArray[np.int64],
     texture: NDArray[np.float64] | None,
     library: str | None = None,
+    texture_faces: NDArray[np.int64] | None = None,
 ) -> None:
-    """Write an OBJ file; a library is the name of the file beside it that holds the material `texture`."""
+    """Write an OBJ file.
+
+    A library is the name of the file beside it that holds the material `texture`. Texture faces are the triangles'
+    corners as rows of the texture, where that has seams; without, they are `faces`.
+    """
     with path.open("w", encoding="utf-8", newline="\n") as file:
         if library is not None:
             file.write(f"mtllib {library}\nusemtl texture\n")
@@ -298,4 +303,5 @@ def write_obj(
         if len(bad):
             raise InputError(f"point {bad[0]} has no texture coordinate, which OBJ needs: give all, or none")
         np.savetxt(file, texture, "vt %.9g %.9g")
-        np.savetxt(file, np.repeat(faces + 1, 2, axis=1), "f %d/%d %d/%d %d/%d")
+        corners = np.stack([faces, faces if texture_faces is None else texture_faces], axis=2) + 1
+        np.savetxt(file, corners.reshape(-1, 6), "f %d/%d %d/%d %d/%d")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from voxflat.io import atomic_path, write_volume
 if TYPE_CHECKING:
     from voxflat._flatimage import FlatImage
 
-__all__ = ["ENDINGS", "are_labels", "write_image"]
+__all__ = ["ENDINGS", "are_labels", "coloured", "write_image"]
 
 _WINDOW = (1, 99)  # percentiles shown as black and white
 _GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
@@ -72,6 +72,49 @@ def are_labels(image: FlatImage) -> bool:
     equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN, which is outside, equals nothing
     inside = sum(int(np.count_nonzero(np.isfinite(a) & np.isfinite(b))) for a, b in pairs)
     return 2 * equal >= inside
+
+
+def coloured(
+    image: FlatImage, colour_map: str | None = None, limits: Sequence[float] | None = None
+) -> NDArray[np.uint8]:
+    """Return an image's pixels as colours.
+
+    Parameters
+    ----------
+    image : FlatImage
+        Scalars, labels or colours.
+    colour_map : str, optional
+        A colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each.
+    limits : sequence of 2 floats, optional
+        The values at the ends of the colour map; by default the 1st and 99th percentile.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 4)
+        Opacity 0 outside the map.
+
+    Raises
+    ------
+    InputError
+        If there is no such colour map.
+    """
+    if image.is_colour:
+        return image.data
+    if colour_map is None and limits is None and are_labels(image):
+        return label_colours(image.data)
+    level, inside = _levels(image.data, limits)[0], np.isfinite(image.data)
+    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
+    pixels[inside] = _mapped(level[inside], colour_map)
+    return pixels
+
+
+def _mapped(level: NDArray[np.float64], colour_map: str | None) -> NDArray[np.uint8]:
+    from matplotlib import colormaps
+
+    try:
+        return np.asarray(colormaps[colour_map or "gray"](level, bytes=True))
+    except KeyError:
+        raise InputError(f"matplotlib has no colour map {colour_map!r}") from None
 
 
 # ----------------------------------------------------------------------------------------------- writers
@@ -140,12 +183,21 @@ def _description(image: FlatImage) -> dict[str, str]:
 def _grey(data: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
     """Return grey levels and opacity (H, W, 2), and what black and white mean."""
     inside = np.isfinite(data)
-    low, high = np.percentile(data[inside], _WINDOW) if inside.any() else (0.0, 1.0)
-    level = np.clip((data - low) / ((high - low) or 1.0), 0, 1)
+    level, (low, high) = _levels(data, None)
     pixels = np.zeros((*data.shape, 2), dtype=np.uint8)
     pixels[inside, 0] = np.round(255 * level[inside])
     pixels[inside, 1] = 255
     return pixels, f"black {low:g}, white {high:g} ({_WINDOW[0]}st and {_WINDOW[1]}th percentile)"
+
+
+def _levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:
+    """Return values from 0 to 1 between limits, by default percentiles, and the limits."""
+    inside = np.isfinite(data)
+    if limits is not None:
+        low, high = (float(limit) for limit in limits)
+    else:
+        low, high = np.percentile(data[inside], _WINDOW).tolist() if inside.any() else (0.0, 1.0)
+    return np.clip((data - low) / ((high - low) or 1.0), 0, 1), (low, high)
 
 
 def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._errors import InputError
+from voxflat._flatimage import FlatImage
+from voxflat._layout import gap_of, lay_out
+from voxflat._page import FlatPage
 from voxflat.io import atomic_path
 
 __all__ = ["FlatPieces", "load_pieces", "save_pieces"]
@@ -44,7 +48,8 @@ class FlatPieces:
     corners : ndarray of int64, shape (F, 3)
         The corners of each triangle as rows of `uv` and `vertices`, in the order of `faces`; counterclockwise.
     metadata : dict
-        How it was made.
+        How it was made, and of what: ``kind`` ("voxels" or "mesh"), and of voxels ``affine`` and ``shape``, of a mesh
+        ``vertices``, their number.
     """
 
     points: NDArray[np.float64]
@@ -57,10 +62,34 @@ class FlatPieces:
     uv: NDArray[np.float64]
     corners: NDArray[np.int64]
     metadata: dict[str, Any] = field(default_factory=dict)
+    _pages: dict[tuple[float, str], FlatPage] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         """Return the number of pieces."""
         return len(self.starts) - 1
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Outward unit normals of the vertices, weighted by areas, shape (N, 3); NaN for a sheet."""
+        if self.metadata.get("sheet"):
+            return np.full(self.points.shape, np.nan)
+        a, b, c = (self.points[self.faces[:, k]] for k in range(3))
+        across = np.cross(b - a, c - a)
+        sums = np.zeros(self.points.shape)
+        for corner in self.faces.T:
+            np.add.at(sums, corner, across)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+
+    @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        return f"{len(self)} pieces, {len(self.faces)} triangles"
+
+    @property
+    def coloured(self) -> NDArray[np.int64]:
+        """What triangles of the same colour have in common in pictures, shape (F,): their piece."""
+        return self.labels
 
     @property
     def isometric(self) -> NDArray[np.float64]:
@@ -80,6 +109,86 @@ class FlatPieces:
     def areal(self) -> NDArray[np.float64]:
         """Area in the plane by area on the surface of each triangle, σ1 σ2, shape (F,)."""
         return np.asarray(self.stretch.prod(axis=1))
+
+    def page(self, gap: float | None = None, *, packing: str = "boxes") -> FlatPage:
+        """Lay the pieces out on a page, without overlap.
+
+        Parameters
+        ----------
+        gap : float, optional
+            Between the pieces, mm; by default a twentieth of their usual size.
+        packing : {"boxes", "shapes"}
+            "boxes": each piece turned into its smallest rectangle, these in rows. "shapes": into each other's bays, by
+            the library xatlas (``pip install 'voxflat[atlas]'``), which uses a page better where pieces are large.
+
+        Returns
+        -------
+        FlatPage
+            With images, heat maps, the inverse look-up, and the surface with a texture.
+
+        Raises
+        ------
+        InputError
+            If the gap or the packing does not fit, or xatlas is missing.
+        """
+        chosen = gap_of(self) if gap is None else float(gap)
+        key = (chosen, packing)
+        if key not in self._pages:
+            self._pages[key] = FlatPage(self, lay_out(self, chosen, packing), chosen)
+        return self._pages[key]
+
+    def layout(self, gap: float | None = None, *, packing: str = "boxes") -> NDArray[np.float64]:
+        """Return where the pieces lie on their page, without overlap.
+
+        Parameters
+        ----------
+        gap, packing
+            As in `page`.
+
+        Returns
+        -------
+        ndarray, shape (P, 2)
+            For each row of `uv` its place on the page, mm; pieces are turned and moved, not mirrored.
+        """
+        return self.page(gap, packing=packing).places
+
+    def image(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatImage:
+        """Sample a volume onto the page: `page` and `FlatPage.image` in one.
+
+        Parameters
+        ----------
+        volume, pixel_size, depth, interpolation, name
+            As in `FlatMap.image`.
+
+        Returns
+        -------
+        FlatImage
+            NaN (colours: alpha 0) beside the pieces and where the volume has no value.
+        """
+        return self.page().image(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
+
+    def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
+        """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.
+
+        Parameters
+        ----------
+        pixel_size, of
+            As in `FlatPage.heat_map`.
+
+        Returns
+        -------
+        FlatImage
+            NaN beside the pieces.
+        """
+        return self.page().heat_map(pixel_size, of=of)
 
 
 def save_pieces(path: str | os.PathLike[str], form: str, text: Mapping[str, Any], arrays: dict[str, Any]) -> None:

@@ -18,12 +18,15 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
+from voxflat._page import FIGURES
+from voxflat._pieces import FlatPieces
 from voxflat._texture import place
 from voxflat.api import flatten
+from voxflat.atlas import patches
 from voxflat.flatmap import FlatMap
 from voxflat.io import Volume
 
-__all__ = ["VoxflatAccessor", "to_polydata", "to_surface_polydata"]
+__all__ = ["VoxflatAccessor", "to_page_polydata", "to_polydata", "to_surface_polydata"]
 
 
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
@@ -63,6 +66,52 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
     return _mesh(flat_map, flat_map.points, picture_shape)
 
 
+def to_page_polydata(pieces: FlatPieces, *, packing: str = "boxes") -> pv.PolyData:
+    """Return the page of an atlas as a mesh in the plane z = 0, in mm.
+
+    Parameters
+    ----------
+    pieces : FlatPieces
+        An atlas, such as `voxflat.patches` returns.
+    packing : {"boxes", "shapes"}
+        As in `FlatPieces.page`.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Its cells are the surface's triangles, in their order. Cell data ``patch`` (active), ``isometric`` (C),
+        ``quasi_conformal`` (K) and ``areal``; point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm)
+        and texture coordinates, by which an image of the page lies on it; field data ``voxflat``: the metadata.
+    """
+    page = pieces.page(packing=packing)
+    corners: Any = pieces.corners
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(
+        np.column_stack([page.places, np.zeros(len(page.places))]), corners
+    )
+    _add_figures(mesh, pieces)
+    is_voxels = pieces.metadata["kind"] == "voxels"
+    mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = pieces.ids[pieces.vertices]
+    mesh.point_data["surface_points"] = pieces.points[pieces.vertices]
+    mesh.active_texture_coordinates = page.texture_coordinates()
+    mesh.field_data["voxflat"] = [json.dumps(pieces.metadata)]
+    mesh.set_active_scalars("patch", preference="cell")
+    return mesh
+
+
+def _carry(mesh: pv.DataSet, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
+    """Carry the point arrays of a mesh over to a flat one, unless that has one of the name."""
+    for name in mesh.point_data:
+        if name not in flat.point_data:
+            flat.point_data[name] = mesh.point_data[name][ids]
+
+
+def _add_figures(mesh: pv.PolyData, pieces: FlatPieces) -> None:
+    """Add to each triangle which patch it belongs to, and how much it is distorted."""
+    mesh.cell_data["patch"] = pieces.labels
+    for name in FIGURES:
+        mesh.cell_data[name] = getattr(pieces, name)
+
+
 class VoxflatAccessor:
     """Flatten a mesh, or a surface of an image: ``mesh.voxflat(...)``.
 
@@ -82,10 +131,12 @@ class VoxflatAccessor:
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
     >>> plane = pv.Plane().triangulate()
     >>> flat = plane.voxflat()  # meshes, too: every point array is carried over
+    >>> page = pv.Sphere().voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
     """
 
     to_polydata = staticmethod(to_polydata)
     to_surface_polydata = staticmethod(to_surface_polydata)
+    to_page_polydata = staticmethod(to_page_polydata)
 
     def __init__(self, mesh: pv.DataSet) -> None:
         self._mesh = mesh
@@ -114,9 +165,7 @@ class VoxflatAccessor:
         flat_map = self.flatten(scalars, **options)
         flat = to_polydata(flat_map)
         if not flat_map.is_voxels:
-            for name in self._mesh.point_data:
-                if name not in flat.point_data:
-                    flat.point_data[name] = self._mesh.point_data[name][flat_map.ids]
+            _carry(self._mesh, flat, flat_map.ids)
         return flat
 
     def flatten(
@@ -156,6 +205,43 @@ class VoxflatAccessor:
                 raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
             return flatten(self._mesh, keep=self._region(keep), drop=self._region(drop), **options)
         return flatten(self.volume(scalars), keep=self._region(keep), drop=self._region(drop), **options)
+
+    def patches(
+        self, max_angle: float | None = None, *, scalars: str | None = None, packing: str = "boxes", **options: Any
+    ) -> pv.PolyData:
+        """Flatten the mesh, or a surface of the image, in patches with a certificate.
+
+        Parameters
+        ----------
+        max_angle : float, optional
+            Greatest inclination to a patch's plane, degrees; by default 10.
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        packing : {"boxes", "shapes"}
+            How the page is packed, as in `FlatPieces.page`.
+        **options
+            ``bound``, ``count``, ``label``, ``threshold`` and all others as in `voxflat.patches`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The page, as from `to_page_polydata`; of a mesh every point array is carried over. A mesh gets ``patch``,
+            ``isometric``, ``quasi_conformal`` and ``areal`` of each of its triangles as cell data of its own.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.patches`.
+        """
+        if not isinstance(self._mesh, pv.PolyData):
+            return to_page_polydata(patches(self.volume(scalars), max_angle, **options), packing=packing)
+        if scalars is not None:
+            raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
+        atlas = patches(self._mesh, max_angle, **options)
+        page = to_page_polydata(atlas, packing=packing)
+        _carry(self._mesh, page, page.point_data["vertex_ids"])
+        _add_figures(self._mesh, atlas)
+        return page
 
     def _region(self, region: object) -> object:
         """Return a region as `voxflat.flatten` takes it."""

@@ -7,7 +7,7 @@ picture's pixels, texels, are squares on the map, so that nothing is stretched t
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ _SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over i
 
 @dataclass(frozen=True, eq=False)
 class TexturedSurface:
-    """A surface with a picture on it: what `FlatMap.textured` returns.
+    """A surface with a picture on it: what `FlatMap.textured` and `FlatPage.textured` return.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class TexturedSurface:
         RAS+ mm.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
-    texture_coordinates : ndarray of float64, shape (N, 2)
+    texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
         The place (s, t) of each point in the picture, from 0 to 1; beyond where the picture repeats.
     picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
         Colours, perhaps with opacity. Row 0 is the top, t = 1.
@@ -41,6 +41,9 @@ class TexturedSurface:
         Whether the picture goes on beyond its borders.
     source : Path or None
         The picture's file.
+    texture_faces : ndarray of int64, shape (F, 3), or None
+        The corners of each triangle as rows of `texture_coordinates`, where these have seams, at which a point has
+        several; None where they are those of `faces`.
     """
 
     points: NDArray[np.float64]
@@ -49,6 +52,7 @@ class TexturedSurface:
     picture: NDArray[np.uint8]
     repeat: bool = False
     source: Path | None = None
+    texture_faces: NDArray[np.int64] | None = None
 
     def __repr__(self) -> str:
         height, width = self.picture.shape[:2]
@@ -56,8 +60,22 @@ class TexturedSurface:
 
     @property
     def colours(self) -> NDArray[np.uint8]:
-        """The picture's colour at each point, linear between texels, shape (N, 3) or (N, 4)."""
+        """The picture's colour at each texture coordinate, linear between texels, shape (N, 3) or (N, 4)."""
         return np.round(look_up(self.picture, self.texture_coordinates, self.repeat)).astype(np.uint8)
+
+    def opened(self) -> TexturedSurface:
+        """Return the surface with a point for each texture coordinate: cut open where the texture has seams.
+
+        Returns
+        -------
+        TexturedSurface
+            Itself if there are none.
+        """
+        if self.texture_faces is None:
+            return self
+        points = np.empty((len(self.texture_coordinates), 3))
+        points[self.texture_faces] = self.points[self.faces]
+        return replace(self, points=points, faces=self.texture_faces, texture_faces=None)
 
     def subdivided(self, tolerance: float = 16.0) -> TexturedSurface:
         """Split triangles where colours at their corners cannot carry the picture (Zigelman et al. 2002, section IV).
@@ -83,7 +101,7 @@ class TexturedSurface:
         """
         from voxflat._subdivision import subdivide
 
-        return subdivide(self, tolerance)
+        return subdivide(self.opened(), tolerance)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the surface with its picture; all files are complete before the first takes its place.
@@ -93,7 +111,7 @@ class TexturedSurface:
         path : path
             ``.obj`` (with an ``.mtl`` and a ``.png`` beside), ``.vtp`` (with a ``.png`` beside), ``.glb`` (one file of
             glTF 2.0, in metres with y up as it demands), or ``.ply`` with the colours at the points and no picture, for
-            which `subdivided` is made.
+            which `subdivided` is made. With seams, OBJ keeps the surface's points; the others double them there.
 
         Raises
         ------

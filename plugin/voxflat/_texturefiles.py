@@ -58,16 +58,20 @@ def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
     if surface.picture.shape[2] == 4:
         lines.append(f"map_d {picture}")
     files[1].write_text("\n".join(lines) + "\n", encoding="utf-8")
-    _graphicsfiles.write_obj(files[0], surface.points, surface.faces, surface.texture_coordinates, library)
+    _graphicsfiles.write_obj(
+        files[0], surface.points, surface.faces, surface.texture_coordinates, library, surface.texture_faces
+    )
     files[2].write_bytes(_png(surface.picture))
 
 
 def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
+    surface = surface.opened()
     _vtkfiles.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {})
     files[1].write_bytes(_png(surface.picture))
 
 
 def _write_ply(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
+    surface = surface.opened()
     _graphicsfiles.write_ply(files[0], surface.points, surface.faces, None, surface.colours)
 
 
@@ -86,6 +90,7 @@ _TO_METRES_Y_UP = [1e-3, 0, 0, 0, 0, 0, -1e-3, 0, 0, 1e-3, 0, 0, 0, 0, 0, 1]  # 
 
 
 def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
+    surface = surface.opened()
     points = _freesurfer.as_float32(surface.points)
     coordinates = surface.texture_coordinates * [1, -1] + [0, 1]  # t runs downwards in glTF
     blocks = [

@@ -194,6 +194,12 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
         }
 
     @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        of = self.certificate
+        return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
+
+    @property
     def broken(self) -> NDArray[np.bool_]:
         """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
         held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
@@ -228,42 +234,12 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
             lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
         return "\n".join(lines)
 
-    def layout(self, gap: float | None = None) -> NDArray[np.float64]:
-        """Lay the patches out on a page, in rows, without overlap.
-
-        Parameters
-        ----------
-        gap : float, optional
-            Between the patches' boxes, mm; by default a hundredth of the page.
-
-        Returns
-        -------
-        ndarray, shape (len(self.uv), 2)
-            For each row of `uv` its place on the page, mm; patches are moved, not turned.
-        """
-        boxes = [(uv.min(axis=0), uv.max(axis=0)) for uv in np.split(self.uv, self.starts[1:-1])]
-        low, high = (np.array(corner) for corner in zip(*boxes, strict=True))
-        size = high - low
-        gap = 0.01 * float(np.sqrt(size.prod(axis=1).sum())) if gap is None else float(gap)
-        width = max(float(size[:, 0].max()), 1.2 * float(np.sqrt((size + gap).prod(axis=1).sum())))
-        corner = np.zeros((len(self), 2))
-        x = y = row = 0.0
-        for n in np.lexsort((np.arange(len(self)), -size[:, 1])):
-            if x > 0 and x + size[n, 0] > width:
-                x, y, row = 0.0, y - row - gap, 0.0
-            row = max(row, size[n, 1])
-            corner[n] = x, y - size[n, 1]
-            x += size[n, 0] + gap
-        return np.asarray(self.uv + np.repeat(corner - low, np.diff(self.starts), axis=0))
-
-    def glue(
-        self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None
-    ) -> GluedAtlas:
+    def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
         """Close the seams between the patches, as far as that is possible within a bound on C.
 
-        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least. Every
-        triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that cannot be, a
-        seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
+        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least.
+        Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that
+        cannot be, a seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
 
         Parameters
         ----------
@@ -408,8 +384,7 @@ def patches(
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         metadata={
             "method": "saucan2006",
-            "input": whole.metadata["input"],
-            "input_sha256": whole.metadata["input_sha256"],
+            **{name: whole.metadata[name] for name in _SURFACE if name in whole.metadata},
             "limit": {limit: value},
             "seeds": seeds,
             "seed": seed,
@@ -434,6 +409,7 @@ def _corners(
     return np.searchsorted(keys, labels[:, None] * count + faces)
 
 
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure")
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 

@@ -390,11 +390,12 @@ Examples:
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
   voxflat image map.npz --volume face.obj -o face.png
   voxflat image map.npz --heat-map -o distortion.png
+  voxflat image atlas.npz --volume lh.sulc -o page.png
 """
 )
 @click.argument("map_", metavar="MAP", type=FILE)
 @click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
-@click.option("--heat-map", is_flag=True, help="Show instead how much distances are distorted, point by point.")
+@click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
 @click.option(
     "-o",
     "--output",
@@ -403,7 +404,12 @@ Examples:
     metavar="OUT",
     help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
 )
-@click.option("--pixel-size", type=float, metavar="MM", help="Side of a pixel, mm.  [default: half the voxel size]")
+@click.option(
+    "--pixel-size",
+    type=float,
+    metavar="MM",
+    help="Side of a pixel, mm.  [default: half the voxel size or edge; of an atlas at most half the gaps]",
+)
 @click.option(
     "--depth",
     type=float,
@@ -427,9 +433,10 @@ def image(
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
-    MAP is a file that voxflat flatten made. A PNG shows scalars in grey (1st to 99th percentile), labels in a colour
-    each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a figure with a colour
-    bar. The other formats hold the values, NaN outside the map.
+    MAP is a file that voxflat flatten made, or an atlas of voxflat patches, of which the page of all patches is shown;
+    its heat map is of C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th percentile),
+    labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
+    figure with a colour bar. The other formats hold the values, NaN outside the map.
     """
     from voxflat import _picture  # brings in Pillow
 
@@ -438,7 +445,7 @@ def image(
     if heat_map and (interpolation or depth is not None):
         raise click.UsageError("--interpolation and --depth are for --volume.")
     check_output(output, _picture.ENDINGS, (map_, volume))
-    flat_map = voxflat.load(map_)
+    flat_map = _atlascli.load_flat(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
     else:
@@ -447,7 +454,11 @@ def image(
     if heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
-        figures.save(figures.heat_map(flat_map, pixel_size), output)
+        if isinstance(flat_map, FlatMap):
+            drawn = figures.heat_map(flat_map, pixel_size)
+        else:
+            drawn = figures.atlas_heat_map(flat_map, pixel_size)
+        figures.save(drawn, output)
     else:
         _picture.write_image(picture, output)
     height, width = picture.data.shape[:2]

@@ -1,4 +1,4 @@
-"""Figures of maps: `scatter`, `heat_map(s)`, `flat_image`, `spectrum`, `patch_3d`; atlases: `atlas_page`, `atlas_3d`.
+"""Figures of maps: `scatter`, `heat_map(s)`, `flat_image`, `spectrum`, `patch_3d`; atlases: `atlas_page`, ...
 
 The two in space return a picture, which `save_picture` writes, drawn by PyVista. The others return a
 `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
@@ -25,7 +25,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from voxflat._atlaspictures import atlas_3d, atlas_page
+from voxflat._atlaspictures import atlas_3d, atlas_heat_map, atlas_page
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage
 from voxflat._foreground import foreground
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "atlas_3d",
+    "atlas_heat_map",
     "atlas_page",
     "flat_image",
     "heat_map",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat import _flatimage, _surfacetexture, meshes
+from voxflat import _flatimage, meshes
 from voxflat._distortion import Distortion, undefined_as_nan
 from voxflat._errors import InputError
 from voxflat._flatimage import FlatImage, Raster
+from voxflat._lookup import Places, TriangleFinder
 from voxflat._prepare import log
+from voxflat._sampler import Sampler, usual_spacing
 from voxflat._texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
-from voxflat.io import VOLUME_ENDINGS, Volume, as_volume, atomic_path
+from voxflat.io import atomic_path
 
 __all__ = ["FlatMap", "load"]
 
@@ -87,29 +89,23 @@ class FlatMap:
         return bool(self.metadata["kind"] == "voxels")
 
     @cached_property
+    def _sampler(self) -> Sampler:
+        return Sampler(self.points, self.normals, self.ids, self.metadata)
+
+    @property
     def affine(self) -> NDArray[np.float64]:
         """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
-        self._need_volume("has no voxels and so no affine")
-        return np.asarray(self.metadata["affine"], dtype=np.float64)
+        return self._sampler.affine
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
         """Shape of the volume that was flattened."""
-        self._need_volume("has no volume's shape")
-        i, j, k = self.metadata["shape"]
-        return (i, j, k)
-
-    def _need_volume(self, what: str) -> None:
-        if not self.is_voxels:
-            raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
+        return self._sampler.volume_shape
 
     @cached_property
     def spacing(self) -> float:
         """Typical distance of neighbouring points, mm: of voxels the geometric mean of the three spacings."""
-        if self.is_voxels:
-            return float(np.cbrt(np.prod(np.linalg.norm(self.affine[:3, :3], axis=0))))
-        sides = self.uv[self.faces] - self.uv[np.roll(self.faces, 1, axis=1)]
-        return float(np.median(np.linalg.norm(sides, axis=2)))
+        return usual_spacing(self.metadata, self.uv, self.faces)
 
     def raster(self, pixel_size: float | None = None) -> Raster:
         """Return the map's pixels, with the inverse look-up to the surface.
@@ -143,11 +139,27 @@ class FlatMap:
         points : ndarray of float64, shape (H, W, 3)
             RAS+ mm, linear between surface voxels; NaN outside the map.
         """
-        raster = self.raster(pixel_size)
-        nearest = raster.nearest
-        inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
-        ids = np.where(inside, self.ids[nearest], -1)
-        return ids, raster.interpolate(self.points)
+        return self._sampler.locate(self.raster(pixel_size))
+
+    def look_up(self, places: ArrayLike) -> Places:
+        """Look up places on the map: which triangle lies there, where in it, and where that is in space.
+
+        Parameters
+        ----------
+        places : array_like, shape (..., 2)
+            (u, v), mm.
+
+        Returns
+        -------
+        Places
+            −1 and NaN for what lies beside the map. In a torn triangle, between whose corners there is no surface, the
+            nearest corner is taken; where triangles overlap, the first.
+        """
+        return self._finder.look_up(places, self.points[self.faces], torn=self.torn)
+
+    @cached_property
+    def _finder(self) -> TriangleFinder:
+        return TriangleFinder(self.uv[self.faces])
 
     def image(
         self,
@@ -188,25 +200,7 @@ class FlatMap:
         InputError
             If the volume does not fit or cannot be read.
         """
-        raster = self.raster(pixel_size)
-        title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
-        texture = None if self.is_voxels else self._surface_texture(volume)
-        if texture is not None:
-            if depth != 0 or interpolation is not None:
-                raise InputError(
-                    "depth and interpolation are for volumes and overlays, not for textures; leave them out"
-                )
-            colours = _surfacetexture.paint(texture, raster, self.ids)
-            return FlatImage(colours, raster.pixel_size, raster.origin, title)
-        overlay = None if self.is_voxels else self._overlay(volume)
-        if overlay is not None:
-            data = _flatimage.show(raster, overlay[self.ids], interpolation)
-            return FlatImage(data, raster.pixel_size, raster.origin, title)
-        placed = self._placed(volume)
-        data = _flatimage.sample(placed, self._at_depth(raster, depth), interpolation)
-        return FlatImage(
-            data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
-        )
+        return self._sampler.image(self.raster(pixel_size), volume, depth=depth, interpolation=interpolation, name=name)
 
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distortion of each point as an image on the same pixels as `image`.
@@ -299,7 +293,7 @@ class FlatMap:
         values = np.asarray(values)
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
-        self._need_volume("has no voxels to paint")
+        self._sampler.need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -399,53 +393,6 @@ class FlatMap:
                 len(self.faces),
             )
         return first, faces
-
-    def _surface_texture(self, volume: object) -> _surfacetexture.SurfaceTexture | NDArray[np.uint8] | None:
-        """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
-        count = self.metadata["vertices"]
-        if isinstance(volume, str | os.PathLike):
-            path = Path(volume)
-            is_textured = path.name.lower().endswith(_surfacetexture.TEXTURE_ENDINGS)
-            return _surfacetexture.read_texture(path, count) if is_textured else None
-        return np.asarray(volume) if _surfacetexture.are_colours(volume, count) else None
-
-    def _overlay(self, volume: object) -> NDArray[Any] | None:
-        """Return values at the mesh's vertices, if that is what was given."""
-        count = self.metadata["vertices"]
-        if isinstance(volume, str | os.PathLike):
-            if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
-                return None
-            return meshes.read_overlay(volume, count)
-        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
-            values = np.asarray(volume)
-            if len(values) != count:
-                raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
-            return values
-        return None
-
-    def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
-        points = raster.interpolate(self.points)
-        if depth == 0:
-            return points
-        if not np.isfinite(depth):
-            raise InputError(f"the depth is {depth}; give a finite number of mm")
-        if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth} mm, but this sheet has background on both sides and so no outside")
-        normals = raster.interpolate(self.normals)
-        return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
-
-    def _placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
-        given = as_volume(volume)
-        if given.is_placed:
-            return given
-        if given.data.shape[:3] != self.volume_shape:
-            raise InputError(
-                f"the volume has shape {given.data.shape} and no affine, the flattened volume {self.volume_shape}; "
-                "give a volume of that shape, or one with its affine"
-            )
-        return replace(given, affine=self.affine)
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:
