@@ -11,10 +11,12 @@
 //! predicates, at the end: what did not hold it would fall into its patches again.
 
 mod border;
+mod merge;
 mod seams;
 mod settle;
 mod sheet;
 mod strain;
+mod zip;
 
 use std::collections::HashMap;
 

@@ -11,7 +11,7 @@ use crate::embed::stress::triangles::Rest;
 use crate::error::{Error, Result};
 
 /// The excess over such a part of the range, by its logarithm, is made less: what is within it is well within the bound.
-const ASIDE: f64 = 0.9;
+const ASIDE: f64 = 0.8;
 
 /// Steps of descent of the excess between two looks at the bound.
 const STEPS: usize = 10;

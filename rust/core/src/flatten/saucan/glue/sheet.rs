@@ -217,6 +217,12 @@ impl<'a> Sheet<'a> {
         sides.iter().map(|&side| self.lengths[side as usize]).sum()
     }
 
+    /// The length of the boundary of a piece on the surface, mm.
+    pub fn boundary(&self, piece: u32) -> f64 {
+        let sides = self.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
+        sides.filter(|&side| self.is_open(side)).map(|side| self.lengths[side as usize]).sum()
+    }
+
     /// Turns and moves a piece as a whole.
     pub fn place_rigidly(&mut self, piece: u32, turn: Rotation2<f64>, shift: Place) {
         for &facet in &self.members[piece as usize] {
@@ -284,9 +290,8 @@ impl<'a> Sheet<'a> {
         self.members[larger as usize].extend(moved);
     }
 
-    /// The rigid motion of what lies beyond cuts that brings it nearest to them (Procrustes), and how far from them it then
-    /// lies at most, as a part of the cuts' mean length.
-    pub fn fit(&self, cuts: &[u32]) -> (Rotation2<f64>, Place, Vec<f64>) {
+    /// The rigid motion of what lies beyond cuts that brings it nearest to them (Procrustes).
+    pub fn fit(&self, cuts: &[u32]) -> (Rotation2<f64>, Place) {
         let pairs: Vec<[Place; 2]> = cuts
             .iter()
             .flat_map(|&side| {
@@ -303,8 +308,7 @@ impl<'a> Sheet<'a> {
         }
         let turn = Rotation2::new(cross.atan2(dot));
         let shift = to - turn * from;
-        let gaps = pairs.iter().map(|[a, b]| (turn * b + shift - a).norm()).collect();
-        (turn, shift, gaps)
+        (turn, shift)
     }
 
     /// How far the two sides of a cut are apart, at the end where they are farther.
