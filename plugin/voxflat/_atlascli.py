@@ -124,11 +124,9 @@ def patches(
     with bars(quiet) as shown:
         limits = {name: options.pop(name) for name in ("memory_limit", "threads")}
         source = voxflat.surface(surface_, **making, **limits, progress=shown.progress)
-        atlas: voxflat.FlatAtlas | voxflat.GluedAtlas = voxflat.patches(
-            source, **options, threads=limits["threads"], progress=shown.progress
-        )
-        if glue is not None:
-            atlas = atlas.glue(glue, threads=limits["threads"], progress=shown.progress)
+        told: dict[str, Any] = {"threads": limits["threads"], "progress": shown.progress}
+        patches = voxflat.patches(source, **options, **told)
+        atlas = patches if glue is None else patches.glue(glue, **told)
     if is_textured:
         _save_textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
     else:

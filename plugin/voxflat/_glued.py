@@ -296,7 +296,8 @@ class GluedAtlas(FlatPieces, Sequence[GluedPiece]):
         """
         text, arrays = load_pieces(path, _FORMAT, _ARRAYS)
         try:
-            return cls(**arrays, **{**text, "seams": Seams(**text["seams"])})
+            values: dict[str, Any] = {**arrays, **text, "seams": Seams(**text["seams"])}
+            return cls(**values)
         except (KeyError, TypeError) as error:
             raise InputError(f"{path} is not a glued atlas of voxflat or is damaged") from error
 
