@@ -17,6 +17,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import saucan_glue
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -41,7 +42,10 @@ def main(paths):
     numbers(surfaces)
     edges_alone(surfaces)
     speed(surfaces["synthetic colon"])
+    saucan_glue.gluing(surfaces["synthetic colon"])
+    saucan_glue.developable()
     pictures(surfaces)
+    save(saucan_glue.picture(surfaces["fsaverage5, white"]), "saucan_glued.png")
     print(f"\npictures in {PICTURES.relative_to(ROOT)}, {time.perf_counter() - start:.0f} s")
 
 

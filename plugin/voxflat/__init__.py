@@ -12,6 +12,7 @@ from voxflat._core import __version__
 from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
+from voxflat._glued import GluedAtlas, GluedPiece, Seams, load_atlas
 from voxflat._judge import Comparison, compare, measure
 from voxflat._lookup import Places
 from voxflat._page import FlatPage
@@ -40,10 +41,13 @@ __all__ = [
     "FlatPage",
     "FlatPatch",
     "FlatPieces",
+    "GluedAtlas",
+    "GluedPiece",
     "InputError",
     "Path",
     "Places",
     "Plane",
+    "Seams",
     "StandardErrors",
     "Surface",
     "TexturedSurface",
@@ -56,6 +60,7 @@ __all__ = [
     "flatten",
     "geodesic",
     "load",
+    "load_atlas",
     "measure",
     "open_rows",
     "patches",

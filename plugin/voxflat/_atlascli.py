@@ -28,6 +28,7 @@ Examples:
   voxflat patches lh.white -o atlas.npz
   voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png
   voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz
+  voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png
   voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
 """
 )
@@ -53,6 +54,12 @@ Examples:
     help="Where patches begin: compared, the largest first; or as in the paper at the flattest or a random triangle.",
 )
 @_options.seed
+@click.option(
+    "--glue",
+    type=float,
+    metavar="C",
+    help="Close the seams between the patches as far as no length changes by more than this factor, such as 1.5.",
+)
 @click.option(
     "--packing",
     type=click.Choice(PACKINGS),
@@ -86,6 +93,7 @@ def patches(
     output: Path,
     page: Path | None,
     picture: Path | None,
+    glue: float | None,
     packing: str,
     volume: Path | None,
     heat_map: bool,
@@ -116,7 +124,9 @@ def patches(
     with bars(quiet) as shown:
         limits = {name: options.pop(name) for name in ("memory_limit", "threads")}
         source = voxflat.surface(surface_, **making, **limits, progress=shown.progress)
-        atlas = voxflat.patches(source, **options, threads=limits["threads"], progress=shown.progress)
+        told: dict[str, Any] = {"threads": limits["threads"], "progress": shown.progress}
+        patches = voxflat.patches(source, **options, **told)
+        atlas = patches if glue is None else patches.glue(glue, **told)
     if is_textured:
         _save_textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
     else:
@@ -157,7 +167,7 @@ def _save_textured(
     textured.save(output)
 
 
-def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas:
+def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas | voxflat.GluedAtlas:
     """Load a flat map or an atlas, whichever a file holds.
 
     Parameters
@@ -167,7 +177,7 @@ def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas:
 
     Returns
     -------
-    FlatMap or FlatAtlas
+    FlatMap, FlatAtlas or GluedAtlas
 
     Raises
     ------
@@ -179,10 +189,10 @@ def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas:
             is_atlas = "corners" in file.files
     except Exception:  # what is wrong, `load` says
         is_atlas = False
-    return voxflat.FlatAtlas.load(path) if is_atlas else voxflat.load(path)
+    return voxflat.load_atlas(path) if is_atlas else voxflat.load(path)
 
 
-def _draw(atlas: voxflat.FlatAtlas, page: Path | None, picture: Path | None, packing: str) -> None:
+def _draw(atlas: voxflat.FlatAtlas | voxflat.GluedAtlas, page: Path | None, picture: Path | None, packing: str) -> None:
     from voxflat import figures  # brings in matplotlib
 
     if page is not None:

@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from voxflat._errors import InputError
+from voxflat._glued import GluedAtlas
 
 if TYPE_CHECKING:
     from voxflat._pieces import FlatPieces
-    from voxflat.atlas import FlatAtlas
 
 __all__ = ["atlas_3d", "atlas_heat_map", "atlas_page"]
 
 _GOLDEN = 0.6180339887498949  # of a turn between the hues of patches that follow each other
 
 
-def atlas_page(atlas: FlatAtlas, *, packing: str = "boxes") -> Figure:
-    """Show the patches of an atlas side by side on a page.
+def atlas_page(atlas: FlatPieces, *, packing: str = "boxes") -> Figure:
+    """Show the pieces of an atlas side by side on a page, coloured by patch; cuts are black.
 
     Parameters
     ----------
-    atlas : FlatAtlas
-        An atlas.
+    atlas : FlatPieces
+        An atlas, of patches or glued.
     packing : {"boxes", "shapes"}
         As in `FlatAtlas.page`.
 
@@ -41,14 +41,15 @@ def atlas_page(atlas: FlatAtlas, *, packing: str = "boxes") -> Figure:
     """
     places = atlas.layout(packing=packing)
     corners: Any = places[atlas.corners]
-    colours = _colours(len(atlas))[atlas.labels]
+    colours = _colours(int(atlas.coloured.max()) + 1)[atlas.coloured]
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
     axes = figure.add_subplot(xlabel="mm", ylabel="mm", aspect="equal")
     axes.add_collection(PolyCollection(corners, facecolor=colours, edgecolor=colours, linewidth=0.1, rasterized=True))
     axes.autoscale()
-    certified = atlas.certificate
-    axes.set_title(f"{len(atlas)} patches, {len(atlas.faces)} triangles, C ≤ {certified.c:.4f}, K ≤ {certified.k:.4f}")
+    if isinstance(atlas, GluedAtlas):  # where pieces end, colours of patches do not show
+        axes.add_collection(LineCollection(list(places[atlas.outline]), colors="black", linewidth=0.5, rasterized=True))
+    axes.set_title(atlas.title)
     return figure
 
 
@@ -82,13 +83,13 @@ def atlas_heat_map(atlas: FlatPieces, pixel_size: float | None = None, *, of: st
     return figure
 
 
-def atlas_3d(atlas: FlatAtlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
+def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
     """Draw the surface with its patches in colours, by PyVista, or by matplotlib where that is missing.
 
     Parameters
     ----------
-    atlas : FlatAtlas
-        An atlas.
+    atlas : FlatPieces
+        An atlas, of patches or glued.
     towards : sequence of 3 floats
         From where it is seen, RAS+.
     size : int
@@ -107,7 +108,7 @@ def atlas_3d(atlas: FlatAtlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1
     direction = np.asarray(towards, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InputError(f"towards is {towards!r}; give a direction of three numbers")
-    colours = (255 * _colours(len(atlas))).astype(np.uint8)[atlas.labels]
+    colours = (255 * _colours(int(atlas.coloured.max()) + 1)).astype(np.uint8)[atlas.coloured]
     pyvista = _load_pyvista()
     if pyvista is None:
         return _by_matplotlib(atlas, colours, direction, size)
@@ -135,7 +136,7 @@ def _load_pyvista() -> Any:
 
 
 def _by_matplotlib(
-    atlas: FlatAtlas, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
+    atlas: FlatPieces, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
 ) -> NDArray[np.uint8]:
     """Draw the triangles from the farthest to the nearest."""
     direction = direction / np.linalg.norm(direction)

@@ -101,6 +101,14 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> dict[str, Any]: ...
+    def glue(
+        self,
+        labels: NDArray[np.uint32],
+        flat: NDArray[np.float64],
+        bound: float,
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> dict[str, Any]: ...
     def zigelman2002(
         self,
         count: int,

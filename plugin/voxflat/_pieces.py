@@ -82,6 +82,16 @@ class FlatPieces:
             return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
 
     @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        return f"{len(self)} pieces, {len(self.faces)} triangles"
+
+    @property
+    def coloured(self) -> NDArray[np.int64]:
+        """What triangles of the same colour have in common in pictures, shape (F,): their piece."""
+        return self.labels
+
+    @property
     def isometric(self) -> NDArray[np.float64]:
         """C of each triangle, max(σ1, 1/σ2): by what factor lengths change at most, shape (F,)."""
         most, least = self.stretch.T

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._errors import InputError
+from voxflat._glued import GluedAtlas
+from voxflat._glued import glue as _glue
 from voxflat._pieces import FlatPieces, load_pieces, save_pieces
 from voxflat._prepare import Progress, checked_seed, checked_threads, log
 from voxflat._surface import surface as _surface
@@ -192,6 +194,12 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
         }
 
     @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        of = self.certificate
+        return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
+
+    @property
     def broken(self) -> NDArray[np.bool_]:
         """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
         held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
@@ -225,6 +233,34 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
         if len(self) > _SHOWN:
             lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
         return "\n".join(lines)
+
+    def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
+        """Close the seams between the patches, as far as that is possible within a bound on C.
+
+        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least.
+        Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that
+        cannot be, a seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
+
+        Parameters
+        ----------
+        bound : float
+            The greatest factor by which lengths may change, above 1 and at most 10.
+        threads, progress
+            As in `surface`.
+
+        Returns
+        -------
+        GluedAtlas
+            The same for any number of threads and any numbering of vertices and triangles, but for the order of arrays.
+
+        Raises
+        ------
+        InputError
+            If the bound does not fit, or the patches themselves are beyond it.
+        Cancelled
+            If `progress` returned False.
+        """
+        return _glue(self, bound, threads, progress)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the atlas to a file, all of it or nothing.

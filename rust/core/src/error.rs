@@ -154,6 +154,15 @@ pub enum Error {
     #[error("the bound C is {bound}: give one from {least} (an angle of 0.01°) to {most} (80°); 1 is an isometry")]
     BoundOutOfRange { bound: f64, least: f64, most: f64 },
 
+    #[error("patches cannot be glued within a bound of {bound} on C; give one from {least} to {most}, such as 1.5")]
+    GlueBoundOutOfRange { bound: f64, least: f64, most: f64 },
+
+    #[error(
+        "patches that change lengths by a factor of up to {before:.6} cannot be glued within a bound of {bound}; give a \
+         greater bound, or make the patches with an angle of at most {angle:.4}°"
+    )]
+    PatchesBeyondBound { bound: f64, before: f64, angle: f64 },
+
     #[error("{count} patches are too few for this surface: even where they may be tilted by {most}° it takes {least}")]
     TooFewPatches { count: usize, least: usize, most: f64 },
 

@@ -18,6 +18,7 @@
 mod cone;
 mod dissolve;
 mod facets;
+pub mod glue;
 mod growth;
 mod projection;
 mod search;

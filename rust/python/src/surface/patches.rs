@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use numpy::IntoPyArray;
+use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
+use voxflat::flatten::saucan::glue::{self, Glued};
 use voxflat::flatten::saucan::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
@@ -46,6 +47,33 @@ impl Surface {
             run(py, threads, progress.as_ref(), move |control| saucan::patches(&inner.surface, limit, seeds, control))?;
         atlas_dict(py, found)
     }
+
+    /// Patches that are glued within a bound on C: `labels` of the faces, and in each row of `flat` u, v of a face's corners.
+    #[pyo3(signature = (labels, flat, bound, threads=None, progress=None))]
+    fn glue<'py>(
+        &self,
+        py: Python<'py>,
+        labels: PyReadonlyArray1<'py, u32>,
+        flat: PyReadonlyArray2<'py, f64>,
+        bound: f64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let labels = labels.as_array().to_vec();
+        let flat: Vec<[f64; 6]> = convert::rows(&flat, "flat")?;
+        let flat: Vec<[[f64; 2]; 3]> = flat.into_iter().map(|[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
+        let inner = Arc::clone(&self.0);
+        let faces = inner.surface.faces().len();
+        if labels.len() != faces || flat.len() != faces {
+            let message =
+                format!("{} labels and {} rows of flat are given for {faces} faces", labels.len(), flat.len());
+            return Err(InputError::new_err(message));
+        }
+        let found = run(py, threads, progress.as_ref(), move |control| {
+            glue::glue(&inner.surface, &labels, &flat, bound, control)
+        })?;
+        glued_dict(py, found)
+    }
 }
 
 fn atlas_dict(py: Python<'_>, atlas: Atlas) -> PyResult<Bound<'_, PyDict>> {
@@ -73,5 +101,38 @@ fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("area", patch.area)?;
     dict.set_item("isometric", patch.isometric)?;
     dict.set_item("quasi_conformal", patch.quasi_conformal)?;
+    Ok(dict)
+}
+
+fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    let mut corners = vec![[0; 3]; glued.labels.len()];
+    let (mut starts, mut vertices, mut uv) = (vec![0], Vec::new(), Vec::new());
+    for piece in &glued.pieces {
+        let first = vertices.len() as u32;
+        for (&face, rows) in piece.faces.iter().zip(&piece.corners) {
+            corners[face as usize] = rows.map(|row| first + row);
+        }
+        vertices.extend_from_slice(&piece.vertices);
+        uv.extend_from_slice(&piece.uv);
+        starts.push(vertices.len() as u32);
+    }
+    let measured: Vec<[f64; 3]> = glued.pieces.iter().map(|p| [p.area, p.isometric, p.quasi_conformal]).collect();
+    dict.set_item("labels", glued.labels.into_pyarray(py))?;
+    dict.set_item("stretch", convert::array(py, &glued.stretch)?)?;
+    dict.set_item("starts", starts.into_pyarray(py))?;
+    dict.set_item("vertices", vertices.into_pyarray(py))?;
+    dict.set_item("uv", convert::array(py, &uv)?)?;
+    dict.set_item("corners", convert::array(py, &corners)?)?;
+    dict.set_item("measured", convert::array(py, &measured)?)?;
+    let seams = PyDict::new(py);
+    seams.set_item("length", glued.seams.length)?;
+    seams.set_item("closed", glued.seams.closed)?;
+    seams.set_item("holonomy", glued.seams.holonomy)?;
+    seams.set_item("bound", glued.seams.bound)?;
+    seams.set_item("overlap", glued.seams.overlap)?;
+    dict.set_item("seams", seams)?;
+    dict.set_item("patches", glued.patches)?;
+    dict.set_item("before", glued.before)?;
     Ok(dict)
 }

@@ -12,7 +12,7 @@ use crate::error::Result;
 const MEMORY: usize = 20;
 
 /// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
-pub(super) const SAFE: f64 = 0.8;
+pub(crate) const SAFE: f64 = 0.8;
 
 /// The part of what the slope promises that a step must keep (Armijo).
 const KEPT: f64 = 1e-4;
@@ -48,6 +48,8 @@ pub struct Until {
     pub steps: usize,
     /// Or when five steps together gain less than this part of the energy.
     pub gain: f64,
+    /// Or when the energy is no more than this.
+    pub enough: f64,
 }
 
 /// What descent came to.
@@ -106,7 +108,7 @@ pub fn descend(
     let factor = objective.factor(uv)?;
     let mut past: VecDeque<Step> = VecDeque::with_capacity(MEMORY);
     let mut energies = vec![energy];
-    while energies.len() <= until.steps {
+    while energies.len() <= until.steps && energy > until.enough {
         control.check()?;
         let mut along = direction(&gradient, &past, &factor);
         let mut slope = dot(&gradient, &along);
@@ -153,5 +155,5 @@ pub fn descend(
             return Ok(Descended { energies, converged: true });
         }
     }
-    Ok(Descended { energies, converged: false })
+    Ok(Descended { converged: energy <= until.enough, energies })
 }

@@ -271,7 +271,8 @@ impl Level {
             let (bands, stiffness, shape) = (dials.bands, dials.stiffness, Shape { area: dials.area, scale });
             let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
             let before = outline.map(|_| uv.clone());
-            let Descended { energies, converged } = descend(&energy, uv, Until { steps: ROUND, gain: GAIN }, control)?;
+            let Descended { energies, converged } =
+                descend(&energy, uv, Until { steps: ROUND, gain: GAIN, enough: f64::NEG_INFINITY }, control)?;
             if let Some(before) = before
                 && self.outline.crossings(uv, control)? > 0
             {

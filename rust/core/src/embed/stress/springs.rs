@@ -26,18 +26,24 @@ pub struct Springs {
     diagonal: Vec<usize>,
 }
 
+/// No entry: one of an edge's ends is held.
+const HELD: usize = usize::MAX;
+
 /// A factored matrix of springs.
 #[derive(Debug)]
 pub struct Factor(Llt<usize, f64>);
 
 impl Springs {
-    /// Springs along the edges of triangles, given by their corners.
+    /// Springs along the edges of triangles, given by their corners. Those that are no vertex below `vertices` are held where
+    /// they are.
     ///
     /// # Errors
     /// [`Error::TooManySprings`], [`Error::Cancelled`].
     pub fn new(triangles: Vec<[u32; 3]>, vertices: usize, control: &Control) -> Result<Self> {
         let ends = |[a, b, c]: [u32; 3]| [(a, b), (a, c), (b, c)].map(|(a, b)| (a.min(b), a.max(b)));
-        let mut entries: Vec<(u32, u32)> = triangles.iter().flat_map(|&corners| ends(corners)).collect();
+        let is_free = |&(_, larger): &(u32, u32)| (larger as usize) < vertices;
+        let mut entries: Vec<(u32, u32)> =
+            triangles.iter().flat_map(|&corners| ends(corners)).filter(is_free).collect();
         entries.extend((0..vertices as u32).map(|vertex| (vertex, vertex)));
         entries.sort_unstable();
         entries.dedup();
@@ -48,6 +54,9 @@ impl Springs {
             starts[column + 1] += starts[column];
         }
         let place = |(column, row): (u32, u32)| {
+            if row as usize >= vertices {
+                return HELD;
+            }
             let column = starts[column as usize]..starts[column as usize + 1];
             column.start + entries[column].partition_point(|entry| entry.1 < row)
         };
@@ -69,9 +78,14 @@ impl Springs {
         let mut values = vec![0.0; self.pattern.compute_nnz()];
         for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
             for ((&edge, &entry), (a, b)) in edges.iter().zip(stiffness).zip([(0, 1), (0, 2), (1, 2)]) {
-                values[edge] += entry;
-                values[self.diagonal[corners[a] as usize]] -= entry;
-                values[self.diagonal[corners[b] as usize]] -= entry;
+                if edge != HELD {
+                    values[edge] += entry;
+                }
+                for end in [corners[a], corners[b]] {
+                    if let Some(&own) = self.diagonal.get(end as usize) {
+                        values[own] -= entry;
+                    }
+                }
             }
         }
         self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground);

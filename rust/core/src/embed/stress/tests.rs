@@ -77,7 +77,7 @@ fn a_plane_has_no_energy_and_descent_finds_it() {
         let flat: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
         assert!(energy.evaluate(&flat, &control).unwrap().0.abs() < 1e-9);
         let mut uv = tutte::spread(surface, &flat, energy.triangles, energy.springs, &control).unwrap();
-        let until = descent::Until { steps: 200, gain: 1e-9 };
+        let until = descent::Until { steps: 200, gain: 1e-9, enough: f64::NEG_INFINITY };
         let run = descent::descend(energy, &mut uv, until, &control).unwrap();
         assert!(run.energies.windows(2).all(|two| two[1] <= two[0]), "{:?}", run.energies);
         assert_eq!(energy.triangles.folded(&uv), 0);

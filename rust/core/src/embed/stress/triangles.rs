@@ -28,18 +28,23 @@ const BATCH: usize = 2048;
 
 /// A triangle as it lies on the surface.
 #[derive(Debug, Clone, Copy)]
-struct Rest {
-    corners: [u32; 3],
+pub(crate) struct Rest {
+    pub(crate) corners: [u32; 3],
     /// Takes two sides of the flat triangle, as columns, to J.
-    inverse: Matrix2<f64>,
+    pub(crate) inverse: Matrix2<f64>,
     /// mm².
-    area: f64,
+    pub(crate) area: f64,
 }
 
 impl Rest {
     /// A triangle, and at least so many times as high as its longest side is long.
     fn new(points: &[Vector3<f64>], face: [u32; 3], thinnest: f64) -> Self {
-        let sides = [0, 1, 2].map(|n| points[face[(n + 1) % 3] as usize] - points[face[n] as usize]);
+        Self::of(face.map(|vertex| points[vertex as usize]), face, thinnest)
+    }
+
+    /// The same, with the places of its corners.
+    pub(crate) fn of(points: [Vector3<f64>; 3], face: [u32; 3], thinnest: f64) -> Self {
+        let sides = [0, 1, 2].map(|n| points[(n + 1) % 3] - points[n]);
         let longest = (0..3).max_by(|&a, &b| sides[a].norm_squared().total_cmp(&sides[b].norm_squared())).unwrap_or(0);
         let corners = [0, 1, 2].map(|n| face[(longest + n) % 3]);
         let (base, other) = (sides[longest], -sides[(longest + 2) % 3]);
@@ -59,6 +64,13 @@ impl Rest {
     fn jacobian(&self, uv: &[Vector2<f64>], scale: f64) -> Matrix2<f64> {
         let [a, b, c] = self.corners.map(|vertex| uv[vertex as usize]);
         Matrix2::from_columns(&[b - a, c - a]) * self.inverse / scale
+    }
+
+    /// The entries, off the diagonal, of the matrix of springs whose energy is ½ ‖J‖² times `scale`: for corners 01, 02, 12.
+    pub(crate) fn springs(&self, scale: f64) -> [f64; 3] {
+        let (b, c) = (self.inverse.row(0), self.inverse.row(1));
+        let a = -b - c;
+        [a.dot(&b) * scale, a.dot(&c) * scale, b.dot(&c) * scale]
     }
 }
 
@@ -142,10 +154,7 @@ impl Triangles {
             let jacobian = rest.jacobian(uv, shape.scale);
             let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
             let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
-            let scale = weight / self.area * rest.area * stiff / shape.scale.powi(2);
-            let (b, c) = (rest.inverse.row(0), rest.inverse.row(1));
-            let a = -b - c;
-            [a.dot(&b) * scale, a.dot(&c) * scale, b.dot(&c) * scale]
+            rest.springs(weight / self.area * rest.area * stiff / shape.scale.powi(2))
         };
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }

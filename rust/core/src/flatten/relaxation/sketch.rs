@@ -23,10 +23,10 @@ pub const LANDMARKS: usize = 48;
 const CROSSED: u32 = 5;
 
 /// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
-const TRIED: Until = Until { steps: 25, gain: 1e-3 };
+const TRIED: Until = Until { steps: 25, gain: 1e-3, enough: f64::NEG_INFINITY };
 
 /// And when the cut is made.
-const SETTLED: Until = Until { steps: 80, gain: 3e-4 };
+const SETTLED: Until = Until { steps: 80, gain: 3e-4, enough: f64::NEG_INFINITY };
 
 /// A surface and a map of it that folds nowhere.
 #[derive(Debug)]

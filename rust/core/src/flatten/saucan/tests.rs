@@ -9,13 +9,13 @@ use crate::distortion::faces::measure_faces;
 use crate::distortion::overlap::overlaps;
 use crate::surface::mesh::shapes;
 
-type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
+pub(super) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
 /// The places of a triangle's corners, bit by bit.
-type Corners = [[u64; 3]; 3];
+pub(super) type Corners = [[u64; 3]; 3];
 
 /// The patch of a triangle, and the places of its corners there, bit by bit.
-type Flat = (u32, [[u64; 2]; 3]);
+pub(super) type Flat = (u32, [[u64; 2]; 3]);
 
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
 
@@ -24,7 +24,7 @@ fn made(surface: &Surface, limit: Limit, seeds: Seeds) -> Atlas {
 }
 
 /// A sheet shaken out of its plane, and sideways.
-fn shaken(side: usize, shake: &[[f64; 3]], size: f64) -> Mesh {
+pub(super) fn shaken(side: usize, shake: &[[f64; 3]], size: f64) -> Mesh {
     let (mut points, faces) = shapes::sheet(side, side);
     for (point, by) in points.iter_mut().zip(shake) {
         (0..3).for_each(|k| point[k] += size * by[k] * if k == 2 { 2.0 } else { 0.4 });
@@ -127,7 +127,7 @@ proptest! {
 }
 
 /// The same mesh with vertices and faces in another order, and faces that begin elsewhere.
-fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
+pub(super) fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
     use rand::{SeedableRng, seq::SliceRandom};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..points.len()).collect();

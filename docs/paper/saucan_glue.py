@@ -1,0 +1,182 @@
+"""Gluing the patches of Appleboim, Saucan, Zeevi (2006), their open problem: figures and a picture for `saucan.py`."""
+
+import heapq
+import time
+from collections import defaultdict
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+
+import voxflat
+from voxflat._atlaspictures import _colours
+
+BOUND = 1.5
+SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
+
+
+def gluing(colon):
+    """Print how much of the seams is closed, and what the bounds are before and after."""
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    surfaces = {
+        f"fsaverage5, {kind} {side}": voxflat.surface(str(folder / f"{kind}_{side}.gii.gz"))
+        for kind in ("white", "pial")
+        for side in ("left", "right")
+    }
+    surfaces["synthetic colon"] = colon
+    print(f"\ngluing, C ≤ {BOUND}")
+    header = ("patches", "pieces", "seams, mm", "closed", "curved", "bound", "overlap", "C before", "C after", "mean C")
+    print(f"{'':26}{'limit':>12}" + "".join(f"{name:>10}" for name in header) + f"{'CPU s':>8}")
+    for name, surface in surfaces.items():
+        for text, limit in {"θ = 10°": {"max_angle": 10}, "C = 1.1763": {"bound": 1.1763}}.items():
+            atlas = voxflat.patches(surface, **limit)
+            start = time.process_time()
+            glued = atlas.glue(BOUND)
+            seconds = time.process_time() - start
+            seams, of = glued.seams, glued.figures()
+            print(
+                f"{name:26}{text:>12}{len(atlas):10}{len(glued):10}{seams.length:10.0f}"
+                f"{100 * seams.closed_share:8.2f} %{seams.holonomy:7.0f} mm{seams.bound:7.0f} mm{seams.overlap:7.0f} mm"
+                f"{glued.before:10.4f}{of['measured']['c']:10.4f}{of['measured']['mean_c']:10.4f}{seconds:8.1f}",
+                flush=True,
+            )
+
+
+def developable():
+    """Print how far surfaces that can be flat are from it, and where a closed cylinder is cut."""
+    print(f"\n{'developable':26}{'patches':>10}{'pieces':>10}{'cuts, mm':>10}{'max |σ − 1|':>14}")
+    for name, mesh in {
+        "wavy cylinder": sheet(40, 20, lambda x, y: (0.7 * x, y, 3 * np.sin(0.4 * x))),
+        "cone sector": sheet(
+            24, 20, lambda x, y: (0.6 * (5 + y) * np.cos(0.2 * x), 0.6 * (5 + y) * np.sin(0.2 * x), 0.8 * (5 + y))
+        ),
+        "closed cylinder, 20 mm": sheet(
+            36, 20, lambda x, y: (5 * np.cos(x * np.pi / 18), 5 * np.sin(x * np.pi / 18), y)
+        ),
+    }.items():
+        atlas = voxflat.patches(mesh, 10)
+        glued = atlas.glue(BOUND)
+        change = np.abs(glued.stretch - 1).max()
+        print(f"{name:26}{len(atlas):10}{len(glued):10}{glued.seams.cuts:10.3f}{change:14.1e}", flush=True)
+
+
+def sheet(m, n, place):
+    """Return irregular triangles between straight lines along which a sheet is bent, closed where its ends meet."""
+    rng = np.random.default_rng(0)
+    x, y = (values.astype(float) for values in np.meshgrid(np.arange(m + 1), np.arange(n + 1), indexing="ij"))
+    y[:, 1:-1] += rng.uniform(-0.4, 0.4, y[:, 1:-1].shape)
+    y[-1] = y[0]
+    number = np.arange(x.size).reshape(x.shape)
+    points = np.stack(place(x.ravel(), y.ravel()), axis=1)
+    if np.allclose(points[number[0]], points[number[-1]]):
+        number[-1] = number[0]
+        points = points[: number[-2].max() + 1]
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    halves = [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
+    return points, np.concatenate(halves)
+
+
+def naive(atlas):
+    """Lay patches out rigidly along the spanning tree of longest shared boundaries; return triangles (F, 3, 2)."""
+    flat = atlas.uv[atlas.corners]
+    sides = defaultdict(list)
+    for face, corners in enumerate(atlas.faces.tolist()):
+        for k in range(3):
+            a, b = corners[k], corners[(k + 1) % 3]
+            sides[min(a, b), max(a, b)].append((face, k))
+    shared, beside = defaultdict(float), defaultdict(lambda: defaultdict(set))
+    for (a, b), uses in sides.items():
+        if len(uses) == 2 and atlas.labels[uses[0][0]] != atlas.labels[uses[1][0]]:
+            p, q = (int(atlas.labels[face]) for face, _ in uses)
+            shared[min(p, q), max(p, q)] += float(np.linalg.norm(atlas.points[a] - atlas.points[b]))
+            beside[p][q] |= {a, b}
+            beside[q][p] |= {a, b}
+    place = {}
+    for label, vertices in enumerate(np.split(atlas.vertices, atlas.starts[1:-1])):
+        rows = atlas.uv[atlas.starts[label] : atlas.starts[label + 1]]
+        place[label] = dict(zip(vertices.tolist(), rows, strict=True))
+    motion = {}
+    for root in range(len(atlas)):
+        if root in motion:
+            continue
+        motion[root] = np.eye(2), np.zeros(2)
+        queue = [(-shared[min(root, q), max(root, q)], root, q) for q in beside[root]]
+        heapq.heapify(queue)
+        while queue:
+            _, p, q = heapq.heappop(queue)
+            if q in motion:
+                continue
+            common = sorted(beside[p][q])
+            turn, shift = motion[p]
+            to = np.array([place[p][v] for v in common]) @ turn.T + shift
+            motion[q] = rigid(np.array([place[q][v] for v in common]), to)
+            for other in beside[q]:
+                if other not in motion:
+                    heapq.heappush(queue, (-shared[min(q, other), max(q, other)], q, other))
+    turns = np.array([motion[label][0] for label in range(len(atlas))])
+    shifts = np.array([motion[label][1] for label in range(len(atlas))])
+    return np.einsum("fij,fkj->fki", turns[atlas.labels], flat) + shifts[atlas.labels][:, None]
+
+
+def rigid(points, to):
+    """Return the turn and the shift that bring points nearest to others."""
+    a, b = points - points.mean(axis=0), to - to.mean(axis=0)
+    angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return turn, to.mean(axis=0) - turn @ points.mean(axis=0)
+
+
+def covering(corners, pixel=0.25):
+    """Return what part of the area that triangles take in the plane lies on others, by pixels."""
+    low = corners.reshape(-1, 2).min(axis=0)
+    count = np.zeros(np.ceil((corners.reshape(-1, 2).max(axis=0) - low) / pixel).astype(int) + 2, dtype=np.int32)
+    for a, b, c in (corners - low) / pixel:
+        first = np.floor(np.minimum(np.minimum(a, b), c)).astype(int)
+        last = np.ceil(np.maximum(np.maximum(a, b), c)).astype(int)
+        x, y = np.meshgrid(*(np.arange(first[k], last[k]) + 0.5 for k in (0, 1)), indexing="ij")
+        inside = np.ones(x.shape, dtype=bool)
+        for p, q in ((a, b), (b, c), (c, a)):
+            inside &= (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) > 0
+        count[first[0] : last[0], first[1] : last[1]] += inside
+    return 1 - (count > 0).sum() / count.sum()
+
+
+def picture(surface):
+    """Draw patches that were laid out naively beside glued ones: all of them, and the middle of it larger."""
+    atlas = voxflat.patches(surface, 10)
+    glued = atlas.glue(BOUND)
+    ours, theirs = glued.uv[glued.corners], naive(atlas)
+    # the same view: around a triangle in the middle of the largest piece
+    largest = glued.labels == 0
+    middles = ours.mean(axis=1)
+    middle = int(np.argmin(np.where(largest, np.linalg.norm(middles - middles[largest].mean(axis=0), axis=1), np.inf)))
+    near = largest & (np.linalg.norm(middles - middles[middle], axis=1) < 6)
+    turn, shift = rigid(theirs[near].reshape(-1, 2), ours[near].reshape(-1, 2))
+    theirs = theirs @ turn.T + shift
+    share = [covering(theirs), covering(ours[largest])]
+    figure = Figure(figsize=(11.0, 11.2), layout="constrained")
+    axes = figure.subplots(2, 2)
+    colours = _colours(len(atlas))[atlas.labels]
+    outline = glued.uv[glued.outline[np.isin(glued.outline[:, 0], np.unique(glued.corners[largest]))]]
+    shown = np.concatenate([ours[largest].reshape(-1, 2), theirs.reshape(-1, 2)])
+    centre, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.52 * np.ptp(shown, axis=0).max()
+    for row, (at, reach) in enumerate([(centre, half), (middles[middle], 0.5 * SEEN)]):
+        for column, (corners, kept) in enumerate([(theirs, slice(None)), (ours, largest)]):
+            part = axes[row, column]
+            part.add_collection(
+                PolyCollection(corners[kept], facecolor=colours[kept], edgecolor="none", alpha=None, antialiased=False)
+            )
+            if column:
+                part.add_collection(LineCollection(list(outline), colors="black", linewidth=0.7 if row else 0.5))
+            part.set(xlim=(at[0] - reach, at[0] + reach), ylim=(at[1] - reach, at[1] + reach), aspect="equal")
+            part.set(xlabel="mm", ylabel="mm" if column == 0 else "")
+            part.set_facecolor("white")
+    axes[0, 0].set_title(f"laid out rigidly: {100 * share[0]:.0f} % of the area lies on other patches")
+    axes[0, 1].set_title(f"glued: {100 * glued.seams.closed_share:.1f} % of the seams closed, C ≤ {BOUND}, no overlap")
+    axes[1, 0].set_title("the middle of it: holes and overlaps")
+    axes[1, 1].set_title("the middle of it: cuts are black")
+    lies = "of the area lies on other patches"
+    print(f"\nlaid out rigidly {100 * share[0]:.1f} % {lies}, glued {100 * share[1]:.2f} % (pixels of 0.25 mm)")
+    return figure

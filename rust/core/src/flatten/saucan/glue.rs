@@ -1,0 +1,247 @@
+//! Gluing certified patches: the open problem of Appleboim, Saucan and Zeevi (2006).
+//!
+//! Each patch is certified, but between their planes lie seams, at which a picture of them has holes. Here neighbouring patches
+//! are laid out so that the edges they share meet. Pieces are united along their longest common boundaries: the smaller one is
+//! moved rigidly to where the boundaries fit best, their places become one, and what is around is moved until every triangle is
+//! within a bound C on max(σ1, 1/σ2) and the energy of its distortion is low. If the bound cannot be reached, or the piece would
+//! come to lie on itself, everything is as before, and a cut stays. Then what is left is tried again, in parts, and at last every
+//! piece is moved to its least distortion. So a developable surface becomes flat without any.
+//!
+//! That all triangles are within the bound, upright, and nowhere on each other is checked at each step and, by exact
+//! predicates, at the end: what did not hold it would fall into its patches again.
+
+mod border;
+mod merge;
+mod seams;
+mod settle;
+mod sheet;
+mod strain;
+mod zip;
+
+use std::collections::HashMap;
+
+use super::facets::Facets;
+use super::{ANGLES, Atlas};
+use crate::control::Control;
+use crate::distortion::faces::stretch_of;
+use crate::distortion::overlap::overlaps;
+use crate::embed::stress::descent::Until;
+use crate::error::{Error, Result};
+use crate::surface::Surface;
+use seams::{Gluing, Reason};
+use settle::are_within;
+use sheet::Sheet;
+
+/// The least and the greatest bound on C.
+pub const BOUNDS: [f64; 2] = [1.000_001, 10.0];
+
+/// The last descent of each piece: it ends when little is gained, or when triangles are as they are on the surface.
+const LAST: Until = Until { steps: 40, gain: 1e-6, enough: 1e-16 };
+
+/// Such descents.
+const TIMES: usize = 10;
+
+/// Patches that were glued, in the plane. A vertex is there more than once if it lies on both sides of a cut.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Piece {
+    /// Faces of the surface, ascending.
+    pub faces: Vec<u32>,
+    /// The corners of each of these faces, as rows of `vertices` and `uv`.
+    pub corners: Vec<[u32; 3]>,
+    /// The vertex of the surface that each row is, ascending.
+    pub vertices: Vec<u32>,
+    /// Its place, mm.
+    pub uv: Vec<[f64; 2]>,
+    /// Area on the surface, mm².
+    pub area: f64,
+    /// The greatest max(σ1, 1/σ2) of its triangles, measured in the plane.
+    pub isometric: f64,
+    /// The greatest σ1/σ2 of its triangles, measured in the plane.
+    pub quasi_conformal: f64,
+}
+
+/// What became of the seams. Lengths are on the surface, mm; each seam counts once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seams {
+    /// All seams between the patches.
+    pub length: f64,
+    /// Those that are closed.
+    pub closed: f64,
+    /// Cuts inside a piece: closing them would take a triangle beyond the bound, since the surface is curved around their end.
+    pub holonomy: f64,
+    /// Cuts between pieces that cannot be united within the bound.
+    pub bound: f64,
+    /// Cuts that are needed for a piece not to lie on itself.
+    pub overlap: f64,
+}
+
+/// A surface as flat pieces that were glued of patches.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Glued {
+    /// The piece of each face.
+    pub labels: Vec<u32>,
+    /// From the largest to the smallest.
+    pub pieces: Vec<Piece>,
+    /// σ1 and σ2 of each face.
+    pub stretch: Vec<[f64; 2]>,
+    /// What became of the seams.
+    pub seams: Seams,
+    /// Patches that were glued.
+    pub patches: usize,
+    /// The greatest max(σ1, 1/σ2) of the patches.
+    pub before: f64,
+}
+
+impl Atlas {
+    /// The places of the corners of each face, mm, in the plane of its patch.
+    pub fn flat(&self, surface: &Surface) -> Vec<[[f64; 2]; 3]> {
+        let of_face = |(corners, &label): (&[u32; 3], &u32)| {
+            let patch = &self.patches[label as usize];
+            corners.map(|v| patch.vertices.binary_search(&v).map_or([f64::NAN; 2], |row| patch.uv[row]))
+        };
+        surface.faces().iter().zip(&self.labels).map(of_face).collect()
+    }
+}
+
+/// Glues patches, given by the label of each face and the places of its corners in the plane of its patch, such that
+/// max(σ1, 1/σ2) ≤ `bound` for every triangle. Seams for which that is not possible stay cuts.
+///
+/// The pieces do not depend on the numbers of vertices and triangles.
+///
+/// # Errors
+/// [`Error::GlueBoundOutOfRange`], [`Error::PatchesBeyondBound`], [`Error::DegenerateFace`], [`Error::TooManySprings`],
+/// [`Error::Cancelled`].
+///
+/// # Panics
+/// If there is not one label and one triple of places a face.
+pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
+    assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
+    let [least, most] = BOUNDS;
+    if !(least..=most).contains(&bound) {
+        return Err(Error::GlueBoundOutOfRange { bound, least, most });
+    }
+    let facets = Facets::of(surface, control)?;
+    let all: Vec<u32> = (0..facets.len() as u32).collect();
+    let patches = Sheet::new(&facets, labels, flat);
+    let before = all.iter().map(|&facet| worst(&patches, facet)).fold(1.0, f64::max);
+    if !are_within(&patches, &all, bound) {
+        let [least, most] = ANGLES;
+        return Err(Error::PatchesBeyondBound {
+            bound,
+            before,
+            angle: bound.recip().acos().to_degrees().clamp(least, most),
+        });
+    }
+    let mut gluing = Gluing::new(patches.clone(), bound, control);
+    gluing.merge()?;
+    gluing.zip()?;
+    gluing.finish(LAST, TIMES)?;
+    let Gluing { mut sheet, mut reasons, .. } = gluing;
+    control.begin("checking pieces", sheet.members.len() as u64);
+    for piece in 0..sheet.members.len() as u32 {
+        if !is_valid(&sheet, piece, bound, control)? {
+            for side in sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
+                reasons[side as usize] = Some(Reason::Overlap);
+            }
+            sheet.take_apart(piece, &patches);
+        }
+        control.advance();
+    }
+    let mut glued = collected(&sheet);
+    glued.seams = seams(&sheet, &reasons);
+    glued.patches = patches.members.len();
+    glued.before = before;
+    Ok(glued)
+}
+
+/// max(σ1, 1/σ2) of a facet.
+fn worst(sheet: &Sheet<'_>, facet: u32) -> f64 {
+    let [most, least] = stretch_of(sheet.facets.corners(facet), sheet.flat(facet).map(Into::into));
+    most.max(least.recip())
+}
+
+/// Is every triangle of a piece within the bound, upright, and on no other? By exact predicates.
+fn is_valid(sheet: &Sheet<'_>, piece: u32, bound: f64, control: &Control) -> Result<bool> {
+    let members = &sheet.members[piece as usize];
+    if !are_within(sheet, members, bound) {
+        return Ok(false);
+    }
+    let uv: Vec<[f64; 2]> = members.iter().flat_map(|&facet| sheet.flat(facet).map(Into::into)).collect();
+    let faces: Vec<[u32; 3]> = (0..members.len() as u32).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
+    Ok(overlaps(&faces, &uv, &control.part())?.covering == 0)
+}
+
+/// The pieces, measured, from the largest to the smallest.
+fn collected(sheet: &Sheet<'_>) -> Glued {
+    let facets = sheet.facets;
+    let mut members: Vec<Vec<u32>> = sheet.members.iter().filter(|members| !members.is_empty()).cloned().collect();
+    members.iter_mut().for_each(|members| members.sort_unstable());
+    let area = |members: &[u32]| members.iter().map(|&facet| facets.areas[facet as usize]).sum::<f64>();
+    let mut sorted: Vec<(f64, Vec<u32>)> = members.into_iter().map(|members| (area(&members), members)).collect();
+    sorted.sort_by(|(a, p), (b, q)| b.total_cmp(a).then(p[0].cmp(&q[0])));
+    let mut labels = vec![0; facets.len()];
+    let mut stretch = vec![[f64::NAN; 2]; facets.len()];
+    let mut pieces = Vec::with_capacity(sorted.len());
+    for (number, (area, members)) in (0..).zip(sorted) {
+        let piece = measured(sheet, &members, area, &mut stretch);
+        piece.faces.iter().for_each(|&face| labels[face as usize] = number);
+        pieces.push(piece);
+    }
+    let seams = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
+    Glued { labels, pieces, stretch, seams, patches: 0, before: 1.0 }
+}
+
+fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 2]]) -> Piece {
+    let (facets, surface) = (sheet.facets, sheet.facets.surface);
+    let corners = members.iter().flat_map(|&facet| (0..3).map(move |k| (facet, k)));
+    let mut rows: Vec<(u32, u32)> =
+        corners.map(|(facet, k)| (facets.vertices[facet as usize][k], sheet.place[3 * facet as usize + k])).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    let row: HashMap<u32, u32> = rows.iter().map(|&(_, place)| place).zip(0..).collect();
+    let mut piece = Piece {
+        faces: Vec::with_capacity(members.len()),
+        corners: Vec::with_capacity(members.len()),
+        vertices: rows.iter().map(|&(vertex, _)| vertex).collect(),
+        uv: rows.iter().map(|&(_, place)| sheet.uv[place as usize].into()).collect(),
+        area,
+        isometric: 1.0,
+        quasi_conformal: 1.0,
+    };
+    let mut by_face: Vec<(u32, u32)> = members.iter().map(|&facet| (facets.faces[facet as usize], facet)).collect();
+    by_face.sort_unstable();
+    for (face, facet) in by_face {
+        let [most, least] = stretch_of(facets.corners(facet), sheet.flat(facet).map(Into::into));
+        stretch[face as usize] = [most, least];
+        piece.isometric = piece.isometric.max(most).max(least.recip());
+        piece.quasi_conformal = piece.quasi_conformal.max(most / least);
+        // by the corners of the face, which may begin elsewhere than the facet
+        let first =
+            (0..3).find(|&k| surface.faces()[face as usize][k] == facets.vertices[facet as usize][0]).unwrap_or(0);
+        let corner = |k: usize| row[&sheet.place[3 * facet as usize + (k + 3 - first) % 3]];
+        piece.faces.push(face);
+        piece.corners.push([corner(0), corner(1), corner(2)]);
+    }
+    piece
+}
+
+/// What became of the seams.
+fn seams(sheet: &Sheet<'_>, reasons: &[Option<Reason>]) -> Seams {
+    let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
+    for (side, twin) in (0..).zip(&sheet.twins).filter(|&(side, &twin)| sheet.seams[side as usize] && side < twin) {
+        let length = sheet.lengths[side as usize];
+        let is_one = sheet.piece[side as usize / 3] == sheet.piece[*twin as usize / 3];
+        found.length += length;
+        let share = match reasons[side as usize] {
+            _ if !sheet.is_cut(side) => &mut found.closed,
+            Some(Reason::Overlap) => &mut found.overlap,
+            _ if is_one => &mut found.holonomy,
+            _ => &mut found.bound,
+        };
+        *share += length;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+//! Pieces are united along what they share of their boundaries: first those of which one shares the greatest part of its own
+//! with the other. (By the length alone large pieces grow on, with long boundaries that later do not fit.)
+
+use std::cmp::{Ordering, Reverse};
+use std::collections::BinaryHeap;
+
+use super::seams::Gluing;
+use super::sheet::Chain;
+use crate::error::Result;
+use crate::surface::mesh::next;
+
+/// Sides that lie apart by less than this part of their length are closed together.
+const NEAR: f64 = 0.35;
+
+/// Two pieces whose common boundary may be closed: the greatest share first, then by the order of the sides.
+#[derive(PartialEq)]
+struct Candidate {
+    /// The longest chain between them, as a part of the shorter one of their boundaries.
+    share: f64,
+    /// The chain's first side.
+    first: Reverse<u32>,
+    pieces: [u32; 2],
+}
+
+impl Eq for Candidate {}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.share.total_cmp(&other.share).then(self.first.cmp(&other.first)).then(self.pieces.cmp(&other.pieces))
+    }
+}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Gluing<'_> {
+    /// The chains between two pieces, the longest first.
+    fn between(&self, [a, b]: [u32; 2]) -> Vec<Chain> {
+        let (few, other) = if self.size(a) < self.size(b) { (a, b) } else { (b, a) };
+        let mut chains = self.sheet.chains(&self.sheet.members[few as usize], other);
+        self.longest_first(&mut chains);
+        chains
+    }
+
+    fn candidate(&self, pieces: [u32; 2]) -> Option<Candidate> {
+        let chains = self.between(pieces);
+        let first = chains.first()?;
+        let boundary = pieces.map(|piece| self.boundaries[piece as usize]);
+        let share = self.sheet.length(first) / boundary[0].min(boundary[1]);
+        Some(Candidate { share, first: Reverse(first[0]), pieces })
+    }
+
+    /// The pieces beside one, each once, in their order.
+    fn neighbours(&self, piece: u32) -> Vec<u32> {
+        let sides = self.sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3);
+        let cuts = sides.filter(|&side| self.sheet.is_cut(side));
+        let mut beside: Vec<u32> =
+            cuts.map(|side| self.sheet.piece[self.sheet.twins[side as usize] as usize / 3]).collect();
+        beside.sort_unstable();
+        beside.dedup();
+        beside.retain(|&other| other != piece);
+        beside
+    }
+
+    /// Unites pieces along their common boundaries.
+    pub fn merge(&mut self) -> Result<()> {
+        let count = self.sheet.members.len();
+        self.control.begin("gluing patches", count as u64);
+        let mut queue = BinaryHeap::new();
+        for piece in 0..count as u32 {
+            self.control.check()?;
+            let larger = self.neighbours(piece).into_iter().filter(|&other| other > piece);
+            queue.extend(larger.filter_map(|other| self.candidate([piece, other])));
+        }
+        while let Some(best) = queue.pop() {
+            if best.pieces.iter().any(|&piece| self.size(piece) == 0) {
+                continue;
+            }
+            let Some(now) = self.candidate(best.pieces) else { continue };
+            if now != best {
+                queue.push(now);
+                continue;
+            }
+            let [a, b] = best.pieces;
+            let (larger, smaller) = if self.size(a) < self.size(b) { (b, a) } else { (a, b) };
+            let beside = self.neighbours(smaller);
+            if self.unite(larger, smaller)? {
+                self.control.advance();
+                self.boundaries[larger as usize] = self.sheet.boundary(larger);
+                self.relax_if_grown(larger)?;
+                let others = beside.into_iter().filter(|&other| other != larger);
+                queue.extend(others.filter_map(|other| self.candidate([larger, other])));
+            }
+        }
+        Ok(())
+    }
+
+    /// Closes the longest chain between two pieces, and those that fit when it is closed.
+    fn unite(&mut self, larger: u32, smaller: u32) -> Result<bool> {
+        let chains: Vec<Chain> =
+            self.between([larger, smaller]).into_iter().map(|chain| self.seen_from(larger, chain)).collect();
+        let mut fitting = self.fitting(&chains);
+        if self.close(&fitting)? {
+            return Ok(true);
+        }
+        let alone = chains.into_iter().next().unwrap_or_default();
+        if fitting.len() == alone.len() {
+            return Ok(false);
+        }
+        fitting.clone_from(&alone);
+        self.close(&fitting)
+    }
+
+    /// The longest chain, and what else fits when it does.
+    fn fitting(&self, chains: &[Chain]) -> Vec<u32> {
+        let (turn, shift) = self.sheet.fit(&chains[0]);
+        let fits = |&side: &u32| {
+            let twin = self.sheet.twins[side as usize];
+            let near = |at: u32, from: u32| {
+                (turn * self.sheet.at(from) + shift - self.sheet.at(at)).norm()
+                    < NEAR * self.sheet.lengths[side as usize]
+            };
+            near(side, next(twin)) && near(next(side), twin)
+        };
+        let others = chains[1..].iter().flatten().copied().filter(fits);
+        chains[0].iter().copied().chain(others).collect()
+    }
+}
