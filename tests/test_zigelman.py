@@ -93,7 +93,10 @@ class TestFlatten:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"sampling": "best"}, "sampling is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'"),
+            (
+                {"sampling": "best"},
+                "sampling is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'",
+            ),
             ({"sampling": "grid"}, "is no range image; make one by voxflat.range_image"),
             ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
             ({"sources": 2}, "2 sources are too few; give at least 3"),

@@ -80,9 +80,8 @@ Examples:
 @click.option(
     "--sampling",
     type=click.Choice(["farthest", "curvature", "random", "decimation"]),
-    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; at random; or by "
-    "decimation (zigelman2002)."
-    "  [default: farthest; zigelman2002: decimation]",
+    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; at random; or"
+    " by decimation (zigelman2002).  [default: farthest; zigelman2002: decimation]",
 )
 @click.option(
     "--geodesic",
