@@ -67,9 +67,15 @@ paper-zigelman: setup ## the figures of Zigelman, Kimmel, Kiryati (2002), paper 
 paper-mapmaker: setup ## the figures of Schwartz, Shaw, Wolfson (1989), paper beside ours
 	$(RUN) python docs/paper/schwartz1989.py
 
-SKULLS ?=
-paper-saucan: setup ## the figures of Appleboim, Saucan, Zeevi (2006), paper beside ours; SKULLS="file ..." takes more surfaces
-	$(RUN) python docs/paper/saucan.py $(SKULLS)
+CT := .tools/cgal/data/images/skull_2.9.inr
+
+$(CT):
+	@mkdir -p .tools/cgal && cd .tools/cgal && apt-get -q download libcgal-demo && dpkg-deb -x libcgal-demo_*.deb . && \
+	tar -xzf usr/share/doc/libcgal-dev/data.tar.gz $(CT:.tools/cgal/%=%) && rm -r usr libcgal-demo_*.deb || \
+	echo "the CT of a skull, of Debian's package libcgal-demo, cannot be had and is left out"
+
+paper-saucan: setup $(CT) ## the figures of Appleboim, Saucan, Zeevi (2006), paper beside ours; the CT comes from Debian
+	$(RUN) python docs/paper/saucan.py $(CT)
 
 pictures: demo ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

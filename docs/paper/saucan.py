@@ -2,9 +2,8 @@
 
 make paper-saucan
 
-Beside what comes with nilearn and what is computed, a skull is flattened where it is found: give its file, the paper's
-other input, as an argument (skull_low_resolution.obj of github.com/odedstein/meshes, by YahooJAPAN, CC BY 3.0), or
-skull_2.9.inr of CGAL, which Debian's package libcgal-demo has.
+The skull is that of tests/data (by YahooJAPAN, CC BY 3.0); the CT of one, skull_2.9.inr of CGAL, is in Debian's package
+libcgal-demo, from where `make` takes it. Other meshes and INRIMAGE volumes may be given as arguments.
 """
 
 import gzip
@@ -55,15 +54,17 @@ def inputs(paths):
     surfaces = {
         "fsaverage5, white": voxflat.surface(str(folder / "white_left.gii.gz")),
         "fsaverage5, pial": voxflat.surface(str(folder / "pial_left.gii.gz")),
+        "skull (mesh)": voxflat.surface(ROOT / "tests" / "data" / "skull.ply"),
         "synthetic colon": voxflat.surface(colon()),
     }
     for path in map(Path, paths):
         if not path.exists():
             print(f"{path} is not there: skipped")
             continue
-        surfaces[path.name] = inrimage(path) if ".inr" in path.name else voxflat.surface(path)
-    if not paths:
-        print("no skull was given: only what comes with nilearn and what is computed")
+        is_volume = ".inr" in path.name
+        surfaces["skull (CT)" if path.stem == "skull_2.9" else path.name] = (
+            inrimage(path) if is_volume else voxflat.surface(path)
+        )
     return surfaces
 
 

@@ -81,7 +81,7 @@ pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
 
 /// Weights by which `count` sources come to lie closer together where the surface bends, as Grossmann et al. (2002) and Zigelman
 /// et al. (2002) advise: 1 + |H| a, where a = √(area / count) is about how far apart even ones would be, mm, and H the mean
-/// curvature, 1/mm; at most [`DENSEST`].
+/// curvature, 1/mm; four at most.
 pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     let apart = (surface.areas().iter().sum::<f64>() / count.max(1) as f64).sqrt();
     let weight = |bend: f64| (1.0 + bend.abs() * apart).min(DENSEST) as f32;
