@@ -178,3 +178,35 @@ def test_saving(open_widget, qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat._napari.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     assert len(voxflat.FlatAtlas.load(path)) == len(widget.results.flat_map)
+
+
+def test_glued(open_widget, qtbot, tmp_path):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    limit(widget, "max_angle", 12)
+    assert widget.form.glue.text() == "not glued"
+    widget.form.glue.setValue(1.4)
+    run(widget, qtbot)
+    expected = voxflat.patches((points, faces), 12).glue(1.4)
+    surface, _, heat = viewer.layers[1:]
+    same_atlas(heat, expected)
+    assert_array_equal(heat.data, expected.heat_map().data)
+    assert f"{len(expected)} pieces" in widget.status.text()
+    # of one patch one colour, also where it is glued to others
+    shown = np.asarray(surface.vertex_colors)[surface.faces]
+    assert (shown == shown[:, :1]).all()
+    assert len(np.unique(shown[:, 0], axis=0)) > len(expected)
+    assert_allclose(surface.vertices[surface.faces], points[expected.faces], atol=1e-9)
+
+
+@pytest.mark.parametrize("glue", [None, 1.4])
+def test_a_saved_atlas_is_opened(make_napari_viewer, tmp_path, glue):
+    atlas = voxflat.patches(sphere(), 25)
+    atlas = atlas if glue is None else atlas.glue(glue)
+    atlas.save(tmp_path / "ball.npz")
+    viewer = make_napari_viewer()
+    viewer.open(tmp_path / "ball.npz", plugin="voxflat")
+    assert [layer.name for layer in viewer.layers] == ["ball in patches", "ball patches", "ball C"]
+    assert [layer.visible for layer in viewer.layers] == [False, True, True]
+    same_atlas(viewer.layers["ball C"], atlas)
+    assert_array_equal(viewer.layers["ball C"].data, atlas.heat_map().data)

@@ -102,7 +102,7 @@ class TestPyVista:
         assert page.n_cells == mesh.n_cells
         assert_array_equal(page.cell_data["patch"], mesh.cell_data["patch"])
         assert_array_equal(page.cell_data["quasi_conformal"], mesh.cell_data["quasi_conformal"])
-        assert set(page.cell_data.keys()) == {"patch", "isometric", "quasi_conformal", "areal"}
+        assert set(page.cell_data.keys()) == {"patch", "piece", "isometric", "quasi_conformal", "areal"}
         assert (page.points[:, 2] == 0).all()
         corners = page.regular_faces
         assert_array_equal(np.sort(page.point_data["vertex_ids"][corners]), np.sort(mesh.regular_faces))
@@ -111,6 +111,16 @@ class TestPyVista:
         ratio = page.compute_cell_sizes()["Area"] / mesh.compute_cell_sizes()["Area"]
         assert_allclose(ratio, mesh.cell_data["areal"], rtol=1e-4)
         assert json.loads(page.field_data["voxflat"][0])["method"] == "saucan2006"
+
+    def test_the_page_of_glued_patches(self):
+        mesh = pv.PolyData.from_regular_faces(*torus(20))
+        page = mesh.voxflat.patches(max_angle=20, glue=1.6)
+        glued = voxflat.patches(mesh, 20).glue(1.6)
+        assert_array_equal(page.cell_data["patch"], glued.patches)
+        assert_array_equal(page.cell_data["piece"], glued.labels)
+        assert_array_equal(mesh.cell_data["piece"], glued.labels)
+        assert page.n_points == len(glued.uv)
+        assert page.cell_data["isometric"].max() <= 1.6
 
     def test_texture_coordinates_are_those_of_the_image(self):
         mesh = pv.PolyData.from_regular_faces(*torus(20))

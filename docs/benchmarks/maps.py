@@ -18,6 +18,7 @@ import maps_known
 import maps_makers
 import maps_pareto
 import maps_peers
+import maps_sampling
 
 SECTIONS = {
     "fsaverage5": maps_peers.fsaverage5,
@@ -25,6 +26,7 @@ SECTIONS = {
     "mni152": maps_peers.mni152,
     "growth": maps_growth.growth,
     "pareto": maps_pareto.pareto,
+    "sampling": maps_sampling.sampling,
     "developable": maps_known.developable,
     "hemisphere": maps_known.hemisphere,
     "adversarial": maps_hard.adversarial,

@@ -121,7 +121,7 @@ def voxflat_map(job, options):
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
     made = voxflat.flatten(surface, **options)
-    return made.uv, made.points, made.faces, made.metadata["descent"]
+    return made.uv, made.points, made.faces, made.metadata.get("descent", {})
 
 
 def arap(job, options):

@@ -215,7 +215,7 @@ class FlatPage:
         return self._carried(getattr(self.pieces, of), FIGURES[of], pixel_size)
 
     def numbers(self, pixel_size: float | None = None) -> FlatImage:
-        """Return the number of the piece at each pixel, from 1 on, as an image on the same pixels as `image`.
+        """Return the number of the patch at each pixel, from 1 on, as an image on the same pixels as `image`.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class FlatPage:
         FlatImage
             NaN beside the pieces.
         """
-        return self._carried(self.pieces.labels + 1, "number of the piece", pixel_size)  # labels of 0 are drawn grey
+        return self._carried(self.pieces.coloured + 1, "number of the patch", pixel_size)  # labels of 0 are drawn grey
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
         """Carry values of the triangles to their pixels."""

@@ -79,7 +79,8 @@ def to_page_polydata(pieces: FlatPieces, *, packing: str = "boxes") -> pv.PolyDa
     Returns
     -------
     pyvista.PolyData
-        Its cells are the surface's triangles, in their order. Cell data ``patch`` (active), ``isometric`` (C),
+        Its cells are the surface's triangles, in their order. Cell data ``patch`` (active), ``piece`` (not the
+        same where patches are glued), ``isometric`` (C),
         ``quasi_conformal`` (K) and ``areal``; point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm)
         and texture coordinates, by which an image of the page lies on it; field data ``voxflat``: the metadata.
     """
@@ -98,6 +99,14 @@ def to_page_polydata(pieces: FlatPieces, *, packing: str = "boxes") -> pv.PolyDa
     return mesh
 
 
+def _atlas(surface: Any, max_angle: float | None, glue: float | None, options: dict[str, Any]) -> FlatPieces:
+    """Return the patches of a surface, glued if that is wanted."""
+    atlas = patches(surface, max_angle, **options)
+    if glue is None:
+        return atlas
+    return atlas.glue(glue, threads=options.get("threads"), progress=options.get("progress"))
+
+
 def _carry(mesh: pv.DataSet, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
     """Carry the point arrays of a mesh over to a flat one, unless that has one of the name."""
     for name in mesh.point_data:
@@ -107,7 +116,8 @@ def _carry(mesh: pv.DataSet, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
 
 def _add_figures(mesh: pv.PolyData, pieces: FlatPieces) -> None:
     """Add to each triangle which patch it belongs to, and how much it is distorted."""
-    mesh.cell_data["patch"] = pieces.labels
+    mesh.cell_data["patch"] = pieces.coloured
+    mesh.cell_data["piece"] = pieces.labels
     for name in FIGURES:
         mesh.cell_data[name] = getattr(pieces, name)
 
@@ -207,7 +217,13 @@ class VoxflatAccessor:
         return flatten(self.volume(scalars), keep=self._region(keep), drop=self._region(drop), **options)
 
     def patches(
-        self, max_angle: float | None = None, *, scalars: str | None = None, packing: str = "boxes", **options: Any
+        self,
+        max_angle: float | None = None,
+        *,
+        scalars: str | None = None,
+        glue: float | None = None,
+        packing: str = "boxes",
+        **options: Any,
     ) -> pv.PolyData:
         """Flatten the mesh, or a surface of the image, in patches with a certificate.
 
@@ -217,6 +233,8 @@ class VoxflatAccessor:
             Greatest inclination to a patch's plane, degrees; by default 10.
         scalars : str, optional
             For images the name of the array; by default the active one, or the only one.
+        glue : float, optional
+            Glue the patches within this bound on C, as `FlatAtlas.glue` does.
         packing : {"boxes", "shapes"}
             How the page is packed, as in `FlatPieces.page`.
         **options
@@ -226,7 +244,7 @@ class VoxflatAccessor:
         -------
         pyvista.PolyData
             The page, as from `to_page_polydata`; of a mesh every point array is carried over. A mesh gets ``patch``,
-            ``isometric``, ``quasi_conformal`` and ``areal`` of each of its triangles as cell data of its own.
+            ``piece``, ``isometric``, ``quasi_conformal`` and ``areal`` of its triangles as cell data of its own.
 
         Raises
         ------
@@ -234,10 +252,10 @@ class VoxflatAccessor:
             As in `voxflat.patches`.
         """
         if not isinstance(self._mesh, pv.PolyData):
-            return to_page_polydata(patches(self.volume(scalars), max_angle, **options), packing=packing)
+            return to_page_polydata(_atlas(self.volume(scalars), max_angle, glue, options), packing=packing)
         if scalars is not None:
             raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
-        atlas = patches(self._mesh, max_angle, **options)
+        atlas = _atlas(self._mesh, max_angle, glue, options)
         page = to_page_polydata(atlas, packing=packing)
         _carry(self._mesh, page, page.point_data["vertex_ids"])
         _add_figures(self._mesh, atlas)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -301,6 +301,9 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
         text, arrays = load_pieces(path, _FORMAT, _ARRAYS)
         return cls(**arrays, certificate=Certificate(**text["certificate"]), metadata=text["metadata"])
 
+
+Atlas: TypeAlias = FlatAtlas | GluedAtlas
+"""Patches, glued or not."""
 
 _ARRAYS = ("points", "faces", "ids", "labels", "stretch", "starts", "vertices", "uv", "corners", "planes", "measured")
 

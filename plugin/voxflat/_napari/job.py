@@ -95,6 +95,8 @@ class PatchesJob:
         One of ``max_angle``, ``bound`` and ``count``, as in `voxflat.patches`.
     label, threshold
         As in `voxflat.patches`.
+    glue : float or None
+        Within which bound on C the patches are glued, if they are, as in `FlatAtlas.glue`.
     pixel_size : float or None
         As in `FlatPieces.image`, mm.
     shown : Sampled, Overlay or None
@@ -105,6 +107,7 @@ class PatchesJob:
     limit: dict[str, Any]
     label: int | None = None
     threshold: float | None = None
+    glue: float | None = None
     pixel_size: float | None = None
     shown: Shown | None = None
 
@@ -129,8 +132,9 @@ class PatchesJob:
         source = self.surface.read()
         atlas = patches(source, label=self.label, threshold=self.threshold, progress=progress, **self.limit)
         atlas.metadata["napari"] = self.surface.origin
+        glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)
         _tell(progress, "drawing the page")
-        return page_layers(atlas, self.shown, self.pixel_size)
+        return page_layers(atlas if glued is None else glued, self.shown, self.pixel_size)
 
 
 def _tell(progress: Progress, stage: str) -> None:

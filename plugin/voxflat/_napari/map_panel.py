@@ -13,7 +13,7 @@ from voxflat._errors import VoxflatError
 from voxflat._napari.map_view import MapView
 from voxflat._napari.report import figures, table, warnings
 from voxflat._napari.results import HEAT_MEANING, FlatLayers
-from voxflat.atlas import FlatAtlas
+from voxflat.atlas import Atlas
 from voxflat.flatmap import FlatMap
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class MapPanel(QWidget):
         self._what = what
         self._viewer = viewer
         self.view = MapView(viewer)
-        self.flat_map: FlatMap | FlatAtlas | None = None
+        self.flat_map: FlatMap | Atlas | None = None
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
@@ -54,8 +54,8 @@ class MapPanel(QWidget):
         self.toggle = QPushButton()
         self.toggle.clicked.connect(self._on_toggle)
         self.save = QPushButton(f"Save {what}…")
-        loads = "voxflat.load() and to be opened in napari" if what == "map" else "voxflat.FlatAtlas.load()"
-        self.save.setToolTip(f"Everything, for {loads}")
+        loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
+        self.save.setToolTip(f"Everything, for {loads} and to be opened in napari")
         self.save.clicked.connect(self._on_save)
         buttons = QHBoxLayout()
         buttons.addWidget(self.toggle)
@@ -95,7 +95,7 @@ class MapPanel(QWidget):
         """Stop following the viewer."""
         self._viewer.layers.events.removed.disconnect(self._on_removed)
 
-    def _show_figures(self, flat_map: FlatMap | FlatAtlas) -> None:
+    def _show_figures(self, flat_map: FlatMap | Atlas) -> None:
         while item := self._figures.takeAt(0):
             if widget := item.widget():
                 widget.deleteLater()

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._glued import load_atlas
 from voxflat._napari.results import FlatLayers, LayerData, description, placement, shown_image, units
 from voxflat._napari.sampled import Shown
 from voxflat._napari.world import from_ras
 from voxflat._picture import coloured, label_colours
-from voxflat.atlas import FlatAtlas
+from voxflat.atlas import Atlas
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 """What the colours of a page's heat map mean."""
 
 
-def page_layers(atlas: FlatAtlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
+def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | None = None) -> FlatLayers:
     """Draw an atlas.
 
     Parameters
     ----------
-    atlas : FlatAtlas
+    atlas : FlatAtlas or GluedAtlas
         Whose metadata's ``napari`` say from which layer it is.
     shown : Sampled or Overlay, optional
         What the page is to show.
@@ -44,7 +48,7 @@ def page_layers(atlas: FlatAtlas, shown: Shown | None = None, pixel_size: float 
     return FlatLayers(atlas, layers, [_surface(atlas, name)])
 
 
-def _patches_image(atlas: FlatAtlas, name: str, pixel_size: float | None) -> LayerData:
+def _patches_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:
     image = atlas.page().numbers(pixel_size)
     keywords = {
         "name": f"{name} patches",
@@ -55,7 +59,7 @@ def _patches_image(atlas: FlatAtlas, name: str, pixel_size: float | None) -> Lay
     return coloured(image), keywords, "image"
 
 
-def _heat_image(atlas: FlatAtlas, name: str, pixel_size: float | None) -> LayerData:
+def _heat_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:
     image = atlas.heat_map(pixel_size)
     most = float(np.nanpercentile(atlas.isometric, 99))
     keywords = {
@@ -68,11 +72,12 @@ def _heat_image(atlas: FlatAtlas, name: str, pixel_size: float | None) -> LayerD
     return image.data, keywords, "image"
 
 
-def _surface(atlas: FlatAtlas, name: str) -> LayerData:
+def _surface(atlas: Atlas, name: str) -> LayerData:
     """Return the surface, cut open between patches, so that each triangle has the colour of its patch alone."""
-    owner = np.repeat(np.arange(len(atlas)), np.diff(atlas.starts))
+    ends = np.column_stack([np.repeat(atlas.coloured, 3), atlas.faces.reshape(-1)])
+    (owner, rows), faces = _unique(ends)
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
-    vertices = from_ras(atlas.points, atlas.metadata["napari"]["world_axes"])[atlas.vertices]
+    vertices = from_ras(atlas.points, atlas.metadata["napari"]["world_axes"])[rows]
     flat_units = units(atlas)
     keywords = {
         "name": f"{name} in patches",
@@ -82,4 +87,36 @@ def _surface(atlas: FlatAtlas, name: str) -> LayerData:
         "units": None if flat_units is None else ("mm",) * 3,
         **description(atlas, "a colour for each patch, as on the page"),
     }
-    return (vertices, atlas.corners), keywords, "surface"
+    return (vertices, faces.reshape(-1, 3)), keywords, "surface"
+
+
+def _unique(pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the two columns of the different pairs, in their order, and which of them each pair is."""
+    found, which = np.unique(pairs, axis=0, return_inverse=True)
+    return found.T, which.reshape(-1)
+
+
+def atlas_reader(path: str) -> list[LayerData]:
+    """Read an atlas that was saved.
+
+    Parameters
+    ----------
+    path : str
+        An .npz file.
+
+    Returns
+    -------
+    list of LayerData
+        The page's images, and the surface, which is hidden.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    atlas = load_atlas(path)
+    atlas.metadata["napari"] = {"layer": Path(path).stem, "world_axes": "RAS", "unit": "millimeter"}
+    drawn = page_layers(atlas)
+    for _, keywords, _ in drawn.in_space:
+        keywords["visible"] = False  # it would lie across the page
+    return [*drawn.in_space, *drawn.layers]

@@ -46,6 +46,11 @@ class PatchesForm(LayerForm):
         self.bound.setValue(1.1763)
         self.count = spin(QSpinBox(), 1, 1_000_000, "The greatest number of patches: the smallest angle is sought")
         self.count.setValue(500)
+        self.glue = spin(
+            QDoubleSpinBox(), 1.0, 10.0, "Glue the patches: seams close as far as no triangle changes lengths by more"
+        )
+        self.glue.setSingleStep(0.1)
+        self.glue.setSpecialValueText("not glued")
         self._values: dict[str, Any] = {"max_angle": self.max_angle, "bound": self.bound, "count": self.count}
         self._add_rows(
             (
@@ -57,6 +62,7 @@ class PatchesForm(LayerForm):
                 ("Angle", self.max_angle),
                 ("Bound C", self.bound),
                 ("Number", self.count),
+                ("Glue within C", self.glue),
                 ("Show on page", self.sampled),
                 ("at depth", self.sample_depth),
                 ("Pixel size", self.pixel_size),
@@ -89,6 +95,7 @@ class PatchesForm(LayerForm):
         return PatchesJob(
             surface=LayerMesh.of(layer, world) if is_mesh else LayerVolume.of(layer, world),
             limit={name: self._values[name].value()},
+            glue=self.glue.value() if self.glue.value() > self.glue.minimum() else None,
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
             **({} if is_mesh else self._foreground(layer)),

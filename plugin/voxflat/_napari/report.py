@@ -7,49 +7,56 @@ from typing import TypeAlias
 import numpy as np
 
 from voxflat._distortion import Triangles
-from voxflat.atlas import FlatAtlas
+from voxflat._glued import GluedAtlas
+from voxflat.atlas import Atlas, FlatAtlas
 from voxflat.flatmap import FlatMap
 
 Row: TypeAlias = tuple[str, str]
 """A figure's name and its value."""
 
 
-def summary(flat_map: FlatMap | FlatAtlas) -> str:
+def summary(flat_map: FlatMap | Atlas) -> str:
     """Return in a few words what came out.
 
     Parameters
     ----------
-    flat_map : FlatMap or FlatAtlas
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
         The map, or the atlas.
 
     Returns
     -------
     str
     """
+    if isinstance(flat_map, GluedAtlas):
+        return flat_map.title
     if isinstance(flat_map, FlatAtlas):
         return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
+    assert isinstance(flat_map, FlatMap)
     return f"{len(flat_map):,} points, {100 * flat_map.distortion.raw.relative_error:.1f} % mean relative error"
 
 
-def table(flat_map: FlatMap | FlatAtlas) -> str:
+def table(flat_map: FlatMap | Atlas) -> str:
     """Return all figures as text."""
-    return flat_map.table() if isinstance(flat_map, FlatAtlas) else flat_map.distortion.table()
+    return flat_map.distortion.table() if isinstance(flat_map, FlatMap) else flat_map.table()
 
 
-def figures(flat_map: FlatMap | FlatAtlas) -> list[Row]:
+def figures(flat_map: FlatMap | Atlas) -> list[Row]:
     """Return what tells how good a flat map or an atlas is.
 
     Parameters
     ----------
-    flat_map : FlatMap or FlatAtlas
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
         The map, or the atlas.
 
     Returns
     -------
     list of Row
     """
+    if isinstance(flat_map, GluedAtlas):
+        return _of_glued(flat_map)
     if isinstance(flat_map, FlatAtlas):
         return _of_atlas(flat_map)
+    assert isinstance(flat_map, FlatMap)
     raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
     width, height = np.ptp(flat_map.uv, axis=0)
     return [
@@ -85,6 +92,25 @@ def _of_atlas(atlas: FlatAtlas) -> list[Row]:
     return rows
 
 
+def _of_glued(atlas: GluedAtlas) -> list[Row]:
+    """Return what became of the seams, and what is measured."""
+    told, seams = atlas.figures(), atlas.seams
+    measured = told["measured"]
+    width, height = atlas.layout().max(axis=0)
+    return [
+        ("patches", f"{told['patches']:,}"),
+        ("pieces, glued", f"{len(atlas):,}"),
+        ("   the largest has of the area", f"{100 * told['largest_area_share']:.1f} %"),
+        ("seams closed", f"{100 * seams.closed_share:.1f} %"),
+        ("   left cut", f"{seams.cuts:,.0f} mm"),
+        ("C, lengths: bound", f"≤ {atlas.bound:g}"),
+        ("   greatest", f"{measured['c']:.4f}"),
+        ("   mean", f"{measured['mean_c']:.4f}"),
+        ("K, angles: greatest", f"{measured['k']:.4f}"),
+        ("page", f"{width:.0f} × {height:.0f} mm"),
+    ]
+
+
 def _of_triangles(triangles: Triangles) -> list[Row]:
     return [
         ("areas, median factor", f"{2**triangles.areal_median:.2f}"),
@@ -107,12 +133,12 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
     return rows
 
 
-def warnings(flat_map: FlatMap | FlatAtlas) -> list[str]:
+def warnings(flat_map: FlatMap | Atlas) -> list[str]:
     """Return what the user should know of a map or an atlas, as sentences.
 
     Parameters
     ----------
-    flat_map : FlatMap or FlatAtlas
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
         The map, or the atlas.
 
     Returns

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._flatimage import FlatImage
 from voxflat._napari.sampled import Overlay, Shown
-from voxflat.atlas import FlatAtlas
+from voxflat.atlas import Atlas
 from voxflat.flatmap import FlatMap, load
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
@@ -30,7 +30,7 @@ class FlatLayers:
 
     Parameters
     ----------
-    flat_map : FlatMap or FlatAtlas
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
         The map, or the atlas.
     layers : list of LayerData
         Images: what the map shows, if anything, and the distortion. Before them, of a mesh, its flat surface with its
@@ -39,7 +39,7 @@ class FlatLayers:
         Of an atlas the surface, coloured by patch.
     """
 
-    flat_map: FlatMap | FlatAtlas
+    flat_map: FlatMap | Atlas
     layers: list[LayerData]
     in_space: list[LayerData] = field(default_factory=list)
 
@@ -89,7 +89,7 @@ class FlatLayers:
 
 
 def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read an .npz file, if it is a flat map of voxflat.
+    """Offer to read an .npz file, if it is a flat map or an atlas of voxflat.
 
     Parameters
     ----------
@@ -105,10 +105,16 @@ def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] |
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
-            ours = {"uv", "ids", "metadata"} <= set(file.files)
+            names = set(file.files)
     except (OSError, ValueError):
         return None
-    return (lambda path: FlatLayers.of(load(path), Path(path).stem).layers) if ours else None
+    if {"uv", "ids", "metadata"} <= names:
+        return lambda path: FlatLayers.of(load(path), Path(path).stem).layers
+    if {"uv", "corners", "labels", "text"} <= names:
+        from voxflat._napari.page_results import atlas_reader  # which builds on this module
+
+        return atlas_reader
+    return None
 
 
 def _heat(flat_map: FlatMap) -> Overlay:
@@ -128,7 +134,7 @@ def _distortion_image(flat_map: FlatMap, name: str, heat: Overlay, pixel_size: f
     return image.data, keywords, "image"
 
 
-def shown_image(flat_map: FlatMap | FlatAtlas, shown: Shown, pixel_size: float | None) -> LayerData:
+def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
     """Return the layer of what a map or page shows."""
     image = shown.image(flat_map, pixel_size)
     data: NDArray[Any] = image.data
@@ -163,7 +169,7 @@ def _flat_surface(flat_map: FlatMap, name: str, values: Overlay, meaning: str) -
     return (vertices, flat_map.faces, values.values), keywords, "surface"
 
 
-def placement(flat_map: FlatMap | FlatAtlas, image: FlatImage) -> dict[str, Any]:
+def placement(flat_map: FlatMap | Atlas, image: FlatImage) -> dict[str, Any]:
     """Return the keywords for where a flat image lies.
 
     napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
@@ -173,13 +179,13 @@ def placement(flat_map: FlatMap | FlatAtlas, image: FlatImage) -> dict[str, Any]
     return {"scale": scale, "translate": (-v, u), "units": units(flat_map)}
 
 
-def units(flat_map: FlatMap | FlatAtlas) -> tuple[str, str] | None:
+def units(flat_map: FlatMap | Atlas) -> tuple[str, str] | None:
     """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
     in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
     return None if in_pixels else ("mm", "mm")
 
 
-def description(flat_map: FlatMap | FlatAtlas, meaning: str) -> dict[str, Any]:
+def description(flat_map: FlatMap | Atlas, meaning: str) -> dict[str, Any]:
     """Return the keywords for what a layer is."""
     return {
         "metadata": {
