@@ -163,7 +163,11 @@ API = {
         r"MiB of memory are needed, 976.6 KiB is the limit; take a smaller patch",
     ),
     "memory for the volume": (sheet(), {"memory_limit": 50_000}, r"KiB is the limit; crop or downsample the volume"),
-    "method": (sheet(), {"method": "tsne"}, "give 'voxflat', 'grossmann2002', 'zigelman2002' or 'schwartz1989'"),
+    "method": (
+        sheet(),
+        {"method": "tsne"},
+        "give 'voxflat', 'grossmann2002', 'zigelman2002', 'schwartz1989' or 'saucan2006'",
+    ),
     "sampling": (sheet(), {"sampling": "best"}, r"sampling is \"best\"; give 'farthest' or 'random'"),
     "link lengths": (sheet(), {"link_lengths": "city-block"}, r"link_lengths is \"city-block\"; give"),
     "seed negative": (sheet(), {"seed": -1}, r"seed is -1; give a whole number from 0"),

@@ -10,6 +10,7 @@ from test_patches import singular_values
 import voxflat
 from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures
 from voxflat.cli import main
+from voxflat.meshes import Mesh, write_mesh
 
 
 def sheet(m, n, place):
@@ -236,3 +237,74 @@ class TestCommand:
         assert result.exit_code != 0
         assert "a bound of 0.5" in result.output
         assert not (tmp_path / "glued.npz").exists()
+
+
+class TestOneMap:
+    def test_it_is_the_glued_piece(self):
+        mesh = bumps()
+        flat = voxflat.flatten(mesh, method="saucan2006", bound=1.3)
+        glued = voxflat.patches(mesh, 10).glue(1.3)
+        assert len(glued) == 1
+        np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.corners])
+        np.testing.assert_array_equal(flat.points[flat.faces], glued.points[glued.faces])
+        assert flat.distortion.triangles.flipped == flat.distortion.triangles.covering == 0
+        assert flat.metadata["method"] == "saucan2006"
+        assert flat.metadata["bound"] == 1.3
+        assert flat.metadata["seams"]["closed_share"] == glued.seams.closed_share
+        assert np.isfinite(flat.normals).all()
+        assert len(flat.sources) == 0
+        most, least = singular_values(flat.points[flat.faces], flat.uv[flat.faces]).T
+        assert np.maximum(most, 1 / least).max() <= 1.3 * (1 + 1e-9)
+
+    def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
+        ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
+        flat = voxflat.flatten(ball, method="saucan2006", bound=1.6)
+        assert any("stay cut" in warning for warning in flat.metadata["warnings"])
+        assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
+        assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
+        flat.save(tmp_path / "ball.npz")
+        np.testing.assert_array_equal(voxflat.load(tmp_path / "ball.npz").uv, flat.uv)
+
+    def test_what_unrolls_is_unrolled(self):
+        mesh = sheet(30, 16, lambda x, y: (8 * np.cos(x / 8), 8 * np.sin(x / 8), y))
+        flat = voxflat.flatten(mesh, method="saucan2006")
+        assert flat.distortion.triangles.edge < 1e-6
+        assert flat.metadata["warnings"] == []
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"bound": 1.0}, "bound is 1.0; give a number above 1, up to 10"),
+            ({"bound": np.nan}, "bound is nan"),
+            ({"bound": "1.5"}, "bound is '1.5'"),
+            ({"sources": 50}, "the method 'saucan2006' knows no sources"),
+            ({"sampling": "random"}, "knows no sampling"),
+            ({"keep_rows": True}, "knows no keep_rows"),
+            ({"method": "voxflat", "bound": 1.5}, "the method 'voxflat' knows no bound"),
+        ],
+    )
+    def test_bad_options_are_refused(self, options, message):
+        with pytest.raises(InputError, match=message):
+            voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
+
+    def test_several_pieces_are_refused(self):
+        mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
+        assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1
+        with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
+            voxflat.flatten(mesh, method="saucan2006", bound=1.02)
+
+    def test_the_command(self, tmp_path):
+        write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))
+        arguments = [
+            "flatten",
+            tmp_path / "bumps.ply",
+            "--method",
+            "saucan2006",
+            "--bound",
+            1.3,
+            "-o",
+            tmp_path / "m.npz",
+        ]
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+        assert result.exit_code == 0, result.output
+        assert voxflat.load(tmp_path / "m.npz").metadata["bound"] == 1.3

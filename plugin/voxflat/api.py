@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -31,6 +31,7 @@ from voxflat._prepare import (
     sources_on,
 )
 from voxflat._rangeimage import pixels_of
+from voxflat._saucan import checked_bound, glued_whole
 from voxflat._store import Store, prepare_store
 from voxflat._surface import Surface
 from voxflat._surface import surface as _surface
@@ -41,7 +42,8 @@ _TORN_WARNING = 0.05  # share of a map
 _LANDMARKS = 400  # more change no map that we measured
 _SAMPLES = 625  # 25 x 25, as in the paper
 _LONG_RANGE = 50  # fewer leave more starts in a fold, more change little
-_METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989")
+_REFERENCES = 200  # random points from which a map is judged, as the core does
+_METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006")
 _SAMPLINGS = ("decimation", "farthest", "curvature", "random", "grid")
 _SPOTS = 2  # sources from which distances along links are compared with exact ones
 _MUCH_TOO_LONG = 0.01  # 0.1 % is usual
@@ -72,6 +74,7 @@ def flatten(
     link_lengths: str | None = None,
     neighbourhood: int | str | None = None,
     starts: int | None = None,
+    bound: float | None = None,
     seed: int = 0,
     keep_rows: bool = False,
     store: str | os.PathLike[str] | None = None,
@@ -86,14 +89,15 @@ def flatten(
     surface : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
         A label volume or an intensity volume (I, J, K) of any bool, integer or floating-point type and any strides, or
         a mesh of triangles in RAS+ mm; `voxflat.surface` makes a `Surface` of either, with more choices.
-    method : {"voxflat", "grossmann2002", "zigelman2002", "schwartz1989"}
+    method : {"voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"}
         "voxflat" works on triangles: straight links over the surface, then the map of least stress whose triangles keep
         their shape; none is turned over. "grossmann2002" works on the 26-neighbour graph of a volume's surface voxels:
         chain-code geodesics, classical scaling, radial functions (Grossmann, Kiryati, Kimmel 2002). "zigelman2002"
         works on triangles: fast marching, classical scaling of what decimation leaves, and the rest re-inserted in
         reverse order (Zigelman, Kimmel, Kiryati 2002). "schwartz1989" works on triangles: exact distances within
         neighbourhoods and from some sources, and from random starts Newton steps to the least of Sammon's stress; every
-        point takes part (Schwartz, Shaw, Wolfson 1989).
+        point takes part (Schwartz, Shaw, Wolfson 1989). "saucan2006" measures no distances: patches within 10° of their
+        planes (Appleboim, Saucan, Zeevi 2006) are glued, and cut further where no triangle could keep `bound`.
     label : int, optional
         Foreground is this label.
     threshold : float, optional
@@ -148,6 +152,9 @@ def flatten(
     starts : int, optional
         "schwartz1989" only. Random starts, of which the map of least stress is kept; by default 3, as in the paper.
         ``metadata["starts"]`` is the stress of each.
+    bound : float, optional
+        "saucan2006" only. The greatest factor by which lengths may change: max(σ1, 1/σ2) ≤ C for every triangle. By
+        default 1.5. Where patches cannot be glued to one piece that is an error; `voxflat.patches` keeps pieces.
     seed : int
         Seed of every random choice. The same seed gives the same map, bit by bit, for any number of threads.
     keep_rows : bool
@@ -177,7 +184,7 @@ def flatten(
     if method not in _METHODS:
         raise InputError(f"method is {method!r}; give {', '.join(map(repr, _METHODS[:-1]))} or {_METHODS[-1]!r}")
     seed, threads = checked_seed(seed), checked_threads(threads)
-    sampling = sampling or ("decimation" if method == "zigelman2002" else "farthest")
+    given_sampling, sampling = sampling, sampling or ("decimation" if method == "zigelman2002" else "farthest")
     how = _How(sources, sampling, seed, keep_rows, store, threads, memory_limit, progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
@@ -185,6 +192,11 @@ def flatten(
         _refuse(method, geodesic=geodesic, weighting=weighting)
     if method != "schwartz1989":
         _refuse(method, neighbourhood=neighbourhood, starts=starts)
+    if method != "saucan2006":
+        _refuse(method, bound=bound)
+    else:
+        _refuse(method, sources=sources, keep_rows=keep_rows or None, sampling=given_sampling)
+        relax = False if relax is None else relax  # gluing cuts where it must
     if method == "grossmann2002":
         _refuse(method, drop=drop, polygon=polygon, cuts=cuts, relax=relax or None)
         prepared = prepare(
@@ -200,7 +212,7 @@ def flatten(
     if method != "voxflat":
         _refuse(method, store=store)
     solver, weighting = _checked_voxflat(geodesic, weighting)
-    mapmaker = Mapmaker.checked(neighbourhood, starts)
+    mapmaker, bound = Mapmaker.checked(neighbourhood, starts), checked_bound(bound)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
     patch |= {"drop": drop, "polygon": polygon, "cuts": cuts, "relax": relax}
     cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
@@ -208,6 +220,8 @@ def flatten(
         return _schwartz1989(cut, how, mapmaker)
     if method == "zigelman2002":
         return _zigelman2002(cut, how)
+    if method == "saucan2006":
+        return _saucan2006(cut, how, bound)
     return _voxflat(cut, how, solver, weighting)
 
 
@@ -344,6 +358,25 @@ def _schwartz1989(cut: Cutout, how: _How, mapmaker: Mapmaker) -> FlatMap:
         "descent": {"converged": converged, "energies": energies},
     }
     return _over_triangles("schwartz1989", cut, how, result, need, rows, told, doubts(result["stresses"]))
+
+
+def _saucan2006(cut: Cutout, how: _How, bound: float) -> FlatMap:
+    part, uv, told = glued_whole(cut.part, bound, how.threads, how.progress)
+    referred = _core.reference_sources(len(part), _REFERENCES, how.seed)
+    judged = part.core.judge([uv], referred, "graph", 4 * _REFERENCES * len(part), how.seed, how.threads, how.progress)
+    result = {
+        "uv": uv,
+        "normals": part.core.normals,
+        "sources": np.empty(0, dtype=np.uint32),
+        "eigenvalues": np.empty(0),
+        "planarity": None,
+        "distortion": judged[0],
+    }
+    faces = part.faces[: len(cut.faces)]  # holes that were closed come last
+    cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
+    seams = told["seams"]
+    doubts = [f"{seams['cuts']:.0f} mm of seams between patches stay cut"] if seams["cuts"] > 0 else []
+    return _over_triangles("saucan2006", cut, how, result, 0, None, {"bound": bound, **told}, doubts)
 
 
 def _over_triangles(

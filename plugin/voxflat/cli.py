@@ -60,10 +60,10 @@ Examples:
 )
 @click.option(
     "--method",
-    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002", "schwartz1989"]),
+    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"]),
     default="voxflat",
-    help="Over the triangles of a surface; or after the papers: over a volume's voxels, by fast marching, or by exact "
-    "distances from random starts.",
+    help="Over the triangles of a surface; or after the papers: over a volume's voxels, by fast marching, by exact "
+    "distances from random starts, or glued of certified patches.",
 )
 @_options.making
 @_options.volume
@@ -106,6 +106,9 @@ Examples:
 )
 @click.option(
     "--starts", type=int, metavar="N", help="schwartz1989: random starts, the best of which is kept.  [default: 3]"
+)
+@click.option(
+    "--bound", type=float, metavar="C", help="saucan2006: how much lengths may change at most.  [default: 1.5]"
 )
 @_options.seed
 @_options.threads

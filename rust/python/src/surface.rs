@@ -109,6 +109,13 @@ impl Surface {
         convert::array(py, &points)
     }
 
+    /// Unit normals (N, 3) of the vertices, means of their faces'.
+    #[getter]
+    fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let normals: Vec<[f64; 3]> = self.0.surface.normals().into_iter().map(Into::into).collect();
+        convert::array(py, &normals)
+    }
+
     /// Triangles (F, 3).
     #[getter]
     fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
