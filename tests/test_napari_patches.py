@@ -12,7 +12,7 @@ import voxflat
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
 from qtpy.QtCore import QThreadPool  # noqa: E402
-from test_napari import bumps, choose, messages, run, sphere  # noqa: E402, F401  # messages is a fixture
+from test_napari import PATIENCE, bumps, choose, messages, run, sphere  # noqa: E402, F401  # messages is a fixture
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_cancel_is_prompt(open_widget, qtbot):
     viewer, widget = open_widget(Surface((points, faces), name="bumps"))
     limit(widget, "count", 200)  # many angles are tried
     widget.start.click()
-    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=20_000)
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
     before = time.perf_counter()
     widget.stop.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
@@ -165,9 +165,9 @@ def test_closing_meanwhile_is_safe(open_widget, qtbot):
     viewer, widget = open_widget(Surface((points, faces)))
     limit(widget, "count", 200)
     widget.start.click()
-    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=20_000)
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
     viewer.window.remove_dock_widget(widget)
-    qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=10_000)
+    qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=PATIENCE)
 
 
 def test_saving(open_widget, qtbot, tmp_path, monkeypatch):

@@ -95,14 +95,14 @@ def test_points_lie_where_vtk_has_them(place, in_cells):
 @pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_surface_points_lie_at_their_voxels(place, in_cells):
-    """Finer than the grid, they lie less than a voxel from the centres."""
+    """Finer than the grid, they lie at most a voxel from the centres along each axis."""
     image = image_of(solid(), in_cells, **place)
     flat_map = image.voxflat.flatten(seed_point=(10, 13, 6), radius=8.0, sources=10)
     centres = image.cell_centers().points if in_cells else image.points
     number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
     linear = image.index_to_physical_matrix[:3, :3]
     apart = np.linalg.solve(linear, (flat_map.points - centres[number]).T)  # voxels
-    assert np.abs(apart).max() < 1
+    assert np.abs(apart).max() < 1 + 1e-9
     assert np.abs(apart.mean(axis=1)).max() < 0.5
 
 

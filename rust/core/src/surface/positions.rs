@@ -104,7 +104,7 @@ pub fn fit(
             normals = fitted.into_iter().map(|(_, normal)| normal).collect();
         } else {
             let points = fitted.iter().zip(&normals).zip(base).map(|(((height, _), normal), base)| {
-                let most = width(normal, spacing);
+                let most = reach(normal, spacing);
                 base + normal * (height * unit).clamp(-most, most)
             });
             let points = points.collect();
@@ -114,12 +114,25 @@ pub fn fit(
     unreachable!("the second pass returns")
 }
 
+/// How far one can go along a direction until an axis has been gone along by a whole voxel, mm.
+fn reach(direction: &Vector3<f64>, spacing: [f64; 3]) -> f64 {
+    (0..3).map(|axis| spacing[axis] / direction[axis].abs()).fold(f64::INFINITY, f64::min)
+}
+
 /// A voxel's width along a direction, mm.
 pub fn width(direction: &Vector3<f64>, spacing: [f64; 3]) -> f64 {
     (0..3).map(|axis| direction[axis].abs() * spacing[axis]).sum()
 }
 
 impl Places {
+    /// Takes nodes back towards their `base`, until they are within half a voxel of it along each axis.
+    pub fn within_half_a_voxel(&mut self, base: &[Vector3<f64>], spacing: [f64; 3]) {
+        for (point, base) in self.points.iter_mut().zip(base) {
+            let moved = *point - base;
+            *point = base + moved * (0.5 * reach(&moved, spacing)).min(1.0);
+        }
+    }
+
     /// Moves each node along its normal away from the middle of its neighbours on the same side, by `share` of how far that
     /// is, and by half a voxel at most.
     ///
@@ -128,17 +141,17 @@ impl Places {
     /// twelfth (κ₁ = κ₂) to a sixth (κ₂ = 0) of that. Values that are means over voxels of side a, which have the variance
     /// a²/12 along each axis, shift their level by (κ₁ + κ₂)a²/24, a ninth more where h² = 3a²/2. Fits through the steps of a
     /// label even out folds, and ask for more than both.
-    pub fn sharpened(&self, share: f64, neighbours: &Neighbours, spacing: [f64; 3]) -> Vec<Vector3<f64>> {
+    pub fn sharpen(&mut self, share: f64, neighbours: &Neighbours, spacing: [f64; 3]) {
         let moved = |node: usize| {
             let (point, normal) = (self.points[node], self.normals[node]);
             let is_beside = |other: &u32| self.normals[*other as usize].dot(&normal) > FOR_HEIGHTS.same_side;
             let heights = neighbours.of(node as u32).iter().filter(|other| is_beside(other));
             let heights = heights.map(|&other| (self.points[other as usize] - point).dot(&normal));
             let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), height| (sum + height, count + 1.0));
-            let most = 0.5 * width(&normal, spacing);
+            let most = 0.5 * reach(&normal, spacing);
             point - normal * (share * sum / f64::max(count, 1.0)).clamp(-most, most)
         };
-        (0..self.points.len()).into_par_iter().map(moved).collect()
+        self.points = (0..self.points.len()).into_par_iter().map(moved).collect();
     }
 }
 

@@ -19,7 +19,7 @@ const SOLID_FITS: usize = 2;
 /// The same for a sheet one voxel thick, whose voxels' centres scatter about it on both sides.
 const SHEET_FITS: usize = 4;
 
-/// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpened`]).
+/// How far fitted nodes are moved away from the middle of their neighbours ([`Places::sharpen`]).
 const SHARPENING: f64 = 0.65;
 
 /// The same for nodes that an image with a level has placed.
@@ -131,16 +131,21 @@ impl VoxelMesh {
         let centres: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(centre).collect();
         let place = |nodes: &Nodes| {
             let fitting = Fitting::new(&surfels, nodes, spacing);
-            let mut places = fitting.fit(nodes.means(&centres), SOLID_FITS, control)?;
+            let base = nodes.means(&centres);
+            let mut places = fitting.fit(base.clone(), SOLID_FITS, control)?;
             let Some(level) = level else {
-                return Ok(places.sharpened(SHARPENING, &fitting.neighbours, spacing));
+                places.sharpen(SHARPENING, &fitting.neighbours, spacing);
+                places.within_half_a_voxel(&base, spacing);
+                return Ok(places.points);
             };
+            places.within_half_a_voxel(&base, spacing);
             for (point, normal) in places.points.iter_mut().zip(&places.normals) {
                 let [at, along] = [*point, *normal].map(|v| Vector3::from_fn(|a, _| v[a] / spacing[a]));
                 let width = positions::width(normal, spacing);
                 *point += normal * (width * level.along(at, along * width).unwrap_or(0.0));
             }
-            Ok(places.sharpened(LEVEL_SHARPENING, &fitting.neighbours, spacing))
+            places.sharpen(LEVEL_SHARPENING, &fitting.neighbours, spacing);
+            Ok(places.points)
         };
         let (nodes, surface) = Nodes::triangulate(&surfels, &centres, place, control)?;
         Self::in_space(&surface, &nodes, &surfels, &voxels)
