@@ -134,7 +134,7 @@ impl Places {
     }
 
     /// Moves each node along its normal away from the middle of its neighbours on the same side, by `share` of how far that
-    /// is, and by half a voxel at most.
+    /// is, and by a quarter of a voxel at most: more is asked for where a blade is a voxel thick, and would make spikes of it.
     ///
     /// A chord of length h of a curve of curvature κ is short by κ²h²/24 of itself; a curve κh²/24 further out has chords as
     /// long as the arcs were. Neighbours at the distance h have their middle (κ₁ + κ₂)h²/4 below the node: the chords ask for a
@@ -148,7 +148,7 @@ impl Places {
             let heights = neighbours.of(node as u32).iter().filter(|other| is_beside(other));
             let heights = heights.map(|&other| (self.points[other as usize] - point).dot(&normal));
             let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), height| (sum + height, count + 1.0));
-            let most = 0.5 * reach(&normal, spacing);
+            let most = 0.25 * reach(&normal, spacing);
             point - normal * (share * sum / f64::max(count, 1.0)).clamp(-most, most)
         };
         self.points = (0..self.points.len()).into_par_iter().map(moved).collect();
