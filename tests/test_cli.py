@@ -126,7 +126,9 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
 
     monkeypatch.setattr(voxflat, "flatten", flatten)
     options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
-    options += " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
+    options += (
+        " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
+    )
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
     options += " --store rows"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
