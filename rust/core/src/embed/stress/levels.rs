@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 
 use super::MapEnergy;
 use super::descent::{Descended, Until, descend};
+use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
@@ -42,13 +43,20 @@ const MOST_ROUNDS: usize = 10;
 const GAIN: f64 = 1e-4;
 const ROUND_GAIN: f64 = 2e-3;
 
-/// The first descent: distances as they are, triangles that are hardly stiff.
-const LOOSE: Dials =
-    Dials { bands: Bands { weights: [1.0, 0.3, 0.0], outliers: [f64::INFINITY; 2] }, area: 0.0, stiffness: 0.02 };
+/// The first descent: far distances as they are, from some of the landmarks, and triangles with a barrier.
+const FIRST: Dials = Dials {
+    bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
+    shape: Shape { barrier: 1.0, area: 0.0 },
+    stiffness: 0.1,
+};
+const FIRST_LANDMARKS: usize = 96;
 
 /// What makes the map (docs/decisions/0013).
-pub(crate) const FINAL: Dials =
-    Dials { bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] }, area: 6.0, stiffness: 0.08 };
+pub(crate) const FINAL: Dials = Dials {
+    bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] },
+    shape: Shape { barrier: 0.05, area: 1.0 },
+    stiffness: 0.12,
+};
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
 const WIDEST: f64 = 10.0;
@@ -65,8 +73,7 @@ fn weighted(weighting: f64) -> Dials {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Dials {
     pub bands: Bands,
-    /// γ, the price of changes of area.
-    pub area: f64,
+    pub shape: Shape,
     /// β, the weight of the triangles beside the distances.
     pub stiffness: f64,
 }
@@ -225,50 +232,61 @@ impl Level {
         control: &Control,
     ) -> Result<Convergence> {
         let apart = Some((&self.outline, APART));
+        let inside = self.inside(uv.len());
         if !is_coarsest {
+            ease(&self.triangles, dials.shape, &inside, uv, control)?;
             let is_apart = self.outline.crossings(uv, control)? == 0;
-            return self.descend(uv, false, dials, apart.filter(|_| is_apart), stage, control);
+            return self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart.filter(|_| is_apart), stage, control);
         }
         let start = uv.clone();
-        let free = self.descend(uv, true, dials, None, stage, control)?;
+        let free = self.descend(uv, &vec![true; start.len()], dials, None, stage, control)?;
         if self.outline.crossings(uv, control)? == 0 {
             return Ok(free);
         }
         *uv = start;
-        self.descend(uv, true, dials, apart, stage, control)
+        self.descend(uv, &inside, dials, apart, stage, control)
     }
 
+    /// Of each vertex, is it inside?
+    fn inside(&self, vertices: usize) -> Vec<bool> {
+        let mut inside = vec![true; vertices];
+        self.outline.vertices().for_each(|vertex| inside[vertex as usize] = false);
+        inside
+    }
+
+    /// From the first map, in which triangles may be tiny, by way of one that keeps far distances.
     fn descend(
         &self,
         uv: &mut Vec<Vector2<f64>>,
-        is_coarsest: bool,
+        may_move: &[bool],
         dials: Dials,
         outline: Option<(&Outline, f64)>,
         stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
-        if is_coarsest {
-            control.begin(stage, (FIRST_ROUNDS * ROUND) as u64);
-            self.rounds(uv, LOOSE, FIRST_ROUNDS, outline, control)?;
-        }
-        control.begin(stage, (MOST_ROUNDS * ROUND) as u64);
-        self.rounds(uv, dials, MOST_ROUNDS, outline, control)
+        ease(&self.triangles, FIRST.shape, may_move, uv, control)?;
+        let few = self.pairs.of_first(FIRST_LANDMARKS);
+        self.rounds(&few, uv, FIRST, FIRST_ROUNDS, outline, stage, control)?;
+        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, outline, stage, control)
     }
 
     /// Descent in rounds, until little is gained.
+    #[expect(clippy::too_many_arguments)]
     fn rounds(
         &self,
+        pairs: &Pairs,
         uv: &mut Vec<Vector2<f64>>,
         dials: Dials,
         rounds: usize,
         outline: Option<(&Outline, f64)>,
+        stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
-        let Self { pairs, triangles, springs, .. } = self;
+        control.begin(stage, (rounds * ROUND) as u64);
+        let Self { triangles, springs, .. } = self;
         let mut curve: Vec<f64> = Vec::new();
         for _ in 0..rounds {
-            let scale = if dials.area > 0.0 { triangles.best_scale(uv) } else { 1.0 };
-            let (bands, stiffness, shape) = (dials.bands, dials.stiffness, Shape { area: dials.area, scale });
+            let Dials { bands, shape, stiffness } = dials;
             let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
             let before = outline.map(|_| uv.clone());
             let Descended { energies, converged } =

@@ -2,6 +2,7 @@
 
 pub mod descent;
 pub mod levels;
+pub mod local;
 pub mod outline;
 pub mod pairs;
 pub mod springs;
@@ -54,7 +55,7 @@ impl Objective for MapEnergy<'_> {
         if let Some((outline, weight)) = self.outline {
             outline.add_curvature(uv, weight, &mut ground);
         }
-        self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
+        self.springs.factor(&self.triangles.stiffness(uv, self.stiffness), &ground)
     }
 
     fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {

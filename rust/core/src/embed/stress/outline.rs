@@ -58,6 +58,11 @@ impl Contact {
 }
 
 impl Outline {
+    /// Those of the boundary.
+    pub fn vertices(&self) -> impl Iterator<Item = u32> + '_ {
+        self.edges.iter().map(|edge| edge[0])
+    }
+
     /// That of a surface.
     pub fn new(surface: &Surface) -> Self {
         let points = surface.points();

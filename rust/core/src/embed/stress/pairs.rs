@@ -83,6 +83,17 @@ impl Pairs {
         Self::of(self.landmarks.iter().filter_map(number).collect(), numbers, table, self.width)
     }
 
+    /// The pairs of the first few landmarks.
+    pub fn of_first(&self, landmarks: usize) -> Self {
+        let landmarks = self.landmarks[..landmarks.min(self.landmarks.len())].to_vec();
+        let width = landmarks.len().next_multiple_of(LANES);
+        let mut table = vec![0.0; width * self.vertices.len()];
+        for (to, from) in table.chunks_exact_mut(width.max(1)).zip(self.table.chunks_exact(self.width.max(1))) {
+            to[..landmarks.len()].copy_from_slice(&from[..landmarks.len()]);
+        }
+        Self::of(landmarks, self.vertices.clone(), table, width)
+    }
+
     /// Where the vertices lie by their distances to the landmarks (de Silva, Tenenbaum 2004): with X the landmarks' places and
     /// μ the means of their squared distances among each other, x = −½ X⁺ (δ² − μ) from the centre. Vertices that are in no pair
     /// lie at the centre.

@@ -4,10 +4,11 @@
 //! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is the mean
 //! over the surface of
 //!
-//!   ψ(J) = ½ ‖J‖² (1 + 1/D²) − 2 + γ log² D.
+//!   ψ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
 //!
-//! This is the symmetric Dirichlet energy (Smith, Schaefer 2015), with γ a further price on changes of area; it is infinite for
-//! triangles that are folded.
+//! infinite for triangles that are folded. σ are J's singular values: the first part is as rigid as possible (Liu et al. 2008),
+//! the second the symmetric Dirichlet energy (Smith, Schaefer 2015), as stiff around a map that changes nothing, but a barrier; γ
+//! is a further price on changes of area. Since σ₁ + σ₂ = √(‖J‖² + 2 D), ψ is a function of h = ½ ‖J‖² and D.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
@@ -19,9 +20,6 @@ use crate::surface::Surface;
 const THINNEST: f64 = 0.12;
 const MANY: f64 = 0.2;
 const THINNER_THAN_MANY: f64 = 0.25;
-
-/// Triangles whose area shrinks to less than this have no say in the scale.
-const LEAST_GROWTH: f64 = 0.05;
 
 /// Triangles that are visited together.
 const BATCH: usize = 2048;
@@ -60,10 +58,21 @@ impl Rest {
         2.0 * self.area * self.inverse.m11.powi(2)
     }
 
-    /// J, for a map that is so much larger than the surface.
-    fn jacobian(&self, uv: &[Vector2<f64>], scale: f64) -> Matrix2<f64> {
+    /// J.
+    pub(super) fn jacobian(&self, uv: &[Vector2<f64>]) -> Matrix2<f64> {
         let [a, b, c] = self.corners.map(|vertex| uv[vertex as usize]);
-        Matrix2::from_columns(&[b - a, c - a]) * self.inverse / scale
+        Matrix2::from_columns(&[b - a, c - a]) * self.inverse
+    }
+
+    /// The gradient of the function that is 1 at a corner and 0 at the others.
+    pub(super) fn hat(&self, corner: usize) -> Vector2<f64> {
+        let [b, c] = [self.inverse.row(0).transpose(), self.inverse.row(1).transpose()];
+        [-b - c, b, c][corner]
+    }
+
+    /// The area times ψ.
+    pub(super) fn energy(&self, uv: &[Vector2<f64>], shape: Shape) -> f64 {
+        self.area * shape.price(&self.jacobian(uv)).value
     }
 
     /// The entries, off the diagonal, of the matrix of springs whose energy is ½ ‖J‖² times `scale`: for corners 01, 02, 12.
@@ -77,10 +86,51 @@ impl Rest {
 /// The dials of the triangles' energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
+    /// λ, the part of the barrier.
+    pub barrier: f64,
     /// γ, the price of changes of area.
     pub area: f64,
-    /// The scale of the map at which triangles are compared: a map may be larger than the surface as a whole.
-    pub scale: f64,
+}
+
+/// ψ and its derivatives.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Price {
+    pub(super) value: f64,
+    /// By h, and by D.
+    pub(super) slopes: [f64; 2],
+    /// By h twice, by h and D, and by D twice.
+    pub(super) bends: [f64; 3],
+}
+
+impl Shape {
+    /// What a map's Jacobian costs.
+    pub(super) fn price(&self, jacobian: &Matrix2<f64>) -> Price {
+        let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
+        if area <= 0.0 {
+            return Price { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
+        }
+        let (log, inverse) = (area.ln(), area.powi(2).recip());
+        let sum = (2.0 * (half + area)).sqrt(); // of the singular values
+        let (rigid, barrier, growth) = (4.0 * (1.0 - self.barrier), self.barrier, self.area);
+        let bend = rigid / sum.powi(3);
+        Price {
+            value: rigid * (half - sum + 1.0) + barrier * (half * (1.0 + inverse) - 2.0) + growth * log * log,
+            slopes: [
+                rigid * (1.0 - sum.recip()) + barrier * (1.0 + inverse),
+                -rigid / sum + (2.0 * growth * log - 2.0 * barrier * half * inverse) / area,
+            ],
+            bends: [
+                bend,
+                bend - 2.0 * barrier * inverse / area,
+                bend + (6.0 * barrier * half * inverse + 2.0 * growth * (1.0 - log)) * inverse,
+            ],
+        }
+    }
+}
+
+/// The gradient of the determinant.
+pub(super) fn cofactors(jacobian: &Matrix2<f64>) -> Matrix2<f64> {
+    Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11)
 }
 
 /// A triangle's part in the energy, in its gradient, and in the stiffness of the map around it.
@@ -128,6 +178,12 @@ impl Triangles {
         self.rests.iter().map(|rest| rest.corners)
     }
 
+    /// The triangles around a vertex, and which of their corners it is.
+    pub(super) fn around(&self, vertex: usize) -> impl Iterator<Item = (&Rest, usize)> {
+        let corners = &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize];
+        corners.iter().map(|&corner| (&self.rests[corner as usize / 3], corner as usize % 3))
+    }
+
     /// The surface's area, mm².
     pub fn area(&self) -> f64 {
         self.area
@@ -147,31 +203,22 @@ impl Triangles {
         weight / self.area * parts.iter().map(|part| part.energy).sum::<f64>()
     }
 
-    /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
-    /// energy around a map: for corners 01, 02, 12.
-    pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
-        let of_triangle = |rest: &Rest| {
-            let jacobian = rest.jacobian(uv, shape.scale);
-            let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
-            let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
-            rest.springs(weight / self.area * rest.area * stiff / shape.scale.powi(2))
-        };
-        self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
+    /// The mean energy.
+    pub fn energy(&self, uv: &[Vector2<f64>], shape: Shape) -> f64 {
+        let of_batch = |rests: &[Rest]| rests.iter().map(|rest| rest.energy(uv, shape)).sum();
+        self.rests.par_chunks(BATCH).map(of_batch).collect::<Vec<f64>>().iter().sum::<f64>() / self.area
     }
 
-    /// The scale at which the symmetric Dirichlet energy of a map is least, triangles that nearly vanish aside.
-    pub fn best_scale(&self, uv: &[Vector2<f64>]) -> f64 {
-        let mut sums = [0.0; 2];
-        for rest in &self.rests {
-            let jacobian = rest.jacobian(uv, 1.0);
-            let (stretch, determinant) = (jacobian.norm_squared(), jacobian.determinant());
-            if determinant > LEAST_GROWTH {
-                sums[0] += rest.area * stretch;
-                sums[1] += rest.area * stretch / determinant.powi(2);
-            }
-        }
-        let scale = (sums[0] / sums[1]).powf(0.25);
-        if scale.is_finite() && scale > 0.0 { scale } else { 1.0 }
+    /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
+    /// energy around a map: for corners 01, 02, 12.
+    pub fn stiffness(&self, uv: &[Vector2<f64>], weight: f64) -> Vec<[f64; 3]> {
+        let of_triangle = |rest: &Rest| {
+            let jacobian = rest.jacobian(uv);
+            let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
+            let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
+            rest.springs(weight / self.area * rest.area * stiff)
+        };
+        self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }
 
     /// Of each triangle the part of its area that it has in a map, negative where it is folded.
@@ -214,16 +261,9 @@ pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
 }
 
 fn part(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
-    let jacobian = rest.jacobian(uv, shape.scale);
-    let (stretch, determinant) = (jacobian.norm_squared(), jacobian.determinant());
-    if determinant <= 0.0 {
-        return Part { energy: f64::INFINITY, gradient: Default::default() };
-    }
-    let (inverse, log) = (determinant.powi(2).recip(), determinant.ln());
-    let energy = rest.area * (0.5 * stretch * (1.0 + inverse) - 2.0 + shape.area * log * log);
-    let slope = (2.0 * shape.area * log - stretch * inverse) / determinant;
-    let cofactor = Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11); // the determinant's gradient
-    let by_jacobian = jacobian * (1.0 + inverse) + cofactor * slope;
-    let by_sides = by_jacobian * rest.inverse.transpose() * (rest.area / shape.scale);
-    Part { energy, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
+    let jacobian = rest.jacobian(uv);
+    let Price { value, slopes: [by_half, by_area], .. } = shape.price(&jacobian);
+    let by_jacobian = jacobian * by_half + cofactors(&jacobian) * by_area;
+    let by_sides = by_jacobian * rest.inverse.transpose() * rest.area;
+    Part { energy: rest.area * value, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
 }

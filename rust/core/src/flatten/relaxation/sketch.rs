@@ -9,7 +9,7 @@ use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::levels::{self, FINAL};
 use crate::embed::stress::pairs::Pairs;
 use crate::embed::stress::springs::Springs;
-use crate::embed::stress::triangles::{Shape, Triangles};
+use crate::embed::stress::triangles::Triangles;
 use crate::error::Result;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::{DistanceRows, Rows};
@@ -90,9 +90,8 @@ impl Sketch {
         let triangles = Triangles::new(&self.surface);
         let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
         // the energy is that of the map that is to be made
-        let shape = Shape { area: FINAL.area, scale: triangles.best_scale(&self.uv) };
         let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
-        let (bands, stiffness) = (FINAL.bands, FINAL.stiffness);
+        let (bands, shape, stiffness) = (FINAL.bands, FINAL.shape, FINAL.stiffness);
         let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
         let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
         self.energy = energies[energies.len() - 1];
