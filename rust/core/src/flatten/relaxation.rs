@@ -47,7 +47,7 @@ pub struct Relaxation {
 impl Default for Relaxation {
     /// As long as it pays: about 350 mm of a hemisphere without its medial wall.
     fn default() -> Self {
-        Self { length: f64::INFINITY, least_gain: 0.03 }
+        Self { length: f64::INFINITY, least_gain: 0.02 }
     }
 }
 

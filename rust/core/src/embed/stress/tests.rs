@@ -31,7 +31,7 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
     let pairs = Pairs::new(&rows, &all, &control).unwrap();
     let triangles = Triangles::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
-    let shape = Shape { area: 2.0, scale: 1.1 };
+    let shape = Shape { barrier: 0.3, area: 2.0 };
     let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
     check(
         &mut MapEnergy {
@@ -73,7 +73,6 @@ fn the_gradient_is_that_of_the_energy() {
 fn a_plane_has_no_energy_and_descent_finds_it() {
     with_energy(|energy, surface| {
         let control = Control::default();
-        energy.shape = Shape { area: 2.0, scale: 1.0 };
         let flat: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
         assert!(energy.evaluate(&flat, &control).unwrap().0.abs() < 1e-9);
         let mut uv = tutte::spread(surface, &flat, energy.triangles, energy.springs, &control).unwrap();
@@ -129,32 +128,41 @@ fn the_energy_of_triangles_is_that_of_their_singular_values() {
     let surface = shapes::surface(shapes::sheet(6, 5));
     let triangles = Triangles::new(&surface);
     let uv = shaken(&surface, 0.15);
-    let shape = Shape { area: 3.0, scale: 1.2 };
+    let shape = Shape { barrier: 0.4, area: 3.0 };
     let mut expected = 0.0;
     for face in surface.faces() {
         let [a, b, c] = face.map(|v| v as usize);
         let sides = |p: &dyn Fn(usize) -> Vector2<f64>| nalgebra::Matrix2::from_columns(&[p(b) - p(a), p(c) - p(a)]);
         let rest = sides(&|v| surface.points()[v].xy());
-        let jacobian = sides(&|v| uv[v]) * rest.try_inverse().unwrap() / shape.scale;
+        let jacobian = sides(&|v| uv[v]) * rest.try_inverse().unwrap();
         let [s1, s2]: [f64; 2] = jacobian.singular_values().into();
         let dirichlet = 0.5 * (s1 * s1 + s2 * s2 + s1.powi(-2) + s2.powi(-2)) - 2.0;
-        expected += 0.5 * rest.determinant().abs() * (dirichlet + shape.area * (s1 * s2).ln().powi(2));
+        let rigid = 2.0 * ((s1 - 1.0).powi(2) + (s2 - 1.0).powi(2));
+        let growth = (s1 * s2).ln().powi(2);
+        expected += 0.5 * rest.determinant().abs() * (0.6 * rigid + 0.4 * dirichlet + 3.0 * growth);
     }
     expected /= triangles.area();
     let found = triangles.add(&uv, shape, 1.0, &mut vec![Vector2::zeros(); uv.len()]);
     assert!((triangles.area() - 30.0).abs() < 1e-12);
     assert!((found - expected).abs() < 1e-12 * expected, "{found} {expected}");
+    assert!((triangles.energy(&uv, shape) - expected).abs() < 1e-12 * expected);
 }
 
 #[test]
-fn the_best_scale_is_best() {
-    let surface = shapes::surface(shapes::sheet(6, 5));
-    let triangles = Triangles::new(&surface);
-    let uv: Vec<_> = shaken(&surface, 0.1).iter().map(|place| place * 1.7).collect();
-    let energy =
-        |scale: f64| triangles.add(&uv, Shape { area: 0.0, scale }, 1.0, &mut vec![Vector2::zeros(); uv.len()]);
-    let best = triangles.best_scale(&uv);
-    assert!(energy(best) < energy(best * 1.001) && energy(best) < energy(best / 1.001), "{best}");
+fn the_first_landmarks_are_as_if_there_were_no_others() {
+    let (surface, rows) = sheet();
+    let all: Vec<u32> = (0..surface.len() as u32).collect();
+    let control = Control::default();
+    let few = Pairs::new(&rows, &all, &control).unwrap().of_first(17);
+    let data = (0..17).flat_map(|n| rows.row(n).to_vec()).collect();
+    let alone =
+        Pairs::new(&DistanceRows::new(rows.sources()[..17].to_vec(), surface.len(), data), &all, &control).unwrap();
+    let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
+    let stress = |pairs: &Pairs| {
+        let mut gradient = vec![Vector2::zeros(); surface.len()];
+        (pairs.add(&shaken(&surface, 0.2), &bands, &mut gradient, &control).unwrap(), gradient)
+    };
+    assert_eq!(stress(&few), stress(&alone));
 }
 
 #[test]
