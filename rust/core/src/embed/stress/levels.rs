@@ -55,7 +55,7 @@ const FIRST_LANDMARKS: usize = 96;
 pub(crate) const FINAL: Dials = Dials {
     bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] },
     shape: Shape { barrier: 0.05, area: 1.0 },
-    stiffness: 0.12,
+    stiffness: 0.08,
 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
