@@ -1,5 +1,6 @@
 """Quasi-isometric patches after Appleboim, Saucan and Zeevi (2006)."""
 
+import itertools
 import json
 
 import mesh_files
@@ -160,6 +161,17 @@ class TestPatches:
         stages = []
         voxflat.patches(torus, 10, progress=lambda stage, done, total: stages.append(stage))
         assert stages
+
+    def test_it_is_asked_for_progress_even_where_nothing_moves(self):
+        # or nobody could cancel a stage of which the end is not counted
+        reports = []
+        mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=300, v_res=150, w_res=1)
+        mesh = mesh.clean().triangulate()
+        faces = np.asarray(mesh.regular_faces)
+        voxflat.patches(
+            (np.asarray(mesh.points, dtype=float), faces), 5, progress=lambda *report: reports.append(report)
+        )
+        assert any(before == after for before, after in itertools.pairwise(reports))
 
 
 class TestFlatAtlas:

@@ -38,13 +38,10 @@ pub fn run<T: Send + 'static>(
     let start = std::thread::Builder::new().spawn(move || sender.send(pool.install(|| work(&controlled))));
     start.map_err(|error| PyRuntimeError::new_err(format!("no thread can be started: {error}")))?;
     py.detach(move || {
-        let mut reported = None;
         loop {
             let ended = receiver.recv_timeout(POLL);
-            let now = control.progress();
-            let report = progress.as_ref().filter(|_| reported != Some(now));
-            reported = Some(now);
-            if let Err(reason) = Python::attach(|py| watch(py, report, now)) {
+            // asked even where nothing has moved: it may have come to say stop
+            if let Err(reason) = Python::attach(|py| watch(py, progress.as_ref(), control.progress())) {
                 control.cancel();
                 if ended.is_err() {
                     let _ = receiver.recv_timeout(PATIENCE);
