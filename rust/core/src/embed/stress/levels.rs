@@ -46,7 +46,7 @@ const ROUND_GAIN: f64 = 2e-3;
 /// The first descent: far distances as they are, from some of the landmarks, and triangles with a barrier.
 const FIRST: Dials = Dials {
     bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
-    shape: Shape { barrier: 1.0, area: 0.0 },
+    shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
     stiffness: 0.1,
 };
 const FIRST_LANDMARKS: usize = 96;
@@ -54,8 +54,8 @@ const FIRST_LANDMARKS: usize = 96;
 /// What makes the map (docs/decisions/0013).
 pub(crate) const FINAL: Dials = Dials {
     bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] },
-    shape: Shape { barrier: 0.05, area: 1.0 },
-    stiffness: 0.08,
+    shape: Shape { barrier: 0.02, area: 2.0, outlier: 0.2 },
+    stiffness: 0.3,
 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.

@@ -4,11 +4,14 @@
 //! With J the map's Jacobian on a triangle, D its determinant and A the triangle's area on the surface, the energy is the mean
 //! over the surface of
 //!
-//!   ψ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
+//!   ψ(J) = 2κ² (√(1 + φ(J)/κ²) − 1),
+//!   φ(J) = 2 (1 − λ) ((σ₁ − 1)² + (σ₂ − 1)²) + λ (½ ‖J‖² (1 + 1/D²) − 2) + γ log² D,
 //!
 //! infinite for triangles that are folded. σ are J's singular values: the first part is as rigid as possible (Liu et al. 2008),
 //! the second the symmetric Dirichlet energy (Smith, Schaefer 2015), as stiff around a map that changes nothing, but a barrier; γ
-//! is a further price on changes of area. Since σ₁ + σ₂ = √(‖J‖² + 2 D), ψ is a function of h = ½ ‖J‖² and D.
+//! is a further price on changes of area. ψ is to φ as ρ is to squared errors of [distances](super::pairs): triangles that
+//! cannot keep their shape, such as those of a deep pit, do not rule the map of all around them.
+//! Since σ₁ + σ₂ = √(‖J‖² + 2 D), φ is a function of h = ½ ‖J‖² and D.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
@@ -90,6 +93,8 @@ pub struct Shape {
     pub barrier: f64,
     /// γ, the price of changes of area.
     pub area: f64,
+    /// κ, the distortion from which on more of it counts less; infinity for plain φ.
+    pub outlier: f64,
 }
 
 /// ψ and its derivatives.
@@ -100,6 +105,24 @@ pub(super) struct Price {
     pub(super) slopes: [f64; 2],
     /// By h twice, by h and D, and by D twice.
     pub(super) bends: [f64; 3],
+}
+
+impl Price {
+    /// ψ from φ; `sharp` is 1/κ².
+    fn bounded(self, sharp: f64) -> Self {
+        let root = (1.0 + self.value.max(0.0) * sharp).sqrt();
+        let (slope, bend) = (root.recip(), -0.5 * sharp * root.powi(-3));
+        let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
+        Self {
+            value: 2.0 * self.value / (1.0 + root),
+            slopes: [slope * by_half, slope * by_area],
+            bends: [
+                slope * half_half + bend * by_half * by_half,
+                slope * half_area + bend * by_half * by_area,
+                slope * area_area + bend * by_area * by_area,
+            ],
+        }
+    }
 }
 
 impl Shape {
@@ -113,7 +136,7 @@ impl Shape {
         let sum = (2.0 * (half + area)).sqrt(); // of the singular values
         let (rigid, barrier, growth) = (4.0 * (1.0 - self.barrier), self.barrier, self.area);
         let bend = rigid / sum.powi(3);
-        Price {
+        let distortion = Price {
             value: rigid * (half - sum + 1.0) + barrier * (half * (1.0 + inverse) - 2.0) + growth * log * log,
             slopes: [
                 rigid * (1.0 - sum.recip()) + barrier * (1.0 + inverse),
@@ -124,7 +147,8 @@ impl Shape {
                 bend - 2.0 * barrier * inverse / area,
                 bend + (6.0 * barrier * half * inverse + 2.0 * growth * (1.0 - log)) * inverse,
             ],
-        }
+        };
+        distortion.bounded(self.outlier.powi(2).recip())
     }
 }
 

@@ -3,7 +3,7 @@ use crate::surface::mesh::shapes;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-const SHAPE: Shape = Shape { barrier: 0.2, area: 1.5 };
+const SHAPE: Shape = Shape { barrier: 0.2, area: 1.5, outlier: 0.3 };
 
 /// A sheet that is moved about a little.
 fn shaken() -> (Triangles, Vec<Vector2<f64>>) {
