@@ -104,7 +104,20 @@ pub fn flatten(
     weighting: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let dials = weighted(weighting);
+    unfold(surface, rows, places, weighted(weighting), control)
+}
+
+/// The same by any dials.
+///
+/// # Errors
+/// As [`flatten`].
+pub(crate) fn unfold(
+    surface: &Surface,
+    rows: &impl Rows,
+    places: &[[f64; 2]],
+    dials: Dials,
+    control: &Control,
+) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let levels = Levels::new(surface, rows.sources(), control)?;
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut uv = Vec::new();

@@ -6,10 +6,10 @@ use crate::control::Control;
 use crate::embed::classical::classical_scaling;
 use crate::embed::stress::MapEnergy;
 use crate::embed::stress::descent::{Until, descend};
-use crate::embed::stress::levels::{self, FINAL};
+use crate::embed::stress::levels::{self, Dials, FINAL};
 use crate::embed::stress::pairs::Pairs;
 use crate::embed::stress::springs::Springs;
-use crate::embed::stress::triangles::Triangles;
+use crate::embed::stress::triangles::{Shape, Triangles};
 use crate::error::Result;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::{DistanceRows, Rows};
@@ -21,6 +21,11 @@ pub const LANDMARKS: usize = 48;
 
 /// Edges that links cross on so small a surface, many times over.
 const CROSSED: u32 = 5;
+
+/// What a sketch is made by: distances as in the map that is to be made, but triangles without outliers, for a cut is to
+/// relieve those that suffer most.
+const WORTH: Dials =
+    Dials { bands: FINAL.bands, shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY }, stiffness: 0.08 };
 
 /// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
 const TRIED: Until = Until { steps: 25, gain: 1e-3, enough: f64::NEG_INFINITY };
@@ -42,14 +47,14 @@ impl Sketch {
     /// A disk and its map.
     ///
     /// # Errors
-    /// As [`levels::flatten`].
+    /// As [`levels::unfold`].
     pub fn new(surface: Surface, control: &Control) -> Result<Self> {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
         let landmarks = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 }.choose(&graph, &quiet)?;
         let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
         let scaling = classical_scaling(&rows.among(&quiet)?)?;
-        let (uv, _) = levels::flatten(&surface, &rows, &scaling.places, 0.5, &quiet)?;
+        let (uv, _) = levels::unfold(&surface, &rows, &scaling.places, WORTH, &quiet)?;
         let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
         sketch.settle(control)?;
         Ok(sketch)
@@ -89,9 +94,8 @@ impl Sketch {
         let pairs = Pairs::new(&rows, &all, &quiet)?;
         let triangles = Triangles::new(&self.surface);
         let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
-        // the energy is that of the map that is to be made
         let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
-        let (bands, shape, stiffness) = (FINAL.bands, FINAL.shape, FINAL.stiffness);
+        let Dials { bands, shape, stiffness } = WORTH;
         let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
         let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
         self.energy = energies[energies.len() - 1];
