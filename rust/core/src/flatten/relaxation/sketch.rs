@@ -7,7 +7,7 @@ use crate::embed::classical::classical_scaling;
 use crate::embed::stress::MapEnergy;
 use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::levels::{self, Dials, FINAL};
-use crate::embed::stress::pairs::Pairs;
+use crate::embed::stress::pairs::{Bands, Pairs};
 use crate::embed::stress::springs::Springs;
 use crate::embed::stress::triangles::{Shape, Triangles};
 use crate::error::Result;
@@ -22,10 +22,13 @@ pub const LANDMARKS: usize = 48;
 /// Edges that links cross on so small a surface, many times over.
 const CROSSED: u32 = 5;
 
-/// What a sketch is made by: distances as in the map that is to be made, but triangles without outliers, for a cut is to
-/// relieve those that suffer most.
-const WORTH: Dials =
-    Dials { bands: FINAL.bands, shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY }, stiffness: 0.08 };
+/// What a sketch is made by. Other than in the map that is to be made no triangle counts as an outlier, for a cut is to relieve
+/// those that suffer most, and far distances sooner do, for what a cut cannot mend is not to choose it.
+const WORTH: Dials = Dials {
+    bands: Bands { outliers: [0.3, 0.05], ..FINAL.bands },
+    shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY },
+    stiffness: 0.08,
+};
 
 /// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
 const TRIED: Until = Until { steps: 25, gain: 1e-3, enough: f64::NEG_INFINITY };
