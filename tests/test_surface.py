@@ -362,7 +362,8 @@ class TestEveryWayIn:
             flat = voxflat.flatten(tmp_path / name, keep=keep, sources=100)
             moved = np.linalg.norm(flat.uv - expected.uv, axis=1)  # some formats hold f32
             assert moved.mean() < 0.5
-            assert moved.max() < 3
+            assert np.percentile(moved, 99) < 2  # single vertices, in pits that no map can keep, may move farther
+            assert moved.max() < 0.05 * np.ptp(expected.uv, axis=0).min()
 
 
 class TestMeasure:
