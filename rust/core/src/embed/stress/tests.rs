@@ -124,6 +124,21 @@ fn the_stress_is_what_its_definition_says() {
 }
 
 #[test]
+fn without_outliers_the_energy_is_plain_and_next_to_a_fold_it_is_infinite() {
+    let rest = nalgebra::Matrix2::new(1.1, 0.2, -0.1, 0.8);
+    let plain = Shape { barrier: 0.4, area: 3.0, outlier: f64::INFINITY };
+    let kept = Shape { outlier: 0.5, ..plain };
+    let (phi, psi) = (plain.price(&rest).value, kept.price(&rest).value);
+    assert!((psi - 0.5 * ((1.0 + 4.0 * phi).sqrt() - 1.0)).abs() < 1e-14);
+    for shape in [plain, kept] {
+        for height in [0.0, -1.0, 1e-200] {
+            assert_eq!(shape.price(&nalgebra::Matrix2::new(1.0, 0.0, 0.0, height)).value, f64::INFINITY);
+        }
+        assert!(shape.price(&nalgebra::Matrix2::identity()).value.abs() < 1e-12);
+    }
+}
+
+#[test]
 fn the_energy_of_triangles_is_that_of_their_singular_values() {
     let surface = shapes::surface(shapes::sheet(6, 5));
     let triangles = Triangles::new(&surface);

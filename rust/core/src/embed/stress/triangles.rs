@@ -108,8 +108,11 @@ pub(super) struct Price {
 }
 
 impl Price {
-    /// ψ from φ; `sharp` is 1/κ².
-    fn bounded(self, sharp: f64) -> Self {
+    /// That of a fold.
+    const INFINITE: Self = Self { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
+
+    /// ψ from φ (pseudo-Huber); `sharp` is 1/κ².
+    fn pseudo_huber(self, sharp: f64) -> Self {
         let root = (1.0 + self.value.max(0.0) * sharp).sqrt();
         let (slope, bend) = (root.recip(), -0.5 * sharp * root.powi(-3));
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
@@ -130,7 +133,7 @@ impl Shape {
     pub(super) fn price(&self, jacobian: &Matrix2<f64>) -> Price {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         if area <= 0.0 {
-            return Price { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
+            return Price::INFINITE;
         }
         let (log, inverse) = (area.ln(), area.powi(2).recip());
         let sum = (2.0 * (half + area)).sqrt(); // of the singular values
@@ -148,7 +151,11 @@ impl Shape {
                 bend + (6.0 * barrier * half * inverse + 2.0 * growth * (1.0 - log)) * inverse,
             ],
         };
-        distortion.bounded(self.outlier.powi(2).recip())
+        if distortion.value.is_finite() {
+            distortion.pseudo_huber(self.outlier.powi(2).recip())
+        } else {
+            Price::INFINITE // so near a fold that 1/D² overflows
+        }
     }
 }
 
