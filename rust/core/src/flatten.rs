@@ -277,7 +277,7 @@ const BASE_BYTES: u64 = 16 << 20;
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
     let in_flight = store::memory_need(points, sources, threads);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = (8 + 8 + 2) * links(points) * points; // links from their lower ends, from both, and which of them stay
+    let graph = graph_bytes(points) * points;
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
     let reference = reference_memory_need(points);
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
@@ -291,9 +291,9 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
 /// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
 const DESCENT_BYTES: u64 = 2600;
 
-/// Usual number of links of a vertex of the graph of straight links, before any is dropped.
-fn links(points: u64) -> u64 {
-    if points > graph::LARGE as u64 { 60 } else { 130 }
+/// What the graph of straight links needs for a vertex while they are found: about three times what stays.
+fn graph_bytes(points: u64) -> u64 {
+    if points > graph::LARGE as u64 { 1400 } else { 2000 }
 }
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.

@@ -15,7 +15,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector2;
 
-use super::graph::unfold;
+use super::graph::{Beyond, unfold};
 use super::{Fingerprint, Solver};
 use crate::adjacency::Arc;
 use crate::control::Control;
@@ -97,7 +97,7 @@ impl<'a> Marching<'a> {
         if self.wave == Wave::Circle {
             let leaves = |h: &u32| self.surface.origin(*h) == source;
             for half_edge in (0..self.surface.twins().len() as u32).filter(leaves) {
-                unfold(self.surface, half_edge, SEEN, &mut seen);
+                unfold(self.surface, half_edge, SEEN, f32::INFINITY, |h| Beyond::of(self.surface, h), &mut seen);
             }
         }
         seen

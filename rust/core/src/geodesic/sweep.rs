@@ -14,11 +14,11 @@ use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::Result;
 
-/// Sources of one sweep.
+/// Sources of one sweep: a multiple of [`BLOCK`].
 pub(crate) const LANES: usize = 64;
 
-/// Sources of one sweep where there are so few.
-const FEW_LANES: usize = 16;
+/// Sources of one sweep where there are no more.
+const FEW_LANES: usize = BLOCK;
 
 /// Fewer sources are not worth a plan.
 const FEWEST_SOURCES: usize = 150;
@@ -36,7 +36,7 @@ const FILL_NS: f64 = 0.06;
 const WORK_NS: f64 = 0.12;
 
 /// Lanes that are lowered together, in the processor's registers.
-const BLOCK: usize = 16;
+const BLOCK: usize = 32;
 
 /// Distances from a batch of sources, side by side.
 type Lanes<const L: usize> = [i32; L];
@@ -253,6 +253,7 @@ impl<const L: usize> WithSimd for Batch<'_, L> {
         above.resize(depth * L, FAR);
         let (above, _) = above.as_chunks_mut::<L>();
         let (upward, _) = upward.as_chunks::<L>();
+        let mut found: Vec<[f32; L]> = Vec::new();
         let mut wanted = targets.map_or(&[][..], |targets| &targets.columns);
         for (number, part) in dissection.parts.iter().enumerate() {
             if number % 64 == 0 {
@@ -266,32 +267,40 @@ impl<const L: usize> WithSimd for Batch<'_, L> {
                 let start = if first == NONE { [FAR; L] } else { upward[(first + n) as usize] };
                 sweep.lower_from_above(part.first + n, (part.slot + n) as usize, start, above);
             }
-            let found = &above[part.slot as usize..(part.slot + part.len) as usize];
+            found.clear();
+            for lanes in &above[part.slot as usize..][..part.len as usize] {
+                found.push(in_mm(lanes, *quantum));
+            }
             if targets.is_some() {
                 let (here, behind) = wanted.split_at(wanted.partition_point(|&(rank, _)| rank < part.first + part.len));
-                let columns = here.iter().map(|&(rank, column)| (column, &found[(rank - part.first) as usize]));
-                write(&mut rows, columns, *quantum);
+                write(&mut rows, here.iter().map(|&(rank, column)| (column, &found[(rank - part.first) as usize])));
                 wanted = behind;
             } else {
-                let vertices = &dissection.order[part.first as usize..(part.first + part.len) as usize];
-                write(&mut rows, vertices.iter().copied().zip(found), *quantum);
+                let vertices = &dissection.order[part.first as usize..][..part.len as usize];
+                write(&mut rows, vertices.iter().copied().zip(&found));
             }
         }
         Ok(())
     }
 }
 
+/// Distances in mm. Loops, for closures are not compiled for the widest instructions.
+#[inline(always)]
+fn in_mm<const L: usize>(lanes: &Lanes<L>, quantum: f32) -> [f32; L] {
+    let mut found = [f32::INFINITY; L];
+    for lane in 0..L {
+        let length = lanes[lane] as f32 * quantum;
+        found[lane] = if lanes[lane] == FAR { f32::INFINITY } else { length };
+    }
+    found
+}
+
 /// Writes columns of distances into the rows, one row a lane.
 #[inline(always)]
-fn write<'a, const L: usize>(
-    rows: &mut [&mut [f32]],
-    columns: impl Iterator<Item = (u32, &'a Lanes<L>)> + Clone,
-    quantum: f32,
-) {
+fn write<'a, const L: usize>(rows: &mut [&mut [f32]], columns: impl Iterator<Item = (u32, &'a [f32; L])> + Clone) {
     for (lane, row) in rows.iter_mut().enumerate() {
         for (column, lanes) in columns.clone() {
-            let reached = lanes[lane] != FAR;
-            row[column as usize] = if reached { lanes[lane] as f32 * quantum } else { f32::INFINITY };
+            row[column as usize] = lanes[lane];
         }
     }
 }

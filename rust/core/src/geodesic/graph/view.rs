@@ -1,0 +1,170 @@
+//! What is seen from a vertex of a surface: faces unfolded into its plane, one across the next.
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use crate::adjacency::Arc;
+use crate::surface::mesh::{BORDER, Surface, next, previous};
+
+/// Vertices whose lines tell how long lines are.
+const SAMPLE: usize = 500;
+
+/// The half-edges that leave each vertex, in compressed rows.
+struct Outgoing {
+    starts: Vec<u32>,
+    half_edges: Vec<u32>,
+}
+
+impl Outgoing {
+    fn of(&self, vertex: u32) -> &[u32] {
+        &self.half_edges[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
+    }
+}
+
+fn outgoing(surface: &Surface) -> Outgoing {
+    let mut half_edges: Vec<u32> = (0..surface.twins().len() as u32).collect();
+    half_edges.sort_by_key(|&h| surface.origin(h));
+    let mut starts = vec![0; surface.len() + 1];
+    half_edges.iter().for_each(|&h| starts[surface.origin(h) as usize + 1] += 1);
+    for vertex in 0..surface.len() {
+        starts[vertex + 1] += starts[vertex];
+    }
+    Outgoing { starts, half_edges }
+}
+
+/// What is seen from the vertices of a surface through up to so many edges.
+pub(super) struct View<'a> {
+    surface: &'a Surface,
+    outgoing: Outgoing,
+    beyond: Vec<Beyond>,
+    crossed: u32,
+}
+
+impl<'a> View<'a> {
+    pub fn new(surface: &'a Surface, crossed: u32) -> Self {
+        let beyond = (0..surface.twins().len() as u32).into_par_iter().map(|h| Beyond::of(surface, h)).collect();
+        Self { surface, outgoing: outgoing(surface), beyond, crossed }
+    }
+
+    /// The straight lines from a vertex to higher ones, of lengths from the first to the second, ordered by neighbour. Of all
+    /// lines between two vertices the shortest counts.
+    pub fn from(&self, vertex: u32, [shortest, longest]: [f32; 2], seen: &mut Vec<Arc>) {
+        seen.clear();
+        for &half_edge in self.outgoing.of(vertex) {
+            unfold(self.surface, half_edge, self.crossed, longest, |h| self.beyond[h as usize], seen);
+        }
+        seen.retain(|arc| arc.to > vertex && arc.length < longest); // the others see this one
+        seen.sort_unstable_by_key(|arc| (arc.to, arc.length.to_bits())); // lengths are not negative
+        seen.dedup_by_key(|arc| arc.to);
+        seen.retain(|arc| arc.length >= shortest);
+    }
+
+    /// Lengths between which there are about as many lines each.
+    pub fn rounds(&self, rounds: usize) -> Vec<f32> {
+        let step = self.surface.len() / SAMPLE + 1;
+        let sample = (0..self.surface.len() as u32).step_by(step);
+        let (mut seen, mut lengths) = (Vec::new(), Vec::new());
+        for vertex in sample {
+            self.from(vertex, [0.0, f32::INFINITY], &mut seen);
+            lengths.extend(seen.iter().map(|arc| arc.length));
+        }
+        lengths.sort_unstable_by(f32::total_cmp);
+        let limit = |round: usize| lengths.get(round * lengths.len() / rounds).copied().unwrap_or(f32::INFINITY);
+        let between = (1..rounds).map(limit);
+        [0.0].into_iter().chain(between).chain([f32::INFINITY]).collect()
+    }
+}
+
+/// What is seen from a vertex at the origin through an edge: the edge's ends in the plane, `right` and `left`, and the
+/// directions between which nothing hides it.
+struct Window {
+    half_edge: u32,
+    right: Vector2<f64>,
+    left: Vector2<f64>,
+    from: Vector2<f64>,
+    to: Vector2<f64>,
+    crossed: u32,
+}
+
+impl Window {
+    /// Distance of the edge from the origin.
+    fn distance(&self) -> f64 {
+        let edge = self.left - self.right;
+        let along = (-self.right.dot(&edge) / edge.norm_squared()).clamp(0.0, 1.0);
+        (self.right + edge * along).norm()
+    }
+}
+
+/// Lists what the origin of a half-edge sees through the face on its left: the edge itself, the face's other edge where
+/// nothing lies beyond, and vertices beyond up to `most` edges, none of which is farther than `reach` (mm).
+/// `beyond_of` gives the corners beyond half-edges.
+pub(in crate::geodesic) fn unfold(
+    surface: &Surface,
+    half_edge: u32,
+    most: u32,
+    reach: f32,
+    beyond_of: impl Fn(u32) -> Beyond,
+    seen: &mut Vec<Arc>,
+) {
+    let point = |v: u32| surface.points()[v as usize];
+    let vertex = surface.origin(half_edge);
+    let (a, b) = (surface.target(half_edge), surface.origin(previous(half_edge)));
+    let (to_a, to_b) = (point(a) - point(vertex), point(b) - point(vertex));
+    seen.push(Arc { to: a, length: to_a.norm() as f32 });
+    seen.push(Arc { to: b, length: to_b.norm() as f32 });
+    let right = Vector2::new(to_a.norm(), 0.0);
+    let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
+    let mut windows = vec![Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 }];
+    while let Some(window) = windows.pop() {
+        let twin = surface.twins()[window.half_edge as usize];
+        if twin == BORDER || window.crossed == most || window.distance() > f64::from(reach) {
+            continue;
+        }
+        let beyond = surface.origin(previous(twin));
+        let place = beyond_of(window.half_edge).unfolded(window.right, window.left);
+        let crossed = window.crossed + 1;
+        let is_right_of_left_end = window.to.perp(&place) < 0.0;
+        let is_left_of_right_end = window.from.perp(&place) > 0.0;
+        if is_right_of_left_end && is_left_of_right_end && beyond != vertex {
+            seen.push(Arc { to: beyond, length: place.norm() as f32 });
+        }
+        if is_left_of_right_end {
+            let to = if is_right_of_left_end { place } else { window.to };
+            windows.push(Window { half_edge: next(twin), left: place, to, crossed, ..window });
+        }
+        if is_right_of_left_end {
+            let from = if is_left_of_right_end { place } else { window.from };
+            windows.push(Window { half_edge: previous(twin), right: place, from, crossed, ..window });
+        }
+    }
+}
+
+/// The corner of the face beyond an edge: how far it lies along the edge, which has some `length`, and away from it, mm.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::geodesic) struct Beyond {
+    length: f64,
+    along: f64,
+    away: f64,
+}
+
+impl Beyond {
+    /// Beyond a half-edge; not a number at a border.
+    pub fn of(surface: &Surface, half_edge: u32) -> Self {
+        let twin = surface.twins()[half_edge as usize];
+        if twin == BORDER {
+            return Self { length: f64::NAN, along: f64::NAN, away: f64::NAN };
+        }
+        let [p, q, corner] =
+            [half_edge, next(half_edge), previous(twin)].map(|h| surface.points()[surface.origin(h) as usize]);
+        let edge = q - p;
+        let length = edge.norm();
+        let along = (corner - p).dot(&edge) / length;
+        Self { length, along, away: edge.cross(&(corner - p)).norm() / length }
+    }
+
+    /// Its place in the plane, if the ends of the edge lie at `right` and `left`.
+    fn unfolded(self, right: Vector2<f64>, left: Vector2<f64>) -> Vector2<f64> {
+        let direction = (left - right) / self.length;
+        right + direction * self.along + Vector2::new(direction.y, -direction.x) * self.away
+    }
+}
