@@ -1,4 +1,4 @@
-"""Floater's shape-preserving parameterization (CAGD 14, 1997): each inner vertex a convex combination of its neighbours.
+"""Floater's shape-preserving map (CAGD 14, 1997): each inner vertex is a convex combination of its neighbours.
 
 With its neighbours around it unrolled by the geodesic polar map, every vertex is a mean over triangles of three of them
 that contain it. A border that is convex makes the map one-to-one, whatever the surface; of a plane surface whose border

@@ -5,8 +5,8 @@
 makes a map in this process. `make` starts such a process, so that time and memory are of one map alone. A job holds a
 surface: the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
 Peers start as their users do: ARAP and SLIM (libigl) from the harmonic map to a disk, or where that folds from the one
-with equal springs; 100 iterations. Floater's map has its border on that disk's circle. `autoflatten flatten` has its defaults; it is the command as it is, so that its
-times contain its start and compilation.
+with equal springs; 100 iterations. Floater's map (1997), which we wrote ourselves, has its border on the same circle.
+`autoflatten flatten` has its defaults; it is the command as it is, so that its times contain its start and compilation.
 """
 
 import hashlib
@@ -160,7 +160,7 @@ def floater(job, options):
 
 
 def on_circle(points, faces):
-    """Return the border of a disk, and its places on a circle around the surface's area, by the lengths of its edges."""
+    """Return the border of a disk, and its places on a circle of the surface's area, by the lengths of its edges."""
     import igl
 
     loop = igl.boundary_loop(faces)

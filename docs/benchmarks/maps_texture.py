@@ -63,9 +63,9 @@ def disks():
 def maps_of(points, faces, options):
     """Return the maps of a disk by the paper's method, by Floater's, and by the makers that are asked for."""
     job = {"points": points, "faces": faces}
-    paper = made_by(["voxflat"], job | {"options": HOW}, options)
+    paper = made_by(["voxflat"], job | {"options": HOW}, options).get("voxflat")
     others = ["Floater", *(name for name in options.makers if name not in ("Floater", "autoflatten"))]
-    return {PAPER: one for one in paper.values()} | made_by(others, job, options)
+    return ({} if paper is None else {PAPER: paper}) | made_by(others, job, options)
 
 
 def columns():
