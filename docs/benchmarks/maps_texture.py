@@ -29,7 +29,7 @@ UNIT = 10.0
 
 WAVES, BUST = "sin x sin y", "bust"
 VIEWS = {
-    WAVES: ([(60, -95, 115), (31.4, -31.4, 0), (0, 0, 1)], 4.0, 1.15),
+    WAVES: ([(60, -95, 115), (31.4, -31.4, 0), (0, 0, 1)], 4.0, 1.0),
     BUST: ([(107, -140, 900), (107, -140, 0), (0, 1, 0)], 10.0, 1.0),
 }
 """By the surface: the camera, a square's side, mm, and the zoom."""
