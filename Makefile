@@ -45,7 +45,7 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
-bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM and autoflatten; growth; weighting; hard shapes (long)
+bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM, autoflatten and Floater's; growth; weighting; hard shapes (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py
 	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
 

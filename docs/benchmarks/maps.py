@@ -4,7 +4,8 @@
     python docs/benchmarks/maps.py --only fsaverage5,pareto
 
 Every map is made in a process of its own; wall and CPU time, s, are without reading input. Compare ratios, machines
-differ. Peers: the flat maps that fsaverage5 comes with, ARAP and SLIM (libigl), and `autoflatten flatten`.
+differ. Peers: the flat maps that fsaverage5 comes with, ARAP and SLIM (libigl), `autoflatten flatten`, and in `texture`
+Floater's shape-preserving map.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import maps_makers
 import maps_pareto
 import maps_peers
 import maps_sampling
+import maps_texture
 
 SECTIONS = {
     "fsaverage5": maps_peers.fsaverage5,
@@ -29,6 +31,7 @@ SECTIONS = {
     "sampling": maps_sampling.sampling,
     "developable": maps_known.developable,
     "hemisphere": maps_known.hemisphere,
+    "texture": maps_texture.texture,
     "adversarial": maps_hard.adversarial,
 }
 PICTURES = Path(__file__).resolve().parents[1] / "pictures"
@@ -38,7 +41,7 @@ def main():
     """Run the sections that are asked for, and say what is not met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
-    parser.add_argument("--makers", nargs="+", default=list(maps_makers.MAKERS), choices=maps_makers.MAKERS)
+    parser.add_argument("--makers", nargs="+", default=list(maps_makers.USUAL), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
     parser.add_argument("--kinds", nargs="+", default=["white", "mid", "pial"], choices=["white", "mid", "pial"])
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")

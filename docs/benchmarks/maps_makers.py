@@ -5,8 +5,8 @@
 makes a map in this process. `make` starts such a process, so that time and memory are of one map alone. A job holds a
 surface: the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
 Peers start as their users do: ARAP and SLIM (libigl) from the harmonic map to a disk, or where that folds from the one
-with equal springs; 100 iterations. `autoflatten flatten` has its defaults; it is the command as it is, so that its
-times contain its start and compilation.
+with equal springs; 100 iterations. Floater's map (1997), which we wrote ourselves, has its border on the same circle.
+`autoflatten flatten` has its defaults; it is the command as it is, so that its times contain its start and compilation.
 """
 
 import hashlib
@@ -151,16 +151,31 @@ def slim(job, options):
     return np.asarray(igl.slim_solve(data, ITERATIONS))[:, :2], points, faces, {}
 
 
+def floater(job, options):
+    """Return the shape-preserving map to a disk (Floater 1997)."""
+    import floater1997
+
+    points, faces = job["points"], job["faces"]
+    return floater1997.shape_preserving(points, faces, *on_circle(points, faces)), points, faces, {}
+
+
+def on_circle(points, faces):
+    """Return the border of a disk, and its places on a circle of the surface's area, by the lengths of its edges."""
+    import igl
+
+    loop = igl.boundary_loop(faces)
+    circle = igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32))[:, :2]
+    return loop, np.ascontiguousarray(circle * np.sqrt(np.sum(igl.doublearea(points, faces)) / 2 / np.pi))
+
+
 def on_disk(points, faces):
     """Return the harmonic map to a disk of the surface's area; with equal springs, if that turns triangles over."""
     import igl
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.linalg import spsolve
 
-    loop = igl.boundary_loop(faces)
-    circle = igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32))[:, :2]
-    circle *= np.sqrt(np.sum(igl.doublearea(points, faces)) / 2 / np.pi)
-    places = igl.harmonic(points, faces, loop, np.ascontiguousarray(circle), 1)
+    loop, circle = on_circle(points, faces)
+    places = igl.harmonic(points, faces, loop, circle, 1)
     if not len(igl.flipped_triangles(places, faces)) and np.isfinite(places).all():
         return places
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -203,8 +218,17 @@ def autoflatten(job, options):
     return places, points, faces, {}
 
 
-MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten}
-IMPORTS = {"voxflat": ("voxflat",), "ARAP": ("igl",), "SLIM": ("igl",), "autoflatten": ("voxflat",)}
+MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten, "Floater": floater}
+USUAL = ("voxflat", "ARAP", "SLIM", "autoflatten")
+"""Makers of every section; Floater's are of `texture` alone."""
+
+IMPORTS = {
+    "voxflat": ("voxflat",),
+    "ARAP": ("igl",),
+    "SLIM": ("igl",),
+    "autoflatten": ("voxflat",),
+    "Floater": ("igl", "floater1997"),
+}
 
 
 def main():

@@ -10,7 +10,13 @@ from matplotlib.ticker import MaxNLocator
 import voxflat
 from voxflat import figures
 
-LOOKS = {SHIPPED: ("s", "#4d4d4d"), "ARAP": ("^", "#1b7f5c"), "SLIM": ("D", "#8e44ad"), "autoflatten": ("v", "#c1440e")}
+LOOKS = {
+    SHIPPED: ("s", "#4d4d4d"),
+    "ARAP": ("^", "#1b7f5c"),
+    "SLIM": ("D", "#8e44ad"),
+    "autoflatten": ("v", "#c1440e"),
+    "Floater": ("P", "#b8860b"),
+}
 COLOURS = "viridis"
 PANELS = (
     ("relative error of distances ≤ 10 mm (%)", lambda of: 100 * of.best_scale.relative_error_10mm),

@@ -3,7 +3,6 @@
 make paper-zigelman
 """
 
-import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,9 +10,9 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pyvista as pv
+import zigelman_surfaces as surfaces
 from grossmann2002 import bricks, chessboard
 from matplotlib.figure import Figure
-from scipy import ndimage
 from scipy.spatial.distance import pdist
 
 import voxflat
@@ -23,10 +22,6 @@ from voxflat._rangeimage import pixels_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
-sys.path.insert(0, str(ROOT / "tests"))
-
-import shapes  # noqa: E402
-
 SOURCES = 625  # 25 x 25, as in the paper
 PAIRS = 1500  # points whose distances are compared where the truth is known
 
@@ -59,14 +54,9 @@ def flatten(surface, **options):
 # ------------------------------------------------------------------------------------------ cylinder
 
 
-def cylinder(side=100, arc=150):
+def cylinder():
     """Figure 4: a cylinder as a range image, which can be flattened without any error."""
-    half = np.radians(arc) / 2
-    across = np.linspace(-np.sin(half), np.sin(half), side)
-    radius = (side - 1) / (2 * np.sin(half))
-    image = voxflat.range_image(np.broadcast_to(radius * np.sqrt(1 - across**2), (side, side)), 1.0)
-    rows, columns = np.unravel_index(image.ids, (side, side))
-    truth = np.stack([radius * np.arcsin(across[columns]), -rows], axis=1)
+    image, truth = surfaces.cylinder()
     chosen = np.random.default_rng(0).choice(len(truth), PAIRS, replace=False)
     row(f"cylinder, {len(image)} vertices: mean relative error of flat distances, %", "", "")
     for sampling, how in (("grid", "bilinear"), ("decimation", "re-insertion")):
@@ -90,10 +80,9 @@ def cylinder(side=100, arc=150):
 # --------------------------------------------------------------------------------------------- waves
 
 
-def waves(side=141):
+def waves():
     """Figure 11: the graph of sin x sin y with a chessboard."""
-    x = np.linspace(-np.pi, np.pi, side)
-    image = voxflat.range_image(np.outer(np.sin(x), np.sin(x)), 2 * np.pi / (side - 1))
+    image = surfaces.waves()
     flat_map, _ = flatten(image)
     grid, _ = flatten(image, sampling="grid")
     row(f"sin x sin y, {len(image)} vertices", "", "")
@@ -123,7 +112,7 @@ def tell(how, flat_map):
 
 def face():
     """Figures 3 and 5: a face from a range image of 40,000 vertices by 25 x 25 samples."""
-    image = voxflat.range_image(bust(), 1.0, jump=np.inf)  # one sheet, as the paper takes a range image to be
+    image = surfaces.bust()
     grid, seconds = flatten(image, sampling="grid")
     row(f"face, {len(grid)} vertices, {len(grid.sources)} pixels of a grid: CPU s", "about 30", f"{seconds:.1f}")
     tell("bilinear", grid)
@@ -144,16 +133,6 @@ def face():
     for axes in (space, plane, mapped):
         axes.set_axis_off()
     figures.save(figure, PICTURES / "zigelman_face.png")
-
-
-def bust():
-    """Return the depths of a bust; its grey levels are smoothed, for whole numbers make a staircase."""
-    depth = shapes.head_depth().astype(float)
-    pieces, _ = ndimage.label(ndimage.binary_opening(depth > 0, iterations=2))
-    there = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
-    share = ndimage.gaussian_filter(there.astype(float), 1.5)
-    smooth = ndimage.gaussian_filter(np.where(there, depth, 0.0), 1.5)
-    return np.where(there, smooth / np.where(there, share, 1), np.nan)
 
 
 # -------------------------------------------------------------------------------------------- cortex
