@@ -129,8 +129,8 @@ def many(options):
             "if prepared once",
         ],
         lines,
-        "navis-fastcore: at 20k all 4,000 rows, beyond one row and 3,999 times a further row, for each of its rows costs"
-        " the same (medians of "
+        "navis-fastcore: at 20k all 4,000 rows, beyond one row and 3,999 times a further row, for each of its rows"
+        " costs the same (medians of "
         + ", ".join(f"{min(ROUNDS[size], options.rounds)} at {size}" for size in options.sizes)
         + ")."
         f" Of a million voxels 4,000 rows are 16 GB: {HELD:,} are made at a time, four times, each time with a"
