@@ -11,6 +11,7 @@
 //! triangles are the start, for there a triangle's side may be longer than the distance, and no front passes it in time.
 
 mod descent;
+mod sight;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -29,7 +30,7 @@ pub use descent::Marched;
 /// Triangles that are unfolded at most to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;
 
-/// Edges that a straight line from the source crosses at most.
+/// Edges that a straight line crosses at most: from the source, or back along a path.
 const SEEN: u32 = 8;
 
 /// Vertices between two looks at the control.
@@ -113,6 +114,7 @@ impl<'a> Marching<'a> {
 
     /// The distances from `source`, left in the scratch; `settled` is told of each vertex when its own is final.
     fn run(&self, source: u32, scratch: &mut Scratch, mut settled: impl FnMut(u32), control: &Control) -> Result<()> {
+        control.check()?;
         let vertices = self.starts.len() - 1;
         let Scratch { distance, is_final, heap } = scratch;
         distance.clear();

@@ -46,3 +46,50 @@ impl PathPoint {
 pub fn length(path: &[PathPoint]) -> f64 {
     path.windows(2).map(|two| (two[0].point - two[1].point).norm()).sum()
 }
+
+#[cfg(test)]
+pub(super) mod checks {
+    use super::*;
+    use crate::surface::mesh::{BORDER, shapes};
+
+    /// A sheet with hills and dales, reproducibly at random.
+    pub fn bumpy(m: usize, n: usize, seed: u64) -> Surface {
+        use rand::{Rng, SeedableRng};
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let (points, faces) = shapes::sheet(m, n);
+        let mut shake = |p: [f64; 3]| {
+            [
+                p[0] + random.random_range(-0.3..0.3),
+                p[1] + random.random_range(-0.3..0.3),
+                random.random_range(-0.8..0.8),
+            ]
+        };
+        shapes::surface((points.into_iter().map(&mut shake).collect(), faces))
+    }
+
+    /// The faces that touch a point of a path.
+    fn faces_of(surface: &Surface, site: Site) -> Vec<u32> {
+        match site {
+            Site::Vertex(v) => {
+                (0..surface.faces().len() as u32).filter(|&f| surface.faces()[f as usize].contains(&v)).collect()
+            }
+            Site::Edge { half_edge, .. } => [half_edge, surface.twins()[half_edge as usize]]
+                .into_iter()
+                .filter(|&h| h != BORDER)
+                .map(|h| h / 3)
+                .collect(),
+        }
+    }
+
+    /// Each point is where its site says, and each segment within a face.
+    pub fn assert_on_surface(surface: &Surface, path: &[PathPoint]) {
+        for passed in path {
+            assert_eq!(*passed, PathPoint::at(surface, passed.site));
+            assert!(!matches!(passed.site, Site::Edge { along, .. } if !(0.0..=1.0).contains(&along)), "{passed:?}");
+        }
+        for two in path.windows(2) {
+            let [here, there] = [two[0].site, two[1].site].map(|site| faces_of(surface, site));
+            assert!(here.iter().any(|face| there.contains(face)), "{two:?}");
+        }
+    }
+}

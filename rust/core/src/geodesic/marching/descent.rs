@@ -1,18 +1,21 @@
 //! Paths by descent on the distances of a march (Kimmel, Sethian 1998, section 4).
 //!
 //! A point on a path asks what a vertex asks in the march: which front gets here first, and across which side of a triangle?
-//! The path leads straight to where that front crosses the side, then on through the triangle beyond; or to a corner, if it
-//! is reached from there. So the line is as straight as the fronts are right, and near the source as straight as the lines
-//! with which the march begins. The march is over, and every distance known, so obtuse corners need no care.
+//! The path leads straight to where that front crosses the side, and asks again. Fronts are no better known at the sides of
+//! the triangle at hand than farther away, but a line that asks at every side bends at every side; so it looks as far as the
+//! march does from its source, through several sides that are unfolded into the plane ([`super::sight`]). A vertex in sight is
+//! taken where the way by it is shorter than by any front: at saddles, on borders, at the source. The march is over, and every
+//! distance known, so obtuse corners need no care.
 //!
 //! A path ends: it is made of legs from one vertex to another whose distance was final earlier, and a leg crosses no
 //! half-edge twice. Where distances contradict each other so much that a leg finds no such way, it goes on along edges.
 
 use std::collections::HashSet;
 
-use nalgebra::Vector3;
+use nalgebra::Vector2;
 
-use super::{Marching, Wave};
+use super::sight::{First, Side, View};
+use super::{Marching, SEEN, Wave};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
@@ -84,33 +87,76 @@ impl Marched<'_> {
         let before = self.order[start as usize];
         let mut site = Site::Vertex(start);
         let mut crossed = HashSet::new();
-        while let Some(onward) = self.onward(site, before) {
+        let mut is_new = |site: &Site| match *site {
+            Site::Vertex(_) => true,
+            Site::Edge { half_edge, .. } => crossed.insert(half_edge),
+        };
+        while let Some(line) = self.line(site, before) {
             control.check()?;
-            if let Site::Edge { half_edge, .. } = onward
-                && !crossed.insert(half_edge)
-            {
-                break;
+            for onward in line {
+                if !is_new(&onward) {
+                    return self.along_edges(site, before, path, control);
+                }
+                path.push(PathPoint::at(self.surface, onward));
+                site = onward;
             }
-            path.push(PathPoint::at(self.surface, onward));
-            match onward {
-                Site::Vertex(vertex) => return Ok(vertex),
-                Site::Edge { .. } => site = onward,
+            if let Site::Vertex(vertex) = site {
+                return Ok(vertex);
             }
         }
         self.along_edges(site, before, path, control)
     }
 
-    /// From where a site is reached: of the corners at hand that were final before, and the points on sides that fronts
-    /// cross, the one of least distance together with the way from there.
-    fn onward(&self, site: Site, before: u32) -> Option<Site> {
+    /// The straight line by which a site is reached first, and what it passes on the way back: from a vertex in sight that was
+    /// final before, or from where a front crosses a side in sight.
+    fn line(&self, site: Site, before: u32) -> Option<Vec<Site>> {
         let here = PathPoint::at(self.surface, site).point;
+        let mut first = First::new();
         let (corners, sides) = self.at_hand(site);
-        let by_corner = corners.into_iter().filter(|&corner| self.order[corner as usize] < before).map(|corner| {
+        for corner in corners.into_iter().filter(|&corner| self.order[corner as usize] < before) {
             let way = (self.surface.points()[corner as usize] - here).norm();
-            (self.distance[corner as usize] + way, Site::Vertex(corner))
-        });
-        let by_side = sides.into_iter().filter_map(|side| self.across(here, side, before));
-        by_corner.chain(by_side).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, site)| site)
+            first.offer(self.distance[corner as usize] + way, (Site::Vertex(corner), Vector2::zeros()), &[]);
+        }
+        let mut views: Vec<View> = sides.into_iter().map(|side| View::of(self.surface, here, side)).collect();
+        let mut crossed = Vec::new();
+        while let Some(view) = views.pop() {
+            crossed.truncate(view.crossed);
+            self.offer_front(&view, &crossed, before, &mut first);
+            crossed.push(view.side);
+            if crossed.len() == SEEN as usize {
+                continue;
+            }
+            let (corner, beyond) = view.beyond(self.surface);
+            if let Some((vertex, place)) = corner.filter(|&(vertex, _)| self.order[vertex as usize] < before) {
+                let reached = self.distance[vertex as usize] + place.norm();
+                first.offer(reached, (Site::Vertex(vertex), place), &crossed);
+            }
+            views.extend(beyond);
+        }
+        first.line
+    }
+
+    /// Offers the line from where a front crosses a side that is seen, if anything lies beyond.
+    fn offer_front(&self, view: &View, crossed: &[Side], before: u32, first: &mut First) {
+        let Side { half_edge, right, left } = view.side;
+        if self.surface.twins()[half_edge as usize] == BORDER {
+            return;
+        }
+        let [here, there] = [right.0, left.0].map(|v| self.distance[v as usize]);
+        let side = (left.1 - right.1).norm();
+        let direction = (left.1 - right.1) / side;
+        let (x, y) = (-right.1.dot(&direction), right.1.perp(&direction).abs());
+        let Some(crossing) = self.wave.across(here, there, side, x, y) else { return };
+        let place = right.1 + direction * crossing.at;
+        if view.shows(place) {
+            let along = crossing.at / side;
+            let end = [(right.0, along), (left.0, 1.0 - along)].into_iter().find(|&(_, off)| off <= AT_VERTEX);
+            let site = match end {
+                Some((vertex, _)) if self.order[vertex as usize] < before => Site::Vertex(vertex),
+                _ => Site::Edge { half_edge, along },
+            };
+            first.offer(crossing.reached, (site, place), crossed);
+        }
     }
 
     /// The corners and the sides to which straight lines lead from a site, forwards if it lies on an edge.
@@ -130,28 +176,6 @@ impl Marched<'_> {
                 }
             }
         }
-    }
-
-    /// How a point on the left of a half-edge is reached by a front that crosses it from the face beyond: the distance, and
-    /// where it crosses.
-    fn across(&self, here: Vector3<f64>, half_edge: u32, before: u32) -> Option<(f64, Site)> {
-        if self.surface.twins()[half_edge as usize] == BORDER {
-            return None;
-        }
-        let [a, b] = [self.surface.origin(half_edge), self.surface.target(half_edge)];
-        let [distance_a, distance_b] = [a, b].map(|v| self.distance[v as usize]);
-        let origin = self.surface.points()[a as usize];
-        let (edge, away) = (self.surface.points()[b as usize] - origin, here - origin);
-        let side = edge.norm();
-        let (x, y) = (away.dot(&edge) / side, edge.cross(&away).norm() / side);
-        let crossing = self.wave.across(distance_a, distance_b, side, x, y)?;
-        let along = crossing.at / side;
-        let end = [(a, along), (b, 1.0 - along)].into_iter().find(|&(_, off)| off <= AT_VERTEX);
-        let site = match end {
-            Some((vertex, _)) if self.order[vertex as usize] < before => Site::Vertex(vertex),
-            _ => Site::Edge { half_edge, along },
-        };
-        Some((crossing.reached, site))
     }
 
     /// Adds a way along edges to a path, from its last site to the first vertex that was final before.
@@ -178,3 +202,6 @@ impl Marched<'_> {
         Error::Unreachable { source_vertex: self.source as usize, vertex: vertex as usize }
     }
 }
+
+#[cfg(test)]
+mod tests;
