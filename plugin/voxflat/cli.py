@@ -243,8 +243,8 @@ Examples:
     "--geodesic",
     type=click.Choice(["graph", "marching", "exact", "edges", "chain"]),
     default="graph",
-    help="Straight links over the surface, back along the fronts of fast marching, the exact shortest path, along edges "
-    "as cuts run, or the paper's links between voxels.",
+    help="Straight links over the surface, back along the fronts of fast marching, the exact shortest path, along "
+    "edges as cuts run, or the paper's links between voxels.",
 )
 @_options.volume
 @_options.making
