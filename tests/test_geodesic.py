@@ -76,14 +76,14 @@ def test_work_is_cancelled(ball, solver):
 def test_an_unknown_solver_is_named(ball):
     with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact' or 'chain'"):
         voxflat.geodesic(ball, 5, geodesic="heat")
-    with pytest.raises(voxflat.InputError, match="'marching'; give 'graph', 'exact', 'edges' or 'chain'"):
-        voxflat.path(ball, 0, 5, geodesic="marching")
+    with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact', 'edges' or 'chain'"):
+        voxflat.path(ball, 0, 5, geodesic="heat")
     with pytest.raises(voxflat.InputError, match="link_lengths"):
         voxflat.geodesic(ball, 5, geodesic="exact", link_lengths="euclidean")
 
 
 class TestPaths:
-    @pytest.mark.parametrize("solver", ["graph", "exact", "edges"])
+    @pytest.mark.parametrize("solver", ["graph", "marching", "exact", "edges"])
     def test_are_as_long_as_the_distance_says(self, ball, rows, solver):
         for target in (3, 500, 2000):
             found = voxflat.path(ball, 7, target, geodesic=solver)
@@ -92,12 +92,26 @@ class TestPaths:
                 assert steps.sum() < found.length < 1.01 * steps.sum()  # links run over faces from vertex to vertex
             else:
                 assert found.length == pytest.approx(steps.sum(), rel=1e-6)
-            if solver != "edges":
+            if solver in ("graph", "exact"):
                 assert found.length == pytest.approx(float(rows[solver][1][target]), rel=1e-6)
             assert (found.ids[0], found.ids[-1]) == (7, target)
 
-    def test_exact_ones_cross_edges_on_the_surface(self, ball):
-        found = voxflat.path(ball, 7, 2000, 33, geodesic="exact")
+    def test_of_marching_are_hardly_longer_than_exact_ones(self, ball):
+        for source, target in ((7, 3), (7, 500), (500, 7), (33, 2000), (1000, 1001), (12, 1777)):
+            exact = voxflat.path(ball, source, target, geodesic="exact").length
+            assert exact * (1 - 1e-12) <= voxflat.path(ball, source, target, geodesic="marching").length < 1.005 * exact
+
+    def test_of_marching_go_round_a_slit(self):
+        sheet = np.ones((21, 21, 1), dtype=np.uint8)
+        sheet[10, :18] = 0
+        found, exact = (voxflat.path(sheet, (8, 0, 0), (12, 0, 0), geodesic=g) for g in ("marching", "exact"))
+        assert exact.length * (1 - 1e-12) <= found.length < 1.002 * exact.length
+        inside = (np.abs(found.points[:, 0] - 10) < 0.5 - 1e-9) & (found.points[:, 1] < 17)
+        assert not inside.any()
+
+    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    def test_over_triangles_cross_edges_on_the_surface(self, ball, solver):
+        found = voxflat.path(ball, 7, 2000, 33, geodesic=solver)
         assert (found.ids == -1).sum() > 10
         np.testing.assert_array_equal(found.ids[found.ids >= 0][[0, -1]], [7, 33])
         assert 2000 in found.ids
@@ -105,21 +119,24 @@ class TestPaths:
         np.testing.assert_allclose(found.points[at], ball.points[found.ids[at]], atol=1e-9)
         assert np.abs(np.linalg.norm(found.points, axis=1) - 10).max() < 0.03
 
-    def test_over_voxels_are_straight_on_a_plane(self):
-        found = voxflat.path(np.ones((9, 9, 1), np.uint8), (0, 0, 0), (8, 3, 0), geodesic="exact")
-        assert found.length == pytest.approx(np.hypot(8, 3), rel=1e-9)
+    @pytest.mark.parametrize(("solver", "near"), [("marching", 1e-7), ("exact", 1e-9)])
+    def test_over_voxels_are_straight_on_a_plane(self, solver, near):
+        found = voxflat.path(np.ones((9, 9, 1), np.uint8), (0, 0, 0), (8, 3, 0), geodesic=solver)
+        assert found.length == pytest.approx(np.hypot(8, 3), rel=near)
         assert found.ids.shape == (len(found.points), 3)
         assert (found.ids[1:-1] == -1).all()
 
-    def test_to_itself_is_a_point(self, ball):
-        found = voxflat.path(ball, 7, 7, geodesic="exact")
+    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    def test_to_itself_is_a_point(self, ball, solver):
+        found = voxflat.path(ball, 7, 7, geodesic=solver)
         assert (found.length, found.ids.tolist()) == (0.0, [7])
 
-    def test_in_different_components_is_refused(self):
+    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    def test_in_different_components_is_refused(self, solver):
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
         with pytest.raises(voxflat.InputError, match="different components"):
-            voxflat.path(apart, (0, 0, 0), (8, 0, 0), geodesic="exact")
+            voxflat.path(apart, (0, 0, 0), (8, 0, 0), geodesic=solver)
 
 
 class TestCommandLine:
@@ -128,14 +145,16 @@ class TestCommandLine:
         ball.save(tmp_path / "ball.surf.gii")
         return tmp_path / "ball.surf.gii"
 
-    def test_prints_the_exact_path(self, mesh, ball):
-        done = CliRunner().invoke(main, ["path", str(mesh), "7", "2000", "--geodesic", "exact", "--json"])
+    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    def test_prints_a_path_over_triangles(self, mesh, ball, solver):
+        done = CliRunner().invoke(main, ["path", str(mesh), "7", "2000", "--geodesic", solver, "--json"])
         told = json.loads(done.stdout)
-        assert told["length"] == pytest.approx(voxflat.path(ball, 7, 2000, geodesic="exact").length, rel=1e-6)
+        assert told["length"] == pytest.approx(voxflat.path(ball, 7, 2000, geodesic=solver).length, rel=1e-6)
         assert -1 in told["ids"]
 
-    def test_writes_no_exact_path_for_cuts(self, mesh, tmp_path):
-        command = ["path", str(mesh), "7", "2000", "--geodesic", "exact", "-o", str(tmp_path / "cut.txt")]
+    @pytest.mark.parametrize("solver", ["marching", "exact"])
+    def test_writes_no_path_over_triangles_for_cuts(self, mesh, tmp_path, solver):
+        command = ["path", str(mesh), "7", "2000", "--geodesic", solver, "-o", str(tmp_path / "cut.txt")]
         done = CliRunner().invoke(main, command)
         assert done.exit_code == 2
         assert "--geodesic edges" in done.stderr

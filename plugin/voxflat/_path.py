@@ -24,9 +24,9 @@ class Path:
     Parameters
     ----------
     ids : ndarray of int64, shape (k, 3) or (k,)
-        The voxels, or the vertices, that it passes, both ends included; -1 where an exact path crosses an edge.
+        The voxels, or the vertices, that it passes, both ends included; -1 where it crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm. Between them an exact path is straight; one of links runs over the triangles.
+        Their places, RAS+ mm. Between them a path is straight; only one of links runs over the triangles.
     length : float
         Of the path over the surface, mm.
     """
@@ -58,9 +58,11 @@ def path(
     a, b, *further : sequence of 3 ints, or int
         The ends, and further stops after `b`, in the order in which they are passed: voxel indices, or vertex numbers
         of a mesh.
-    geodesic : {"graph", "exact", "edges", "chain"}
-        "graph", "exact" and "chain" as in `voxflat.geodesic`. "edges" runs along edges from neighbour to neighbour, as
-        cuts do.
+    geodesic : {"graph", "marching", "exact", "edges", "chain"}
+        "graph", "exact" and "chain" as in `voxflat.geodesic`. "marching" is traced back on the distances of fast
+        marching. Those are estimates, but the path is a line over the surface and `length` is its own: never less than
+        the exact distance, and not what `voxflat.geodesic(geodesic="marching")` says. "edges" runs along edges from
+        neighbour to neighbour, as cuts do.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def path(
         ).whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find = core.voxels, core.path
-    elif geodesic in ("graph", "exact", "edges"):
+    elif geodesic in ("graph", "marching", "exact", "edges"):
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
         whole = _surface(surface, **place, memory_limit=memory_limit)
@@ -87,12 +89,13 @@ def path(
         vertices = whole.find(stops, "the stops")
         ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
     else:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'exact', 'edges' or 'chain'")
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact', 'edges' or 'chain'")
     points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
     for (start, end), leg in zip(pairwise(vertices.tolist()), pairwise(stops), strict=True):
         try:
-            if geodesic == "exact":
-                places, steps, leg_length = core.exact_path(start, end)
+            if geodesic in ("marching", "exact"):
+                trace = core.exact_path if geodesic == "exact" else core.marching_path
+                places, steps, leg_length = trace(start, end)
             else:
                 steps, leg_length = find(start, end)
                 places = core.points[steps]

@@ -241,10 +241,10 @@ Examples:
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="Write what it passes, one in each line, for --cut.")
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "exact", "edges", "chain"]),
+    type=click.Choice(["graph", "marching", "exact", "edges", "chain"]),
     default="graph",
-    help="Straight links over the surface, the exact shortest path, along edges as cuts run, or the paper's links "
-    "between voxels.",
+    help="Straight links over the surface, back along the fronts of fast marching, the exact shortest path, along "
+    "edges as cuts run, or the paper's links between voxels.",
 )
 @_options.volume
 @_options.making
@@ -259,8 +259,8 @@ def path(input_: Path, stops: list[Any], output: Path | None, as_json: bool, **o
     if len(stops) < 2:
         raise click.UsageError("Give at least two stops.")
     if output is not None:
-        if options["geodesic"] == "exact":
-            raise click.UsageError("An exact path crosses triangles, no cut can: give --geodesic edges with -o.")
+        if options["geodesic"] in ("marching", "exact"):
+            raise click.UsageError("This path crosses triangles, no cut can: give --geodesic edges with -o.")
         check_output(output, (), (input_,))
     with bars() as shown:
         found = voxflat.path(_source(input_, options, shown), *stops, **options)

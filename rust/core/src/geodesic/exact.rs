@@ -24,7 +24,6 @@ use crate::error::Result;
 use crate::surface::mesh::Surface;
 use frame::Frames;
 
-pub use path::{PathPoint, Site};
 pub use wave::Wave;
 
 /// How far distances are wanted.

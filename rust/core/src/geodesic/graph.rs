@@ -14,7 +14,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
 use view::View;
-pub(super) use view::{Beyond, unfold};
+pub(super) use view::{Beyond, Outgoing, outgoing, unfold};
 
 /// How many edges a link may cross, and in how many rounds links are found, shorter ones first: in more rounds fewer are held
 /// at a time, but lines are unfolded anew in each (docs/decisions/0007).

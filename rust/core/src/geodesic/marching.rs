@@ -10,6 +10,9 @@
 //! surface were unfolded up to there: exact as long as no vertex lies between. Around the source straight lines over unfolded
 //! triangles are the start, for there a triangle's side may be longer than the distance, and no front passes it in time.
 
+mod descent;
+mod sight;
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -22,10 +25,12 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
+pub use descent::Marched;
+
 /// Triangles that are unfolded at most to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;
 
-/// Edges that a straight line from the source crosses at most.
+/// Edges that a straight line crosses at most: from the source, or back along a path.
 const SEEN: u32 = 8;
 
 /// Vertices between two looks at the control.
@@ -106,6 +111,53 @@ impl<'a> Marching<'a> {
     fn fronts(&self, vertex: u32) -> &[Front] {
         &self.fronts[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
     }
+
+    /// The distances from `source`, left in the scratch; `settled` is told of each vertex when its own is final.
+    fn run(&self, source: u32, scratch: &mut Scratch, mut settled: impl FnMut(u32), control: &Control) -> Result<()> {
+        control.check()?;
+        let vertices = self.starts.len() - 1;
+        let Scratch { distance, is_final, heap } = scratch;
+        distance.clear();
+        distance.resize(vertices, f64::INFINITY);
+        is_final.clear();
+        is_final.resize(vertices, false);
+        heap.clear();
+        for start in self.starts_around(source) {
+            let known = &mut distance[start.to as usize];
+            *known = known.min(f64::from(start.length));
+            heap.push(Reverse((known.to_bits(), start.to)));
+        }
+        let mut count = 0usize;
+        while let Some(Reverse((_, vertex))) = heap.pop() {
+            if std::mem::replace(&mut is_final[vertex as usize], true) {
+                continue;
+            }
+            settled(vertex);
+            count += 1;
+            if count.is_multiple_of(BATCH) {
+                control.check()?;
+            }
+            let here = distance[vertex as usize];
+            for front in self.fronts(vertex) {
+                if is_final[front.to as usize] {
+                    continue;
+                }
+                let [x, y] = front.apex.map(f64::from);
+                let mut reached = here + x.hypot(y);
+                if is_final[front.other as usize] {
+                    let there = distance[front.other as usize];
+                    let across = self.wave.across(here, there, f64::from(front.side), x, y);
+                    reached = across.map_or(reached, |crossing| reached.min(crossing.reached));
+                }
+                let known = &mut distance[front.to as usize];
+                if reached < *known {
+                    *known = reached;
+                    heap.push(Reverse((reached.to_bits(), front.to))); // positive floats sort as their bits
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// What a worker keeps from one row to the next.
@@ -128,49 +180,8 @@ impl Solver for Marching<'_> {
     }
 
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Scratch, control: &Control) -> Result<()> {
-        let Scratch { distance, is_final, heap } = scratch;
-        distance.clear();
-        distance.resize(row.len(), f64::INFINITY);
-        is_final.clear();
-        is_final.resize(row.len(), false);
-        heap.clear();
-        for start in self.starts_around(source) {
-            let known = &mut distance[start.to as usize];
-            *known = known.min(f64::from(start.length));
-            heap.push(Reverse((known.to_bits(), start.to)));
-        }
-        let mut settled = 0usize;
-        while let Some(Reverse((_, vertex))) = heap.pop() {
-            if std::mem::replace(&mut is_final[vertex as usize], true) {
-                continue;
-            }
-            settled += 1;
-            if settled.is_multiple_of(BATCH) {
-                control.check()?;
-            }
-            let here = distance[vertex as usize];
-            for front in self.fronts(vertex) {
-                if is_final[front.to as usize] {
-                    continue;
-                }
-                let [x, y] = front.apex.map(f64::from);
-                let mut reached = here + x.hypot(y);
-                if is_final[front.other as usize] {
-                    let there = distance[front.other as usize];
-                    let across = match self.wave {
-                        Wave::Plane => plane(here, there, f64::from(front.side), x, y),
-                        Wave::Circle => circle(here, there, f64::from(front.side), x, y),
-                    };
-                    reached = reached.min(across.unwrap_or(reached));
-                }
-                let known = &mut distance[front.to as usize];
-                if reached < *known {
-                    *known = reached;
-                    heap.push(Reverse((reached.to_bits(), front.to))); // positive floats sort as their bits
-                }
-            }
-        }
-        row.iter_mut().zip(distance).for_each(|(to, &mut from)| *to = from as f32);
+        self.run(source, scratch, |_| (), control)?;
+        row.iter_mut().zip(&scratch.distance).for_each(|(to, &from)| *to = from as f32);
         Ok(())
     }
 
@@ -188,28 +199,45 @@ impl Solver for Marching<'_> {
     }
 }
 
-/// The time at which a straight front that passes (0, 0) and (`side`, 0) at two times reaches (x, y), if it gets there
-/// between the two: the quadratic of Kimmel and Sethian, solved by the front's direction.
-fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<f64> {
+/// How a front crosses the side between two corners that it passed on its way to a point beyond.
+#[derive(Debug, Clone, Copy)]
+struct Crossing {
+    /// The point's distance, mm.
+    reached: f64,
+    /// Where it crosses the side, mm from the first corner.
+    at: f64,
+}
+
+impl Wave {
+    /// How a front that passes (0, 0) and (`side`, 0) at two distances reaches (x, y), if it gets there between the two.
+    fn across(self, here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
+        let crossing = match self {
+            Self::Plane => plane(here, there, side, x, y),
+            Self::Circle => circle(here, there, side, x, y),
+        };
+        crossing.filter(|crossing| (0.0..=side).contains(&crossing.at))
+    }
+}
+
+/// A straight front: the quadratic of Kimmel and Sethian, solved by the front's direction.
+fn plane(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let along = (there - here) / side;
     if along.abs() >= 1.0 {
         return None;
     }
     let across = (1.0 - along * along).sqrt();
-    let crossing = x - y * along / across;
-    (0.0..=side).contains(&crossing).then_some(here + along * x + across * y)
+    Some(Crossing { reached: here + along * x + across * y, at: x - y * along / across })
 }
 
-/// The same for a front that is a circle: the distance of (x, y) from the point below the side that has the two distances.
-fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<f64> {
+/// A front that is a circle: around the point below the side that has the two distances.
+fn circle(here: f64, there: f64, side: f64, x: f64, y: f64) -> Option<Crossing> {
     let centre = (here * here - there * there + side * side) / (2.0 * side);
     let depth = here * here - centre * centre;
     if depth < 0.0 {
         return None; // rounding aside, one distance comes along the side from the other
     }
     let depth = depth.sqrt();
-    let crossing = (centre * y + x * depth) / (y + depth);
-    (0.0..=side).contains(&crossing).then(|| (x - centre).hypot(y + depth))
+    Some(Crossing { reached: (x - centre).hypot(y + depth), at: (centre * y + x * depth) / (y + depth) })
 }
 
 type Placed = (u32, Vector2<f64>);

@@ -8,6 +8,7 @@ pub mod exact;
 pub mod graph;
 pub mod marching;
 pub mod neighbourhood;
+pub mod path;
 pub mod shortest;
 pub mod sweep;
 mod table;

@@ -7,7 +7,9 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
 use voxflat::geodesic::Solver;
-use voxflat::geodesic::exact::{Exact, Site};
+use voxflat::geodesic::exact::Exact;
+use voxflat::geodesic::marching::{Marching, Wave};
+use voxflat::geodesic::path::{PathPoint, Site, length};
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -18,7 +20,8 @@ use super::solvers::{Geodesic, with_solver};
 use crate::convert;
 use crate::work::run;
 
-type ExactPath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
+/// The points (k, 3) of a path in mm, the vertices they lie at, or -1 for those on edges, and its length in mm.
+type LinePath<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, f64);
 
 #[pymethods]
 impl Surface {
@@ -115,7 +118,7 @@ impl Surface {
 
     /// The exact shortest path: its points (k, 3) in mm, the vertices they lie at, or -1 for those on edges, and its length
     /// in mm.
-    fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<ExactPath<'py>> {
+    fn exact_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         let (path, length) = run(py, Some(1), None, move |control| {
@@ -126,10 +129,20 @@ impl Surface {
             path.reverse();
             Ok((path, row[target as usize]))
         })?;
-        let points: Vec<[f64; 3]> = path.iter().map(|passed| passed.point.into()).collect();
-        let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
-        let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
-        Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
+        line_path(py, &path, length)
+    }
+
+    /// A path traced back on the distances of fast marching, and the length of that line: the same values as an exact path.
+    fn marching_path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<LinePath<'py>> {
+        convert::check_vertices([source, target], self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        let path = run(py, Some(1), None, move |control| {
+            let marching = Marching::new(&inner.surface, Wave::Circle, control)?;
+            let mut path = marching.march(source, control)?.path(target, control)?;
+            path.reverse();
+            Ok(path)
+        })?;
+        line_path(py, &path, length(&path))
     }
 
     /// The vertices of a shortest path along edges, both ends included, and its length in mm.
@@ -145,4 +158,11 @@ impl Surface {
         })?;
         Ok((path.into_pyarray(py), length))
     }
+}
+
+fn line_path<'py>(py: Python<'py>, path: &[PathPoint], length: f64) -> PyResult<LinePath<'py>> {
+    let points: Vec<[f64; 3]> = path.iter().map(|passed| passed.point.into()).collect();
+    let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
+    let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
+    Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
 }

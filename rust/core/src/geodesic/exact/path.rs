@@ -1,35 +1,11 @@
 //! Shortest paths, unfolded backwards from a vertex to the source.
 
-use nalgebra::Vector3;
-
 use super::Exact;
 use super::wave::{Wave, Way};
 use super::window::length;
 use crate::error::{Error, Result};
+use crate::geodesic::path::{PathPoint, Site};
 use crate::surface::mesh::{BORDER, next, previous};
-
-/// A point of a path on a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathPoint {
-    /// Where in space it lies, mm.
-    pub point: Vector3<f64>,
-    /// Where on the surface it lies.
-    pub site: Site,
-}
-
-/// Where on a surface a point of a path lies.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Site {
-    /// At a vertex.
-    Vertex(u32),
-    /// On an edge between its ends.
-    Edge {
-        /// One of the edge's half-edges.
-        half_edge: u32,
-        /// From 0 at the half-edge's origin to 1 at its target.
-        along: f64,
-    },
-}
 
 /// A crossing this near to an end of its edge, as a part of the edge, may be taken for the end itself.
 const AT_VERTEX: f64 = 1e-6;
@@ -74,14 +50,12 @@ impl Exact<'_> {
     }
 
     fn at_vertex(&self, vertex: u32) -> PathPoint {
-        PathPoint { point: self.surface.points()[vertex as usize], site: Site::Vertex(vertex) }
+        PathPoint::at(self.surface, Site::Vertex(vertex))
     }
 
     fn on_edge(&self, half_edge: u32, at: f64) -> PathPoint {
         let along = (at / self.frames.of(half_edge).length).clamp(0.0, 1.0);
-        let [a, b] = [self.surface.origin(half_edge), self.surface.target(half_edge)];
-        let [a, b] = [a, b].map(|v| self.surface.points()[v as usize]);
-        PathPoint { point: a + (b - a) * along, site: Site::Edge { half_edge, along } }
+        PathPoint::at(self.surface, Site::Edge { half_edge, along })
     }
 
     /// The last leg of the way to a vertex.

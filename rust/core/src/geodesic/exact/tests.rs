@@ -4,6 +4,11 @@ use proptest::prelude::*;
 use super::*;
 use crate::Error;
 use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::path::{
+    Site,
+    checks::{assert_on_surface, bumpy},
+    length,
+};
 use crate::surface::mesh::{BORDER, next, previous, shapes};
 
 fn row(surface: &Surface, source: u32) -> Vec<f64> {
@@ -290,35 +295,6 @@ fn a_cancelled_run_leaves_nothing_behind() {
     }
 }
 
-/// A sheet with hills and dales, reproducibly at random.
-fn bumpy(m: usize, n: usize, seed: u64) -> Surface {
-    use rand::{Rng, SeedableRng};
-    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let (points, faces) = shapes::sheet(m, n);
-    let mut shake = |p: [f64; 3]| {
-        [p[0] + random.random_range(-0.3..0.3), p[1] + random.random_range(-0.3..0.3), random.random_range(-0.8..0.8)]
-    };
-    shapes::surface((points.into_iter().map(&mut shake).collect(), faces))
-}
-
-fn path_length(path: &[PathPoint]) -> f64 {
-    path.windows(2).map(|two| (two[0].point - two[1].point).norm()).sum()
-}
-
-/// The faces that touch a point of a path.
-fn faces_of(surface: &Surface, site: Site) -> Vec<u32> {
-    match site {
-        Site::Vertex(v) => {
-            (0..surface.faces().len() as u32).filter(|&f| surface.faces()[f as usize].contains(&v)).collect()
-        }
-        Site::Edge { half_edge, .. } => [half_edge, surface.twins()[half_edge as usize]]
-            .into_iter()
-            .filter(|&h| h != BORDER)
-            .map(|h| h / 3)
-            .collect(),
-    }
-}
-
 /// Every path is as long as its distance, and runs through faces.
 fn assert_paths(surface: &Surface, source: u32) {
     let exact = Exact::new(surface);
@@ -326,12 +302,9 @@ fn assert_paths(surface: &Surface, source: u32) {
     exact.distances(source, &mut row, &mut wave, &Control::default()).unwrap();
     for (target, &distance) in (0..).zip(&row) {
         let path = exact.path(&wave, target).unwrap();
-        assert_near(path_length(&path), distance, 1e-9);
+        assert_near(length(&path), distance, 1e-9);
         assert_eq!([path[0].site, path[path.len() - 1].site], [target, source].map(Site::Vertex));
-        for two in path.windows(2) {
-            let [here, there] = [two[0].site, two[1].site].map(|site| faces_of(surface, site));
-            assert!(here.iter().any(|face| there.contains(face)), "{two:?}");
-        }
+        assert_on_surface(surface, &path);
     }
 }
 

@@ -10,18 +10,19 @@ use crate::surface::mesh::{BORDER, Surface, next, previous};
 const SAMPLE: usize = 500;
 
 /// The half-edges that leave each vertex, in compressed rows.
-struct Outgoing {
+#[derive(Debug)]
+pub(in crate::geodesic) struct Outgoing {
     starts: Vec<u32>,
     half_edges: Vec<u32>,
 }
 
 impl Outgoing {
-    fn of(&self, vertex: u32) -> &[u32] {
+    pub fn of(&self, vertex: u32) -> &[u32] {
         &self.half_edges[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]
     }
 }
 
-fn outgoing(surface: &Surface) -> Outgoing {
+pub(in crate::geodesic) fn outgoing(surface: &Surface) -> Outgoing {
     let mut half_edges: Vec<u32> = (0..surface.twins().len() as u32).collect();
     half_edges.sort_by_key(|&h| surface.origin(h));
     let mut starts = vec![0; surface.len() + 1];

@@ -1,0 +1,207 @@
+//! Paths by descent on the distances of a march (Kimmel, Sethian 1998, section 4).
+//!
+//! A point on a path asks what a vertex asks in the march: which front gets here first, and across which side of a triangle?
+//! The path leads straight to where that front crosses the side, and asks again. Fronts are no better known at the sides of
+//! the triangle at hand than farther away, but a line that asks at every side bends at every side; so it looks as far as the
+//! march does from its source, through several sides that are unfolded into the plane ([`super::sight`]). A vertex in sight is
+//! taken where the way by it is shorter than by any front: at saddles, on borders, at the source. The march is over, and every
+//! distance known, so obtuse corners need no care.
+//!
+//! A path ends: it is made of legs from one vertex to another whose distance was final earlier, and a leg crosses no
+//! half-edge twice. Where distances contradict each other so much that a leg finds no such way, it goes on along edges.
+
+use std::collections::HashSet;
+
+use nalgebra::Vector2;
+
+use super::sight::{First, Side, View};
+use super::{Marching, SEEN, Wave};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geodesic::Solver;
+use crate::geodesic::graph::{Outgoing, outgoing};
+use crate::geodesic::path::{PathPoint, Site};
+use crate::surface::cuts::shortest_path;
+use crate::surface::mesh::{BORDER, Surface, next, previous};
+
+/// A crossing this near to an end of its side, as a part of the side, is taken for the end itself.
+const AT_VERTEX: f64 = 1e-6;
+
+/// The distances from one source, and what it takes to trace paths on them.
+#[derive(Debug)]
+pub struct Marched<'a> {
+    surface: &'a Surface,
+    wave: Wave,
+    source: u32,
+    distance: Vec<f64>,
+    /// The order in which distances became final; the source's is the first.
+    order: Vec<u32>,
+    outgoing: Outgoing,
+}
+
+impl Marching<'_> {
+    /// The distances from `source`, kept for paths.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn march(&self, source: u32, control: &Control) -> Result<Marched<'_>> {
+        let mut scratch = self.scratch();
+        let mut order = vec![u32::MAX; self.columns()];
+        let mut count = 0;
+        let settled = |vertex: u32| {
+            order[vertex as usize] = count;
+            count += 1;
+        };
+        self.run(source, &mut scratch, settled, control)?;
+        let outgoing = outgoing(self.surface);
+        Ok(Marched { surface: self.surface, wave: self.wave, source, distance: scratch.distance, order, outgoing })
+    }
+}
+
+impl Marched<'_> {
+    /// The distances to all vertices, mm; infinity where no front came.
+    pub fn distances(&self) -> &[f64] {
+        &self.distance
+    }
+
+    /// A path from `target` back to the source. The distance of a march is an estimate, but the path is a line over the
+    /// surface: [its length](crate::geodesic::path::length) may be more or less than the distance here, and is never less
+    /// than the exact one.
+    ///
+    /// # Errors
+    /// [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
+    pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
+        if self.distance[target as usize] == f64::INFINITY {
+            return Err(self.unreachable(target));
+        }
+        let mut path = vec![PathPoint::at(self.surface, Site::Vertex(target))];
+        let mut vertex = target;
+        while vertex != self.source {
+            vertex = self.leg(vertex, &mut path, control)?;
+        }
+        Ok(path)
+    }
+
+    /// Adds a leg to a path, from its last vertex to one that was final earlier.
+    fn leg(&self, start: u32, path: &mut Vec<PathPoint>, control: &Control) -> Result<u32> {
+        let before = self.order[start as usize];
+        let mut site = Site::Vertex(start);
+        let mut crossed = HashSet::new();
+        let mut is_new = |site: &Site| match *site {
+            Site::Vertex(_) => true,
+            Site::Edge { half_edge, .. } => crossed.insert(half_edge),
+        };
+        while let Some(line) = self.line(site, before) {
+            control.check()?;
+            for onward in line {
+                if !is_new(&onward) {
+                    return self.along_edges(site, before, path, control);
+                }
+                path.push(PathPoint::at(self.surface, onward));
+                site = onward;
+            }
+            if let Site::Vertex(vertex) = site {
+                return Ok(vertex);
+            }
+        }
+        self.along_edges(site, before, path, control)
+    }
+
+    /// The straight line by which a site is reached first, and what it passes on the way back: from a vertex in sight that was
+    /// final before, or from where a front crosses a side in sight.
+    fn line(&self, site: Site, before: u32) -> Option<Vec<Site>> {
+        let here = PathPoint::at(self.surface, site).point;
+        let mut first = First::new();
+        let (corners, sides) = self.at_hand(site);
+        for corner in corners.into_iter().filter(|&corner| self.order[corner as usize] < before) {
+            let way = (self.surface.points()[corner as usize] - here).norm();
+            first.offer(self.distance[corner as usize] + way, (Site::Vertex(corner), Vector2::zeros()), &[]);
+        }
+        let mut views: Vec<View> = sides.into_iter().map(|side| View::of(self.surface, here, side)).collect();
+        let mut crossed = Vec::new();
+        while let Some(view) = views.pop() {
+            crossed.truncate(view.crossed);
+            self.offer_front(&view, &crossed, before, &mut first);
+            crossed.push(view.side);
+            if crossed.len() == SEEN as usize {
+                continue;
+            }
+            let (corner, beyond) = view.beyond(self.surface);
+            if let Some((vertex, place)) = corner.filter(|&(vertex, _)| self.order[vertex as usize] < before) {
+                let reached = self.distance[vertex as usize] + place.norm();
+                first.offer(reached, (Site::Vertex(vertex), place), &crossed);
+            }
+            views.extend(beyond);
+        }
+        first.line
+    }
+
+    /// Offers the line from where a front crosses a side that is seen, if anything lies beyond.
+    fn offer_front(&self, view: &View, crossed: &[Side], before: u32, first: &mut First) {
+        let Side { half_edge, right, left } = view.side;
+        if self.surface.twins()[half_edge as usize] == BORDER {
+            return;
+        }
+        let [here, there] = [right.0, left.0].map(|v| self.distance[v as usize]);
+        let side = (left.1 - right.1).norm();
+        let direction = (left.1 - right.1) / side;
+        let (x, y) = (-right.1.dot(&direction), right.1.perp(&direction).abs());
+        let Some(crossing) = self.wave.across(here, there, side, x, y) else { return };
+        let place = right.1 + direction * crossing.at;
+        if view.shows(place) {
+            let along = crossing.at / side;
+            let end = [(right.0, along), (left.0, 1.0 - along)].into_iter().find(|&(_, off)| off <= AT_VERTEX);
+            let site = match end {
+                Some((vertex, _)) if self.order[vertex as usize] < before => Site::Vertex(vertex),
+                _ => Site::Edge { half_edge, along },
+            };
+            first.offer(crossing.reached, (site, place), crossed);
+        }
+    }
+
+    /// The corners and the sides to which straight lines lead from a site, forwards if it lies on an edge.
+    fn at_hand(&self, site: Site) -> (Vec<u32>, Vec<u32>) {
+        let surface = self.surface;
+        match site {
+            Site::Vertex(vertex) => {
+                let outgoing = self.outgoing.of(vertex);
+                let corners = outgoing.iter().flat_map(|&h| [surface.target(h), surface.origin(previous(h))]);
+                (corners.collect(), outgoing.iter().map(|&h| next(h)).collect())
+            }
+            Site::Edge { half_edge, .. } => {
+                let ends = [surface.origin(half_edge), surface.target(half_edge)];
+                match surface.twins()[half_edge as usize] {
+                    BORDER => (ends.to_vec(), Vec::new()),
+                    twin => ([&ends[..], &[surface.origin(previous(twin))]].concat(), vec![next(twin), previous(twin)]),
+                }
+            }
+        }
+    }
+
+    /// Adds a way along edges to a path, from its last site to the first vertex that was final before.
+    fn along_edges(&self, site: Site, before: u32, path: &mut Vec<PathPoint>, control: &Control) -> Result<u32> {
+        let start = match site {
+            Site::Vertex(vertex) => vertex,
+            Site::Edge { half_edge, .. } => {
+                let [a, b] = [self.surface.origin(half_edge), self.surface.target(half_edge)];
+                if self.order[a as usize] < self.order[b as usize] { a } else { b }
+            }
+        };
+        for vertex in shortest_path(self.surface, &[start, self.source], None, control)? {
+            if site != Site::Vertex(vertex) {
+                path.push(PathPoint::at(self.surface, Site::Vertex(vertex)));
+            }
+            if self.order[vertex as usize] < before {
+                return Ok(vertex);
+            }
+        }
+        Err(self.unreachable(start))
+    }
+
+    fn unreachable(&self, vertex: u32) -> Error {
+        Error::Unreachable { source_vertex: self.source as usize, vertex: vertex as usize }
+    }
+}
+
+#[cfg(test)]
+mod tests;

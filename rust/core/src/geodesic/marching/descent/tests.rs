@@ -1,0 +1,174 @@
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::geodesic::exact::Exact;
+use crate::geodesic::path::{
+    checks::{assert_on_surface, bumpy},
+    length,
+};
+use crate::surface::mesh::shapes;
+
+/// How much longer each vertex's path is than the exact one, as a part of it. Every path is checked.
+fn excess(surface: &Surface, wave: Wave, source: u32) -> Vec<f64> {
+    let control = Control::default();
+    let marching = Marching::new(surface, wave, &control).unwrap();
+    let marched = marching.march(source, &control).unwrap();
+    let (exact, mut row) = (Exact::new(surface), vec![0.0; surface.len()]);
+    exact.distances(source, &mut row, &mut exact.scratch(), &control).unwrap();
+    let of = |target: u32| {
+        let path = marched.path(target, &control).unwrap();
+        assert_on_surface(surface, &path);
+        assert_eq!([path[0].site, path[path.len() - 1].site], [target, source].map(Site::Vertex));
+        length(&path) / row[target as usize] - 1.0
+    };
+    (0..surface.len() as u32).filter(|&target| target != source).map(of).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn greatest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+}
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5.
+fn irregular(seed: u64, is_bent: bool) -> Surface {
+    let place = |p: &Vector3<f64>| match is_bent {
+        true => [5.0 * (p.x / 5.0).sin(), p.y, 5.0 * (p.x / 5.0).cos()],
+        false => [p.x, p.y, 0.0],
+    };
+    let points = bumpy(16, 14, seed).points().iter().map(place).collect();
+    shapes::surface((points, shapes::sheet(16, 14).1))
+}
+
+#[test]
+fn paths_in_a_plane_are_straight() {
+    let surface = shapes::surface(shapes::sheet(14, 14));
+    for source in [0, 7, 112] {
+        let excess = excess(&surface, Wave::Circle, source);
+        assert!(greatest(&excess) < 1e-6 && least(&excess) > -1e-12, "{excess:?}");
+    }
+}
+
+#[test]
+fn a_path_to_the_source_is_a_point() {
+    let surface = shapes::surface(shapes::sphere(2));
+    let control = Control::default();
+    let path = Marching::new(&surface, Wave::Circle, &control).unwrap().march(9, &control).unwrap().path(9, &control);
+    assert_eq!(path.unwrap(), [PathPoint::at(&surface, Site::Vertex(9))]);
+}
+
+#[test]
+fn a_finer_sphere_brings_paths_nearer_to_great_circles() {
+    let error = |times: usize, wave: Wave| {
+        let surface = shapes::surface(shapes::sphere(times));
+        let control = Control::default();
+        let marching = Marching::new(&surface, wave, &control).unwrap();
+        let marched = marching.march(0, &control).unwrap();
+        let of = |target: u32| {
+            let arc = surface.points()[target as usize].angle(&surface.points()[0]);
+            (length(&marched.path(target, &control).unwrap()) / arc - 1.0).abs()
+        };
+        mean(&(1..surface.len() as u32).map(of).collect::<Vec<_>>())
+    };
+    // the distances of straight fronts themselves hardly come nearer
+    for (wave, falls, finest) in [(Wave::Plane, 0.95, 0.004), (Wave::Circle, 0.3, 0.0004)] {
+        let errors = [3, 4, 5].map(|times| error(times, wave));
+        assert!(errors.windows(2).all(|two| two[1] < falls * two[0]) && errors[2] < finest, "{wave:?} {errors:?}");
+    }
+}
+
+#[test]
+fn paths_bend_round_the_corner_of_a_hole() {
+    let sheet = shapes::surface(shapes::sheet(12, 12));
+    let middle = |face: &[u32; 3]| face.iter().map(|&v| sheet.points()[v as usize]).sum::<Vector3<f64>>() / 3.0;
+    let keep: Vec<bool> = sheet.faces().iter().map(|face| middle(face).x < 4.0 || middle(face).y < 4.0).collect();
+    let bent = sheet.part(&keep); // an L
+    let excess = excess(&bent, Wave::Circle, 12);
+    assert!(mean(&excess) < 1e-3 && greatest(&excess) < 0.015 && least(&excess) > -1e-12, "{excess:?}");
+}
+
+#[test]
+fn paths_go_round_the_end_of_a_cut() {
+    let sheet = shapes::surface(shapes::sheet(12, 10));
+    let is_slit = |h: &u32| {
+        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
+        a.y == 5.0 && b.y == 5.0 && a.x.max(b.x) <= 9.0
+    };
+    let slit = sheet.cut_open(sheet.edges().filter(is_slit));
+    assert_eq!(slit.len(), sheet.len() + 9);
+    let excess = excess(&slit, Wave::Circle, 3);
+    assert!(mean(&excess) < 1e-3 && greatest(&excess) < 0.015 && least(&excess) > -1e-12, "{excess:?}");
+}
+
+#[test]
+fn where_no_front_comes_is_unreachable_and_work_is_cancelled() {
+    let sheet = shapes::surface(shapes::sheet(4, 8));
+    let is_cut = |h: &u32| [sheet.origin(*h), sheet.target(*h)].iter().all(|&v| sheet.points()[v as usize].y == 4.0);
+    let apart = sheet.cut_open(sheet.edges().filter(is_cut));
+    let control = Control::default();
+    let marching = Marching::new(&apart, Wave::Circle, &control).unwrap();
+    let marched = marching.march(0, &control).unwrap();
+    let target = marched.distances().iter().position(|d| d.is_infinite()).unwrap();
+    let expected = Error::Unreachable { source_vertex: 0, vertex: target };
+    assert_eq!(marched.path(target as u32, &control), Err(expected));
+    control.cancel();
+    assert_eq!(marched.path(4, &control), Err(Error::Cancelled));
+    assert!(matches!(marching.march(0, &control), Err(Error::Cancelled)));
+}
+
+#[test]
+fn a_way_along_edges_leads_to_what_was_final_before() {
+    let surface = shapes::surface(shapes::sphere(3));
+    let control = Control::default();
+    let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
+    let marched = marching.march(17, &control).unwrap();
+    for half_edge in 0..surface.twins().len() as u32 {
+        let before = marched.order[surface.origin(half_edge) as usize];
+        for site in [Site::Vertex(surface.origin(half_edge)), Site::Edge { half_edge, along: 0.4 }] {
+            let mut path = vec![PathPoint::at(&surface, site)];
+            if before == 0 {
+                continue; // from the source there is no way on
+            }
+            let end = marched.along_edges(site, before, &mut path, &control).unwrap();
+            assert!(marched.order[end as usize] < before);
+            assert!(path.len() > 1 && path[path.len() - 1].site == Site::Vertex(end));
+            assert_on_surface(&surface, &path);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn paths_on_irregular_developable_sheets_are_hardly_too_long(seed in any::<u64>(), is_bent: bool, source in 0u32..255) {
+        let excess = excess(&irregular(seed, is_bent), Wave::Circle, source);
+        prop_assert!(least(&excess) > -1e-12);
+        prop_assert!(greatest(&excess) < 0.05 && mean(&excess) < 2e-3, "{} {}", greatest(&excess), mean(&excess));
+    }
+
+    #[test]
+    fn paths_on_rough_sheets_end_and_are_not_much_too_long(seed in any::<u64>(), source in 0u32..154, plane: bool) {
+        let wave = if plane { Wave::Plane } else { Wave::Circle };
+        let excess = excess(&bumpy(13, 10, seed), wave, source);
+        prop_assert!(least(&excess) > -1e-12);
+        prop_assert!(mean(&excess) < 0.04, "{}", mean(&excess));
+    }
+
+    #[test]
+    fn paths_on_slivers_end(flat in -9i32..0, sheared in -3.0f64..3.0, seed in any::<u64>(), source in 0u32..99) {
+        let thin = 10f64.powi(flat);
+        let place = |p: &Vector3<f64>| [p.x + sheared * p.y, p.y * thin, p.z * thin];
+        let points: Vec<_> = bumpy(10, 8, seed).points().iter().map(place).collect();
+        let Ok((surface, _)) = Surface::from_triangles(&points, &shapes::sheet(10, 8).1) else { return Ok(()) };
+        let excess = excess(&surface, Wave::Circle, source);
+        prop_assert!(least(&excess) > -1e-9, "{}", least(&excess));
+    }
+}

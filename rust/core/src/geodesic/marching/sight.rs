@@ -1,0 +1,95 @@
+//! What is seen from a place on a surface, straight through sides of triangles that are unfolded one after the other.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::{Placed, unfolded};
+use crate::geodesic::path::Site;
+use crate::surface::mesh::{BORDER, Surface, next, previous};
+
+/// A side of a triangle, as a half-edge from its right to its left end, in the plane with the viewer at the origin.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Side {
+    pub half_edge: u32,
+    pub right: Placed,
+    pub left: Placed,
+}
+
+/// A side that is seen between two directions, through so many others.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    pub side: Side,
+    pub from: Vector2<f64>,
+    pub to: Vector2<f64>,
+    pub crossed: usize,
+}
+
+impl View {
+    /// A side seen from a place in its own triangle.
+    pub fn of(surface: &Surface, here: Vector3<f64>, half_edge: u32) -> Self {
+        let [a, b] = [surface.origin(half_edge), surface.target(half_edge)];
+        let origin = surface.points()[a as usize];
+        let (edge, away) = (surface.points()[b as usize] - origin, here - origin);
+        let length = edge.norm();
+        let (x, y) = (away.dot(&edge) / length, edge.cross(&away).norm() / length);
+        let (right, left) = (Vector2::new(x, y), Vector2::new(x - length, y));
+        Self { side: Side { half_edge, right: (a, right), left: (b, left) }, from: right, to: left, crossed: 0 }
+    }
+
+    /// Is a place on the side within what is seen of it?
+    pub fn shows(&self, place: Vector2<f64>) -> bool {
+        self.from.perp(&place) >= 0.0 && self.to.perp(&place) <= 0.0
+    }
+
+    /// What is seen through the side: the corner beyond, if nothing hides it, and the other sides of its triangle.
+    pub fn beyond(&self, surface: &Surface) -> (Option<Placed>, impl Iterator<Item = Self>) {
+        let Side { half_edge, right, left } = self.side;
+        let twin = surface.twins()[half_edge as usize];
+        let corner = (twin != BORDER).then(|| {
+            let vertex = surface.origin(previous(twin));
+            (vertex, unfolded(surface, right, left, vertex))
+        });
+        let is_right_of_left_end = corner.is_some_and(|(_, place)| self.to.perp(&place) < 0.0);
+        let is_left_of_right_end = corner.is_some_and(|(_, place)| self.from.perp(&place) > 0.0);
+        let crossed = self.crossed + 1;
+        let on_the_right = corner.filter(|_| is_left_of_right_end).map(|corner| {
+            let side = Side { half_edge: next(twin), right, left: corner };
+            Self { side, from: self.from, to: if is_right_of_left_end { corner.1 } else { self.to }, crossed }
+        });
+        let on_the_left = corner.filter(|_| is_right_of_left_end).map(|corner| {
+            let side = Side { half_edge: previous(twin), right: corner, left };
+            Self { side, from: if is_left_of_right_end { corner.1 } else { self.from }, to: self.to, crossed }
+        });
+        let is_seen = is_right_of_left_end && is_left_of_right_end;
+        (corner.filter(|_| is_seen), on_the_right.into_iter().chain(on_the_left))
+    }
+}
+
+/// Of the straight lines that lead to a viewer the one that gets there first.
+#[derive(Debug)]
+pub(super) struct First {
+    reached: f64,
+    /// What it passes, from the viewer on.
+    pub line: Option<Vec<Site>>,
+}
+
+impl First {
+    pub fn new() -> Self {
+        Self { reached: f64::INFINITY, line: None }
+    }
+
+    /// Takes a line in that starts at `end` in the plane, gets there at a distance in mm, and crosses sides on its way.
+    pub fn offer(&mut self, reached: f64, end: (Site, Vector2<f64>), crossed: &[Side]) {
+        if reached < self.reached {
+            let crossings = crossed.iter().map(|side| crossing(side, end.1));
+            *self = Self { reached, line: Some(crossings.chain([end.0]).collect()) };
+        }
+    }
+}
+
+/// Where the line of sight to a place crosses a side.
+fn crossing(side: &Side, place: Vector2<f64>) -> Site {
+    let (right, left) = (side.right.1.perp(&place), place.perp(&side.left.1));
+    let whole = right + left;
+    let along = if whole > 0.0 { (right / whole).clamp(0.0, 1.0) } else { 0.5 };
+    Site::Edge { half_edge: side.half_edge, along }
+}
