@@ -14,6 +14,9 @@ use crate::error::{Error, Result};
 /// then be taken out more than once, which costs time but no correctness.
 const MOST_BUCKETS: f32 = 62.0;
 
+/// Vertices whose links are called from memory together: one after the other, each would be waited for.
+const AHEAD: usize = 32;
+
 /// A reusable search through one graph.
 #[derive(Debug)]
 pub struct Search {
@@ -62,23 +65,27 @@ impl Search {
                 continue;
             }
             empty = 0;
-            for &(vertex, reached) in current.iter() {
-                if reached != distance[vertex as usize] {
-                    continue; // it has come nearer since it was put here
-                }
-                // Whether a neighbour comes nearer cannot be predicted, so it is not branched on: each is written behind the
-                // `count` that do, and counts if it does.
-                let mut count = 0;
-                for arc in graph.arcs(vertex) {
-                    let through = reached + arc.length;
-                    let known = &mut distance[arc.to as usize];
-                    let nearer = through < *known;
-                    *known = if nearer { through } else { *known };
-                    lowered[count] = (arc.to, through);
-                    count += usize::from(nearer);
-                }
-                for &(neighbour, through) in &lowered[..count] {
-                    buckets[bucket_of(through) & (ring - 1)].push((neighbour, through));
+            for some in current.chunks(AHEAD) {
+                let first = |&(vertex, _): &(u32, f32)| graph.arcs(vertex).next().map_or(0, |arc| arc.to);
+                std::hint::black_box(some.iter().map(first).fold(0, u32::wrapping_add));
+                for &(vertex, reached) in some {
+                    if reached != distance[vertex as usize] {
+                        continue; // it has come nearer since it was put here
+                    }
+                    // Whether a neighbour comes nearer cannot be predicted, so it is not branched on: each is written
+                    // behind the `count` that do, and counts if it does.
+                    let mut count = 0;
+                    for arc in graph.arcs(vertex) {
+                        let through = reached + arc.length;
+                        let known = &mut distance[arc.to as usize];
+                        let nearer = through < *known;
+                        *known = if nearer { through } else { *known };
+                        lowered[count] = (arc.to, through);
+                        count += usize::from(nearer);
+                    }
+                    for &(neighbour, through) in &lowered[..count] {
+                        buckets[bucket_of(through) & (ring - 1)].push((neighbour, through));
+                    }
                 }
             }
             current.clear();
