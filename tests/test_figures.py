@@ -10,6 +10,7 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
+from voxflat._flatimage import FlatImage
 from voxflat.io import Volume
 
 SHAPE = (22, 26, 12)
@@ -186,6 +187,18 @@ def test_scale_bar_is_as_long_as_it_says(flat_map):
     assert length in (1, 2, 5, 10)
     width = np.ptp(flat_map.uv[:, 0])
     assert width / 10 < length < 0.3 * width
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_scale_bar_hides_least_of_the_map(corner):
+    shown = np.ones((40, 60))
+    row, column = corner
+    shown[20 * row : 20 * row + 20, 30 * column : 30 * column + 30] = np.nan  # the only corner without a map
+    axes = Figure().subplots()
+    figures._add_scale_bar(axes, FlatImage(shown, 1.0, (0.0, 0.0), "made up"))
+    (bar,) = axes.lines
+    right, low = np.mean(bar.get_xdata()) > 30, np.mean(bar.get_ydata()) < -20
+    assert (int(low), int(right)) == corner
 
 
 def test_flat_image_refuses_a_volume_elsewhere(flat_map):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -385,19 +386,27 @@ def _name_labels(axes: Axes, image: FlatImage) -> None:
 
 
 def _add_scale_bar(axes: Axes, image: FlatImage) -> None:
-    """Draw a round length, up to a quarter of the image's width, in its lower right corner."""
-    left, right, bottom, _ = image.extent
+    """Draw a round length, up to a quarter of the image's width, in the corner where it hides least of the map."""
+    left, right, bottom, top = image.extent
     room = (right - left) / 4
     power = 10.0 ** np.floor(np.log10(room))
     length = power * max(step for step in (1, 2, 5) if step * power <= room)
-    axes.plot([right - length, right], [bottom, bottom], color="black", linewidth=3, solid_capstyle="butt")
+    inside = _inside(image)
+    high = int(np.ceil(0.08 * inside.shape[0]))
+    wide = int(np.ceil(length / (right - left) * inside.shape[1]))
+    rows = {"bottom": slice(-high, None), "top": slice(None, high)}
+    columns = {"right": slice(-wide, None), "left": slice(None, wide)}
+    at_row, at_column = min(product(rows, columns), key=lambda at: inside[rows[at[0]], columns[at[1]]].sum())
+    start = right - length if at_column == "right" else left
+    height = bottom if at_row == "bottom" else top
+    axes.plot([start, start + length], [height, height], color="black", linewidth=3, solid_capstyle="butt")
     axes.annotate(
         f"{length:g} mm",
-        (right - length / 2, bottom),
-        xytext=(0, 4),
+        (start + length / 2, height),
+        xytext=(0, 4 if at_row == "bottom" else -4),
         textcoords="offset points",
         ha="center",
-        va="bottom",
+        va="bottom" if at_row == "bottom" else "top",
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1},
     )
 
