@@ -82,7 +82,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     distortion = flat_map.distortion
     geodesic, flat = distortion.scatter.T
     top = 1.03 * float(distortion.scatter.max())
-    figure = Figure(figsize=(6.4, 5.6), layout="constrained")
+    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
     axes = figure.add_subplot(xlabel="geodesic distance δ (mm)", ylabel="flat distance d (mm)", aspect="equal")
     axes.plot([0, top], [0, top], color="black", linewidth=0.8, zorder=3, label="d = δ")
     shown = axes.hexbin(
