@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::{self, GeodesicGraph};
+use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
 use crate::place::radial::RadialFunctions;
@@ -293,7 +293,7 @@ const DESCENT_BYTES: u64 = 2600;
 
 /// What the graph of straight links needs for a vertex while they are found: about three times what stays.
 fn graph_bytes(points: u64) -> u64 {
-    if points > graph::LARGE as u64 { 1400 } else { 2000 }
+    if points > 250_000 { 1400 } else { 2000 }
 }
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.

@@ -16,15 +16,15 @@ use crate::surface::mesh::Surface;
 use view::View;
 pub(super) use view::{Beyond, Outgoing, outgoing, unfold};
 
-/// How many edges a link may cross, and in how many rounds links are found, shorter ones first: in more rounds fewer are held
-/// at a time, but lines are unfolded anew in each (docs/decisions/0007).
-const CROSSED: u32 = 11;
-const ROUNDS: u32 = 2;
-
-/// The same on a surface of more vertices, to save memory.
-pub const LARGE: usize = 250_000;
-const CROSSED_IF_LARGE: u32 = 9;
-const ROUNDS_IF_LARGE: u32 = 4;
+/// How many edges a link may cross, and in how many rounds links are found, shorter ones first (docs/decisions/0007). Fewer
+/// edges and more rounds save memory on large surfaces; in each round lines are unfolded anew.
+fn edges_and_rounds(vertices: usize) -> [u32; 2] {
+    match vertices {
+        ..=250_000 => [11, 2],
+        ..=500_000 => [9, 4],
+        _ => [7, 4],
+    }
+}
 
 /// Straight links over a surface, each from both of its ends, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
@@ -41,8 +41,7 @@ impl GeodesicGraph {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        let is_large = surface.len() > LARGE;
-        let [crossed, rounds] = if is_large { [CROSSED_IF_LARGE, ROUNDS_IF_LARGE] } else { [CROSSED, ROUNDS] };
+        let [crossed, rounds] = edges_and_rounds(surface.len());
         Self::in_rounds(surface, crossed, rounds, control)
     }
 
@@ -190,7 +189,7 @@ mod tests {
     fn every_line_that_is_dropped_is_replaced() {
         let surface = shapes::surface(shapes::torus(24, 13));
         let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
-        let view = View::new(&surface, CROSSED);
+        let view = View::new(&surface, edges_and_rounds(surface.len())[0]);
         let (mut seen, mut dropped) = (Vec::new(), 0);
         for vertex in 0..surface.len() as u32 {
             view.from(vertex, [0.0, f32::INFINITY], &mut seen);
