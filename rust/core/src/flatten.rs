@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::chain::{ChainWeights, LinkLengths};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::graph::{self, GeodesicGraph};
 use crate::orient::{handedness, orient, outward_normals};
 use crate::patch::{self, Patch};
 use crate::place::radial::RadialFunctions;
@@ -276,8 +276,8 @@ const BASE_BYTES: u64 = 16 << 20;
 /// rows in memory, or in a store.
 pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
     let in_flight = store::memory_need(points, sources, threads);
+    let graph = graph::memory_need(points);
     let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let graph = graph_bytes(points) * points;
     let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
     let reference = reference_memory_need(points);
     let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
@@ -290,11 +290,6 @@ pub fn surface_memory_need(points: usize, sources: usize, threads: usize, stored
 
 /// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
 const DESCENT_BYTES: u64 = 2600;
-
-/// What the graph of straight links needs for a vertex while they are found: about three times what stays.
-fn graph_bytes(points: u64) -> u64 {
-    if points > 250_000 { 1400 } else { 2000 }
-}
 
 /// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
 const SURFACE_SHORTCUTS: u64 = 220;

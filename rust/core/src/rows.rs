@@ -210,7 +210,8 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
 /// Counts finished rows, if they reach everything.
 pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result<()> {
     for (row, &source) in rows.chunks_exact((rows.len() / sources.len()).max(1)).zip(sources) {
-        let reaches_all = row.iter().fold(true, |all, distance| all & !distance.is_infinite()); // ends at none: vectors
+        // a look at all, which never ends early, is made of vector instructions
+        let reaches_all = row.iter().fold(true, |all, distance| all & !distance.is_infinite());
         if !reaches_all && let Some(vertex) = row.iter().position(|distance| distance.is_infinite()) {
             return Err(Error::Unreachable { source_vertex: source as usize, vertex });
         }

@@ -26,6 +26,12 @@ fn edges_and_rounds(vertices: usize) -> [u32; 2] {
     }
 }
 
+/// The memory in bytes that the graph of so many vertices needs at most, which is while its links are found.
+pub fn memory_need(vertices: usize) -> u64 {
+    let [_, rounds] = edges_and_rounds(vertices);
+    vertices as u64 * if rounds == 2 { 2000 } else { 1400 }
+}
+
 /// Straight links over a surface, each from both of its ends, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug, Clone)]
 pub struct GeodesicGraph {

@@ -38,6 +38,9 @@ const WORK_NS: f64 = 0.12;
 /// Lanes that are lowered together, in the processor's registers.
 const BLOCK: usize = 32;
 
+// lanes beyond the last whole block would keep wrong distances
+const _: () = assert!(LANES.is_multiple_of(BLOCK) && FEW_LANES.is_multiple_of(BLOCK));
+
 /// Distances from a batch of sources, side by side.
 type Lanes<const L: usize> = [i32; L];
 
