@@ -201,8 +201,9 @@ mod tests {
             view.from(vertex, [0.0, f32::INFINITY], &mut seen);
             for line in seen.iter().filter(|line| graph.arcs(vertex).all(|arc| arc.to != line.to)) {
                 let length = |a: u32, b: u32| graph.arcs(a).find(|arc| arc.to == b).map(|arc| arc.length);
-                let through =
-                    |arc: Arc| length(arc.to, line.to).is_some_and(|next| arc.length + next <= 1.001 * line.length);
+                let through = |arc: Arc| {
+                    length(arc.to, line.to).is_some_and(|next| arc.length + next <= needed::DETOUR * line.length)
+                };
                 assert!(graph.arcs(vertex).any(through));
                 dropped += 1;
             }

@@ -17,12 +17,21 @@ const MOST_BUCKETS: f32 = 62.0;
 /// Vertices whose links are called from memory together: one after the other, each would be waited for.
 const AHEAD: usize = 32;
 
+/// Links that lie in one line of the cache.
+const LINE: usize = 8;
+
+/// Has no vertex more links than a voxel can have neighbours?
+pub(super) fn is_sparse(graph: &impl Links) -> bool {
+    graph.most_links() <= 26
+}
+
 /// A reusable search through one graph.
 #[derive(Debug)]
 pub struct Search {
     per_mm: f32,
     buckets: Vec<Vec<(u32, f32)>>,
     current: Vec<(u32, f32)>,
+    /// Room for the neighbours of [`AHEAD`] vertices of a sparse graph, otherwise none.
     lowered: Vec<(u32, f32)>,
 }
 
@@ -32,7 +41,7 @@ impl Search {
         let [shortest, longest] = graph.extremes();
         let width = shortest.max(longest / MOST_BUCKETS).max(f32::MIN_POSITIVE);
         let ring = ((longest / width) as usize + 2).next_power_of_two();
-        let lowered = vec![(0, 0.0); graph.most_links() + 1];
+        let lowered = if is_sparse(graph) { vec![(0, 0.0); AHEAD * graph.most_links() + 1] } else { Vec::new() };
         Self { per_mm: width.recip(), buckets: vec![Vec::new(); ring], current: Vec::new(), lowered }
     }
 
@@ -66,31 +75,70 @@ impl Search {
             }
             empty = 0;
             for some in current.chunks(AHEAD) {
-                let first = |&(vertex, _): &(u32, f32)| graph.arcs(vertex).next().map_or(0, |arc| arc.to);
-                std::hint::black_box(some.iter().map(first).fold(0, u32::wrapping_add));
-                for &(vertex, reached) in some {
-                    if reached != distance[vertex as usize] {
-                        continue; // it has come nearer since it was put here
-                    }
-                    // Whether a neighbour comes nearer cannot be predicted, so it is not branched on: each is written
-                    // behind the `count` that do, and counts if it does.
-                    let mut count = 0;
-                    for arc in graph.arcs(vertex) {
-                        let through = reached + arc.length;
-                        let known = &mut distance[arc.to as usize];
-                        let nearer = through < *known;
-                        *known = if nearer { through } else { *known };
-                        lowered[count] = (arc.to, through);
-                        count += usize::from(nearer);
-                    }
-                    for &(neighbour, through) in &lowered[..count] {
-                        buckets[bucket_of(through) & (ring - 1)].push((neighbour, through));
-                    }
+                let mut put = |neighbour: u32, through: f32| {
+                    buckets[bucket_of(through) & (ring - 1)].push((neighbour, through));
+                };
+                if lowered.is_empty() {
+                    pass_many(graph, some, distance, put);
+                } else {
+                    let count = pass_few(graph, some, distance, lowered);
+                    lowered[..count].iter().for_each(|&(neighbour, through)| put(neighbour, through));
                 }
             }
             current.clear();
         }
         Ok(())
+    }
+}
+
+/// Lowers the distances of the neighbours of some vertices, where each has few; the neighbours that come nearer are the first
+/// so many in `lowered`.
+#[inline]
+fn pass_few(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], lowered: &mut [(u32, f32)]) -> usize {
+    let first = |&(vertex, _): &(u32, f32)| graph.arcs(vertex).next().map_or(0, |arc| arc.to);
+    std::hint::black_box(some.iter().map(first).fold(0, u32::wrapping_add));
+    let mut count = 0;
+    for &(vertex, reached) in some {
+        if reached != distance[vertex as usize] {
+            continue; // it has come nearer since it was put here
+        }
+        // Whether a neighbour comes nearer cannot be predicted, so it is not branched on: each is written behind those that
+        // do, and counts if it does.
+        for arc in graph.arcs(vertex) {
+            let through = reached + arc.length;
+            let known = &mut distance[arc.to as usize];
+            let nearer = through < *known;
+            *known = if nearer { through } else { *known };
+            lowered[count] = (arc.to, through);
+            count += usize::from(nearer);
+        }
+    }
+    count
+}
+
+/// The same where each has many, and `put` takes those that come nearer: one in thirty, which is predicted well. It is the links
+/// that are waited for, so all of them are called.
+#[inline]
+fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut put: impl FnMut(u32, f32)) {
+    let mut called = 0_u32;
+    for &(vertex, reached) in some {
+        if reached == distance[vertex as usize] {
+            called = graph.arcs(vertex).step_by(LINE).fold(called, |called, arc| called.wrapping_add(arc.to));
+        }
+    }
+    std::hint::black_box(called);
+    for &(vertex, reached) in some {
+        if reached != distance[vertex as usize] {
+            continue;
+        }
+        for arc in graph.arcs(vertex) {
+            let through = reached + arc.length;
+            let known = &mut distance[arc.to as usize];
+            if through < *known {
+                *known = through;
+                put(arc.to, through);
+            }
+        }
     }
 }
 

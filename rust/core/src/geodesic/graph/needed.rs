@@ -12,7 +12,7 @@ use crate::control::Control;
 use crate::error::Result;
 
 /// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
-const DETOUR: f32 = 1.001;
+pub(super) const DETOUR: f32 = 1.0005;
 
 impl GeodesicGraph {
     /// Straight lines of some lengths (mm) that neither are links here nor are replaced by two of them; for each vertex those
