@@ -49,6 +49,18 @@ def test_sheets_that_unroll_do(shape):
     assert flat.triangles.edge < 2e-3
 
 
+@pytest.mark.parametrize(
+    "shape", [hard_shapes.pocket, hard_shapes.sphere_with_pinhole], ids=lambda shape: shape.__name__
+)
+def test_a_surface_without_a_good_map_is_told_and_cuts_help(shape):
+    surface = hard_shapes.surface(shape)
+    poor, cut = (voxflat.flatten(surface, relax=relax) for relax in (None, True))
+    assert poor.distortion.best_scale.relative_error > 0.4
+    assert any("no good map" in text for text in poor.metadata["warnings"])
+    assert cut.distortion.best_scale.relative_error < 0.2
+    assert not any("no good map" in text for text in cut.metadata["warnings"])
+
+
 def areas(uv, faces):
     """Signed areas of triangles in the plane."""
     (x, y), (u, v) = ((uv[faces[:, corner]] - uv[faces[:, 0]]).T for corner in (1, 2))

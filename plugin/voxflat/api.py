@@ -47,6 +47,7 @@ _METHODS = ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2
 _SAMPLINGS = ("decimation", "farthest", "curvature", "random", "grid")
 _SPOTS = 2  # sources from which distances along links are compared with exact ones
 _MUCH_TOO_LONG = 0.01  # 0.1 % is usual
+_NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
 _SOLVERS = ("graph", "marching", "exact")
 
 __all__ = ["flatten", "geodesic"]
@@ -397,6 +398,12 @@ def _over_triangles(
     if not told.get("descent", {"converged": True})["converged"]:
         steps = len(told["descent"]["energies"])
         warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
+    error = distortion.best_scale.relative_error
+    if error > _NO_GOOD_MAP:
+        warnings.append(
+            f"distances in the map are {100 * error:.0f} % wrong on average, at any scale: as it is, this surface has "
+            "no good map; relax=True cuts it where that helps, or give cuts, or a smaller patch"
+        )
     if distortion.triangles is not None and distortion.triangles.crossings:
         warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
     elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
