@@ -1,6 +1,7 @@
 """Small surfaces, and checks that all tests of files share."""
 
 import importlib.util
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,9 @@ pv = pytest.importorskip("pyvista")
 
 FORMATS = ["s.surf.gii", "lh.white", "s", "s.vtp", "s.ply", "s.obj"]
 FLOAT32 = ("s.surf.gii", "lh.white", "s")
+needs_workbench = pytest.mark.skipif(
+    shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing"
+)
 fast = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, gifti, grid, nib, pv, refuses, same, sphere
+from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, gifti, grid, needs_workbench, nib, pv, refuses, same, sphere
 
 from voxflat import _gifti
 from voxflat._errors import InputError
@@ -225,7 +225,7 @@ def test_fsaverage5(tmp_path):
         same(read_mesh(tmp_path / name), white, 5e-9 if name == "s.obj" else 0)
 
 
-@pytest.mark.skipif(shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing")
+@needs_workbench
 def test_workbench_takes_flat_maps(tmp_path):
     white, flat = read_mesh(fsaverage5("white_left")), read_mesh(fsaverage5("flat_left"))
     plane = np.column_stack([flat.points[:, :2], np.zeros(len(flat.points))])

@@ -1,10 +1,12 @@
 """*Flatten in patches* in napari's real window."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 import shapes
+from napari_window import PATIENCE, bumps, choose, run, sphere
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -12,19 +14,11 @@ import voxflat
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
 from qtpy.QtCore import QThreadPool  # noqa: E402
-from test_napari import PATIENCE, bumps, choose, messages, run, sphere  # noqa: E402, F401  # messages is a fixture
 
 
 @pytest.fixture
-def open_widget(make_napari_viewer):
-    def opened(*layers):
-        viewer = make_napari_viewer()
-        for layer in layers:
-            viewer.add_layer(layer)
-        _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten in patches")
-        return viewer, widget
-
-    return opened
+def open_widget(open_widget):
+    return partial(open_widget, name="Flatten in patches")
 
 
 def limit(widget, name, value):
@@ -134,7 +128,7 @@ def test_only_the_chosen_limit_is_asked(open_widget):
         assert [name for name, field in fields.items() if field.isVisibleTo(widget)] == [chosen]
 
 
-def test_bad_input_is_one_line(open_widget, qtbot, messages):  # noqa: F811
+def test_bad_input_is_one_line(open_widget, qtbot, messages):
     _, widget = open_widget()
     widget.start.click()
     assert "nothing to flatten" in messages[-1].message

@@ -9,6 +9,7 @@ import shapes
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_files import needs_workbench
 from scipy.sparse.csgraph import dijkstra
 
 import voxflat
@@ -398,7 +399,7 @@ class TestMeasure:
         errors = [found.raw.relative_error for found in figures.values()]
         np.testing.assert_allclose(errors, errors[0], rtol=0.04)  # a patch has no triangles between border vertices
 
-    @pytest.mark.skipif(not __import__("shutil").which("wb_command"), reason="connectome-workbench is not installed")
+    @needs_workbench
     def test_areal_distortion_is_that_of_workbench(self, white, shipped, tmp_path):
         import subprocess
 

@@ -12,6 +12,7 @@ from voxflat._core import __version__
 from voxflat._cut import Cut, CutSurface, cut
 from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
 from voxflat._errors import Cancelled, InputError, VoxflatError
+from voxflat._geodesic import geodesic
 from voxflat._glued import GluedAtlas, GluedPiece, Seams, load_atlas
 from voxflat._judge import Comparison, compare, measure
 from voxflat._lookup import Places
@@ -21,7 +22,7 @@ from voxflat._pieces import FlatPieces
 from voxflat._rangeimage import range_image
 from voxflat._surface import Surface, surface
 from voxflat._texture import TexturedSurface
-from voxflat.api import flatten, geodesic
+from voxflat.api import flatten
 from voxflat.atlas import Certificate, FlatAtlas, FlatPatch, Plane, patches
 from voxflat.flatmap import FlatMap, load
 from voxflat.rows import DistanceRows, open_rows

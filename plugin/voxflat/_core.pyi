@@ -1,4 +1,4 @@
-"""The compiled core: arguments are checked by `voxflat.api`, which is what to call."""
+"""The compiled core: arguments are checked by the functions of `voxflat`, which are what to call."""
 
 from collections.abc import Callable
 from os import PathLike

@@ -1,4 +1,4 @@
-"""The stages as functions: a volume goes in, a flat map comes out."""
+"""A surface goes in, a flat map comes out."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from voxflat import _core
 from voxflat._cutout import Cutout, cut_out
 from voxflat._distortion import Distortion
 from voxflat._errors import InputError
+from voxflat._geodesic import LANDMARKS, SOLVERS, refuse, stored_rows
 from voxflat._mapmaker import Mapmaker, doubts
 from voxflat._prepare import (
     Prepared,
@@ -32,14 +33,13 @@ from voxflat._prepare import (
 )
 from voxflat._rangeimage import pixels_of
 from voxflat._saucan import checked_bound, glued_whole
-from voxflat._store import Store, prepare_store
+from voxflat._store import prepare_store
 from voxflat._surface import Surface
 from voxflat._surface import surface as _surface
 from voxflat.flatmap import FlatMap
-from voxflat.rows import DistanceRows, open_rows
+from voxflat.rows import open_rows
 
 _TORN_WARNING = 0.05  # share of a map
-_LANDMARKS = 400  # more change no map that we measured
 _SAMPLES = 625  # 25 x 25, as in the paper
 _LONG_RANGE = 50  # fewer leave more starts in a fold, more change little
 _REFERENCES = 200  # random points from which a map is judged, as the core does
@@ -48,9 +48,8 @@ _SAMPLINGS = ("decimation", "farthest", "curvature", "random", "grid")
 _SPOTS = 2  # sources from which distances along links are compared with exact ones
 _MUCH_TOO_LONG = 0.01  # 0.1 % is usual
 _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
-_SOLVERS = ("graph", "marching", "exact")
 
-__all__ = ["flatten", "geodesic"]
+__all__ = ["flatten"]
 
 
 def flatten(
@@ -190,16 +189,16 @@ def flatten(
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     if method != "voxflat":
-        _refuse(method, geodesic=geodesic, weighting=weighting)
+        refuse(method, geodesic=geodesic, weighting=weighting)
     if method != "schwartz1989":
-        _refuse(method, neighbourhood=neighbourhood, starts=starts)
+        refuse(method, neighbourhood=neighbourhood, starts=starts)
     if method != "saucan2006":
-        _refuse(method, bound=bound)
+        refuse(method, bound=bound)
     else:
-        _refuse(method, sources=sources, keep_rows=keep_rows or None, sampling=given_sampling)
+        refuse(method, sources=sources, keep_rows=keep_rows or None, sampling=given_sampling)
         relax = False if relax is None else relax  # gluing cuts where it must
     if method == "grossmann2002":
-        _refuse(method, drop=drop, polygon=polygon, cuts=cuts, relax=relax or None)
+        refuse(method, drop=drop, polygon=polygon, cuts=cuts, relax=relax or None)
         prepared = prepare(
             surface,
             **place,
@@ -209,9 +208,9 @@ def flatten(
             progress=progress,
         )
         return _grossmann2002(prepared, how)
-    _refuse(method, link_lengths=link_lengths)
+    refuse(method, link_lengths=link_lengths)
     if method != "voxflat":
-        _refuse(method, store=store)
+        refuse(method, store=store)
     solver, weighting = _checked_voxflat(geodesic, weighting)
     mapmaker, bound = Mapmaker.checked(neighbourhood, starts), checked_bound(bound)
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
@@ -252,16 +251,10 @@ class _How:
         return need
 
 
-def _refuse(method: str, **options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
-
-
 def _checked_voxflat(geodesic: str | None, weighting: float | None) -> tuple[str, float]:
     """Return what only the method "voxflat" knows, or its defaults."""
     solver = "graph" if geodesic is None else geodesic
-    if solver not in _SOLVERS:
+    if solver not in SOLVERS:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching' or 'exact'")
     weighting = 0.5 if weighting is None else weighting
     if not (isinstance(weighting, Real) and 0 <= weighting <= 1):
@@ -271,7 +264,7 @@ def _checked_voxflat(geodesic: str | None, weighting: float | None) -> tuple[str
 
 def _voxflat(cut: Cutout, how: _How, solver: str, weighting: float) -> FlatMap:
     part = cut.part
-    chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=_LANDMARKS)
+    chosen = sources_on(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=LANDMARKS)
     threads = how.threads or os.cpu_count() or 1
     need = how.check_memory(part.core.memory_need(len(chosen), threads, how.store is not None), 0, 0)
     store = None
@@ -452,7 +445,7 @@ def _grossmann2002(prepared: Prepared, how: _How) -> FlatMap:
     }
     rows = None
     if store is not None:
-        metadata["store"], rows = str(store.path), _stored(store, part, chosen, how.threads, how.progress).rows
+        metadata["store"], rows = str(store.path), stored_rows(store, part, chosen, how.threads, how.progress).rows
     elif how.keep_rows:
         rows = part.rows(chosen, how.threads, how.progress)
     return FlatMap(
@@ -510,118 +503,3 @@ def _grossmann2002_warnings(prepared: Prepared, topology: dict[str, Any], torn: 
             "see the heat map, and take a smaller patch"
         )
     return warnings
-
-
-def geodesic(
-    surface: object,
-    sources: int | ArrayLike,
-    *,
-    geodesic: str = "graph",
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    keep: object | None = None,
-    drop: object | None = None,
-    seed_point: Sequence[int] | int | None = None,
-    radius: float | None = None,
-    polygon: ArrayLike | None = None,
-    cuts: object | None = None,
-    sampling: str = "farthest",
-    link_lengths: str | None = None,
-    seed: int = 0,
-    store: str | os.PathLike[str] | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> DistanceRows:
-    """Measure geodesic distances from sources to all points of a surface.
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sampling, link_lengths, \
-seed, threads, memory_limit, progress
-        As in `flatten`. Without a patch the surface is the largest component; it may be closed.
-    sources : int or array_like
-        How many sources to choose, or which: voxel indices (m, 3), or vertex numbers (m,).
-    geodesic : {"graph", "marching", "exact", "chain"}
-        "graph": paths of straight links over the triangles of the surface, a fraction of a per cent too long, and by
-        far the fastest for many sources. "marching": fast marching (Kimmel, Sethian 1998), with fronts taken for
-        circles. "exact": the exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain":
-        chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
-    store : path, optional
-        A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
-        call goes on where it was.
-
-    Returns
-    -------
-    DistanceRows
-        Of a store as `voxflat.open_rows` opens it.
-
-    Raises
-    ------
-    InputError, Cancelled
-        As in `flatten`.
-    """
-    seed, threads = checked_seed(seed), checked_threads(threads)
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
-    if geodesic == "chain":
-        _refuse(geodesic, drop=drop, polygon=polygon, cuts=cuts)
-        prepared = prepare(
-            surface,
-            **place,
-            **patch,
-            link_lengths=link_lengths or "chain-code",
-            memory_limit=memory_limit,
-            progress=progress,
-        )
-        voxels = prepared.part
-        chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
-        what = {"geodesic": geodesic, "link_lengths": prepared.metadata["link_lengths"]}
-        return _rows(voxels, voxels.voxels.astype(np.int64), chosen, what, store, threads, memory_limit, progress)
-    if geodesic not in _SOLVERS:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
-    _refuse(geodesic, link_lengths=link_lengths)
-    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-    patch |= {"drop": drop, "polygon": polygon, "cuts": cuts}
-    part = cut_out(whole, **patch, progress=progress, to_disk=False).part
-    chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=_LANDMARKS)
-    return _rows(part.core, part.ids, chosen, {"geodesic": geodesic}, store, threads, memory_limit, progress)
-
-
-def _rows(
-    core: _core.Surface | _core.VoxelSurface,
-    ids: NDArray[np.int64],
-    chosen: NDArray[np.uint32],
-    what: dict[str, Any],
-    store: str | os.PathLike[str] | None,
-    threads: int | None,
-    memory_limit: int | None,
-    progress: Progress | None,
-) -> DistanceRows:
-    """Compute rows in memory, or in a store."""
-    few = "take fewer sources or a smaller patch"
-    if store is None:
-        check_memory(4 * len(chosen) * len(core), memory_limit, few + ", or give a store")
-        named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
-        rows = core.rows(chosen, **named, threads=threads, progress=progress)
-        return DistanceRows(rows, ids, core.points, chosen.astype(np.int64))
-    need = _core.store_memory_need(len(core), len(chosen), threads or os.cpu_count() or 1)
-    check_memory(need, memory_limit, "take fewer threads")
-    log.info("up to %s of memory are needed for rows in the making", amount(need))
-    prepared = prepare_store(store, core, ids, chosen, **what, progress=progress)
-    return _stored(prepared, core, chosen, threads, progress)
-
-
-def _stored(
-    store: Store,
-    core: _core.Surface | _core.VoxelSurface,
-    chosen: NDArray[np.uint32],
-    threads: int | None,
-    progress: Progress | None,
-) -> DistanceRows:
-    """Compute what a store lacks, and open it."""
-    named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
-    store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
-    return open_rows(store.path)

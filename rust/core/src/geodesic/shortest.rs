@@ -205,7 +205,9 @@ mod tests {
     use crate::adjacency::Graph;
     use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
+    use crate::surface::mesh::shapes;
     use crate::volume::{Affine, Mask};
     use proptest::prelude::*;
 
@@ -216,19 +218,19 @@ mod tests {
         (surface, graph)
     }
 
-    fn row_of(graph: &Graph, source: u32) -> Vec<f32> {
-        let mut row = vec![0.0; graph.len()];
+    fn row_of(graph: &impl Links, source: u32) -> Vec<f32> {
+        let mut row = vec![0.0; graph.vertices()];
         graph.row(source, &mut row, &mut graph.scratch(), &Control::default()).unwrap();
         row
     }
 
     /// Distances by relaxing every arc until nothing changes (Bellman, Ford).
-    fn relaxed(graph: &Graph, source: u32) -> Vec<f32> {
-        let mut distance = vec![f32::INFINITY; graph.len()];
-        distance[source as usize] = 0.0;
+    fn relaxed(graph: &impl Links, sources: &[u32]) -> Vec<f32> {
+        let mut distance = vec![f32::INFINITY; graph.vertices()];
+        sources.iter().for_each(|&source| distance[source as usize] = 0.0);
         loop {
             let before = distance.clone();
-            for v in 0..graph.len() as u32 {
+            for v in 0..graph.vertices() as u32 {
                 for arc in graph.arcs(v) {
                     let through = distance[v as usize] + arc.length;
                     distance[arc.to as usize] = distance[arc.to as usize].min(through);
@@ -250,7 +252,25 @@ mod tests {
         fn rows_equal_those_of_relaxation(mask in any_mask(), at in any::<prop::sample::Index>(), z in 0.15f64..7.0) {
             let (_, graph) = graph_of(&mask, [1.0, 1.3, z]);
             let source = at.index(graph.len()) as u32;
-            prop_assert_eq!(row_of(&graph, source), relaxed(&graph, source));
+            prop_assert_eq!(row_of(&graph, source), relaxed(&graph, &[source]));
+        }
+
+        #[test]
+        fn rows_along_straight_links_equal_those_of_relaxation(
+            wide in 1e-3f64..1.0,
+            picks in prop::array::uniform3(any::<prop::sample::Index>()),
+        ) {
+            for (mut points, faces) in [shapes::torus(16, 9), shapes::sheet(13, 17), shapes::sphere(2)] {
+                points.iter_mut().for_each(|point| point[1] *= wide); // links from very short to long
+                let graph = GeodesicGraph::new(&shapes::surface((points, faces)), &Control::default()).unwrap();
+                prop_assert!(!is_sparse(&graph));
+                let sources = picks.map(|pick| pick.index(graph.vertices()) as u32);
+                prop_assert_eq!(row_of(&graph, sources[0]), relaxed(&graph, &sources[..1]));
+                let mut from_all = vec![f32::INFINITY; graph.vertices()];
+                sources.iter().for_each(|&source| from_all[source as usize] = 0.0);
+                Search::new(&graph).lower(&graph, &sources, &mut from_all, &Control::default()).unwrap();
+                prop_assert_eq!(from_all, relaxed(&graph, &sources));
+            }
         }
 
         #[test]

@@ -1,0 +1,55 @@
+"""What tests of the napari plugin put into its window, and how they press its buttons."""
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
+FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
+
+
+def cap(size=24):
+    """A curved sheet, one voxel thick: an open surface."""
+    labels = np.zeros((size, size, size), dtype=np.uint8)
+    i, j = np.mgrid[2 : size - 2, 2 : size - 2]
+    height = size - 4 - ((i - size / 2) ** 2 + 0.5 * (j - size / 3) ** 2) / size
+    labels[i, j, np.round(height).astype(int)] = 3
+    return labels
+
+
+def bumps(size=25):
+    """A bumpy open mesh: 2 mm grid, seen from above, with a value that is 0 on its rim and behind it."""
+    i, j = np.mgrid[:size, :size]
+    height = 3 * np.sin(i / 3) * np.cos(j / 4) + 0.02 * i * j
+    points = np.stack([2.0 * i, 2.0 * j, height], axis=-1).reshape(-1, 3)
+    corner = (i[:-1, :-1] * size + j[:-1, :-1]).ravel()
+    lower = np.stack([corner, corner + size, corner + 1], axis=1)
+    upper = np.stack([corner + 1, corner + size, corner + size + 1], axis=1)
+    values = np.where((i > 3) & (i < size - 2) & (j > 2) & (j < size - 5), 1 + np.cos(i / 5) + 0.1 * j, 0).ravel()
+    return points, np.concatenate([lower, upper]), values
+
+
+def sphere(count=400, radius=20.0):
+    """A closed mesh around the origin."""
+    number = np.arange(count) + 0.5
+    height, angle = 1 - 2 * number / count, np.pi * (1 + np.sqrt(5)) * number
+    ring = np.sqrt(1 - height**2)
+    points = radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    return points, ConvexHull(points).simplices
+
+
+def choose(box, key):
+    """Choose an entry by its key."""
+    box.setCurrentIndex(box.findData(key))
+
+
+def choose_whole(widget):
+    choose(widget.form.patch, "whole")
+
+
+PATIENCE = 120_000
+"""How long a test waits for what must come, ms: on a busy machine all takes long."""
+
+
+def run(widget, qtbot, timeout=PATIENCE):
+    widget.start.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
