@@ -41,6 +41,7 @@ pub mod rows;
 pub mod sources;
 pub mod store;
 pub mod surface;
+mod turns;
 pub mod volume;
 
 pub use error::{Error, Result};

@@ -1,11 +1,10 @@
 //! Distance rows: the distances from many sources, computed in parallel. In memory here, on disk in [`crate::store`].
 
-use rayon::prelude::*;
-
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::engine::Engine;
+use crate::turns::in_turn;
 
 /// Distance rows, wherever they are kept.
 pub trait Rows {
@@ -71,7 +70,8 @@ impl DistanceRows {
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
         let size = engine.block();
-        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+        in_turn(
+            data.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
             || engine.scratch(),
             |scratch, (rows, sources)| {
                 engine.fill(sources, rows, scratch, control)?;
@@ -99,7 +99,8 @@ impl DistanceRows {
         control.begin("measuring distances", columns as u64);
         let size = engine.block();
         let targets = engine.targets(sources);
-        data.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+        in_turn(
+            data.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
             || engine.scratch(),
             |scratch, (rows, sources)| {
                 engine.fill_targets(sources, &targets, rows, scratch, control)?;
@@ -194,7 +195,8 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
         let size = self.engine.block().min(self.block_rows().div_ceil(rayon::current_num_threads())).max(1);
         for (n, sources) in self.sources.chunks(self.at_once).enumerate() {
             let rows = &mut data[..sources.len() * columns];
-            rows.par_chunks_mut((size * columns).max(1)).zip(sources.par_chunks(size)).try_for_each_init(
+            in_turn(
+                rows.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
                 || self.engine.scratch(),
                 |scratch, (rows, sources)| {
                     self.engine.fill(sources, rows, scratch, control)?;

@@ -26,6 +26,7 @@ use crate::geodesic::Solver;
 use crate::geodesic::engine::{Engine, EngineScratch};
 use crate::geodesic::sweep::LANES;
 use crate::rows::{Rows, finish};
+use crate::turns::in_turn;
 use journal::Journal;
 use table::{CHUNK, Table, VALUE};
 
@@ -208,20 +209,22 @@ fn compute_missing<S: Solver>(
     let engine = Engine::within(TABLE_BYTES, solver, sources.len(), control)?;
     let missing = (0..known.len()).filter(|&block| known[block].is_none());
     control.begin("measuring distances", missing.map(|block| blocks.range(block).len() as u64).sum());
+    let mut checksums = vec![0; known.len()];
     let compute = |(scratch, rows): &mut (EngineScratch<S::Scratch>, Vec<f32>),
-                   (block, known): (usize, &Option<u32>)| {
-        if let Some(checksum) = *known {
-            return Ok(checksum);
+                   (block, (known, checksum)): (usize, (&Option<u32>, &mut u32))| {
+        if let Some(known) = *known {
+            *checksum = known;
+            return Ok(());
         }
         let range = blocks.range(block);
         rows.resize(range.len() * solver.columns(), 0.0);
         engine.fill(&sources[range.clone()], rows, scratch, control)?;
         finish(rows, &sources[range.clone()], control)?;
-        let checksum = table.write(range.start, rows, control)?;
-        journal.add(block, checksum)?;
-        Ok(checksum)
+        *checksum = table.write(range.start, rows, control)?;
+        journal.add(block, *checksum)
     };
-    known.par_iter().enumerate().map_init(|| (engine.scratch(), Vec::new()), compute).collect()
+    in_turn(known.iter().zip(&mut checksums).enumerate(), || (engine.scratch(), Vec::new()), compute)?;
+    Ok(checksums)
 }
 
 /// The lock of a store, which the system takes back when its holder ends, however that comes about. It holds the number of

@@ -1,0 +1,101 @@
+//! Items that threads take in turn: the way to many independent results that each take long.
+
+use std::sync::Mutex;
+use std::thread::Builder;
+
+use crate::error::Result;
+
+/// Works on all items, each thread on the next as soon as it is free; `scratch` is made once a thread.
+///
+/// There are as many threads as the pool of the caller has, but they are new ones that have work from their first moment. Those
+/// of the pool sleep, and where processors are virtual a thread that is woken can wait for 20 ms beside the one that woke it
+/// while another processor is idle (docs/decisions/0002). `work` itself must not be parallel: it runs outside the pool.
+///
+/// # Errors
+/// The first of `work`, after which no item is begun.
+pub(crate) fn in_turn<I, T>(
+    items: I,
+    scratch: impl Fn() -> T + Sync,
+    work: impl Fn(&mut T, I::Item) -> Result<()> + Sync,
+) -> Result<()>
+where
+    I: ExactSizeIterator + Send,
+{
+    let threads = rayon::current_num_threads().min(items.len());
+    let turns = Mutex::new((items, Ok(())));
+    let take = || {
+        let mut turns = turns.lock().unwrap_or_else(|thrown| thrown.into_inner());
+        let (items, outcome) = &mut *turns;
+        if outcome.is_ok() { items.next() } else { None }
+    };
+    let work_on = || {
+        let mut scratch = scratch();
+        while let Some(item) = take() {
+            if let Err(error) = work(&mut scratch, item) {
+                let mut turns = turns.lock().unwrap_or_else(|thrown| thrown.into_inner());
+                turns.1 = turns.1.clone().and(Err(error));
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let started = (0..threads).filter(|_| Builder::new().spawn_scoped(scope, work_on).is_ok()).count();
+        if started == 0 {
+            work_on(); // the system gives no more threads
+        }
+    });
+    turns.into_inner().unwrap_or_else(|thrown| thrown.into_inner()).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Error;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+    }
+
+    #[test]
+    fn every_item_is_worked_on_once_with_a_scratch_a_thread() {
+        for (threads, count) in [(1, 100), (2, 100), (7, 100), (7, 3), (2, 0)] {
+            let mut done = vec![0; count];
+            let scratches = AtomicUsize::new(0);
+            let scratch = || scratches.fetch_add(1, Ordering::Relaxed);
+            on(threads, || {
+                in_turn(done.iter_mut().enumerate(), scratch, |_, (n, done)| {
+                    *done += n + 1;
+                    Ok(())
+                })
+            })
+            .unwrap();
+            assert_eq!(done, (1..=count).collect::<Vec<_>>());
+            assert!(scratches.into_inner() <= threads.min(count).max(1));
+        }
+    }
+
+    #[test]
+    fn an_error_ends_the_work() {
+        for threads in [1, 3] {
+            let begun = AtomicUsize::new(0);
+            let result = on(threads, || {
+                in_turn(
+                    0..1_000_000,
+                    || (),
+                    |(), n| {
+                        begun.fetch_add(1, Ordering::Relaxed);
+                        if n == 20 { Err(Error::Cancelled) } else { Ok(()) }
+                    },
+                )
+            });
+            assert_eq!(result, Err(Error::Cancelled));
+            assert!(begun.into_inner() < 1_000_000);
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "a scoped thread panicked")]
+    fn a_panic_is_passed_on() {
+        let _ = in_turn(0..10, || (), |(), n| if n == 3 { panic!("as some bug would") } else { Ok(()) });
+    }
+}
