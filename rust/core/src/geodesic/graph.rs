@@ -20,8 +20,7 @@ pub(super) use view::{Beyond, Outgoing, outgoing, unfold};
 /// edges and more rounds save memory on large surfaces; in each round lines are unfolded anew.
 fn edges_and_rounds(vertices: usize) -> [u32; 2] {
     match vertices {
-        0..=250_000 => [11, 2],
-        250_001..=500_000 => [9, 4],
+        0..=500_000 => [11, 2],
         _ => [7, 4],
     }
 }
