@@ -1,15 +1,16 @@
 //! Items that threads take in turn: the way to many independent results that each take long.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 use std::thread::Builder;
 
 use crate::error::Result;
 
 /// Works on all items, each thread on the next as soon as it is free; `scratch` is made once a thread.
 ///
-/// There are as many threads as the pool of the caller has, but they are new ones that have work from their first moment. Those
-/// of the pool sleep, and where processors are virtual a thread that is woken can wait for 20 ms beside the one that woke it
-/// while another processor is idle (docs/decisions/0002). `work` itself must not be parallel: it runs outside the pool.
+/// There are as many threads as the caller's pool has, but, if more than one, new ones that have work from their first
+/// moment. Those of the pool sleep, and where processors are virtual a thread that is woken can wait for 20 ms beside the one
+/// that woke it while another processor is idle (docs/decisions/0002). `work` must not be parallel itself: it runs outside the
+/// pool.
 ///
 /// # Errors
 /// The first of `work`, after which no item is begun.
@@ -22,28 +23,29 @@ where
     I: ExactSizeIterator + Send,
 {
     let threads = rayon::current_num_threads().min(items.len());
+    let others = if threads > 1 { threads } else { 0 };
     let turns = Mutex::new((items, Ok(())));
+    let held = || turns.lock().unwrap_or_else(PoisonError::into_inner);
     let take = || {
-        let mut turns = turns.lock().unwrap_or_else(|thrown| thrown.into_inner());
-        let (items, outcome) = &mut *turns;
+        let (items, outcome) = &mut *held();
         if outcome.is_ok() { items.next() } else { None }
     };
     let work_on = || {
         let mut scratch = scratch();
         while let Some(item) = take() {
             if let Err(error) = work(&mut scratch, item) {
-                let mut turns = turns.lock().unwrap_or_else(|thrown| thrown.into_inner());
-                turns.1 = turns.1.clone().and(Err(error));
+                let outcome = &mut held().1;
+                *outcome = outcome.clone().and(Err(error));
             }
         }
     };
     std::thread::scope(|scope| {
-        let started = (0..threads).filter(|_| Builder::new().spawn_scoped(scope, work_on).is_ok()).count();
+        let started = (0..others).filter(|_| Builder::new().spawn_scoped(scope, work_on).is_ok()).count();
         if started == 0 {
-            work_on(); // the system gives no more threads
+            work_on(); // alone, or where the system gives no more threads
         }
     });
-    turns.into_inner().unwrap_or_else(|thrown| thrown.into_inner()).1
+    held().1.clone()
 }
 
 #[cfg(test)]
@@ -96,6 +98,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "a scoped thread panicked")]
     fn a_panic_is_passed_on() {
-        let _ = in_turn(0..10, || (), |(), n| if n == 3 { panic!("as some bug would") } else { Ok(()) });
+        let work = |(): &mut (), n| if n == 3 { panic!("as some bug would") } else { Ok(()) };
+        let _ = on(3, || in_turn(0..10, || (), work));
     }
 }
