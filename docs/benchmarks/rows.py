@@ -3,7 +3,8 @@
     make bench
 
 One row: CPU time of a whole call for one source. A further row: what each source beyond the first adds (what a peer
-spends on building its own graph is left out). All take turns, and medians are given: compare ratios, machines differ.
+spends on building its own graph is left out). Short calls are timed some together. All take turns, and medians are
+given: compare ratios, machines differ.
 `distances.py` does the same at more sizes.
 """
 
@@ -21,6 +22,8 @@ from voxflat import _core
 
 ROUNDS = 7
 FURTHER = 8
+LARGE = 200_000
+"""Points from which on a call is timed alone; on fewer, as many calls together as take as long."""
 
 
 def main():
@@ -96,34 +99,33 @@ def check_equal(solvers, sources):
 def compare(solvers, points, rounds=ROUNDS, more=FURTHER):
     """Return the CPU seconds of one row and of a further row, by name."""
     sources = some_sources(points, more + 1)
+    calls = max(1, LARGE // points)
     one = {name: [] for name in solvers}
     many = {name: [] for name in solvers}
     for _ in tqdm(range(rounds), leave=False):
         for name, solve in solvers.items():
-            one[name].append(cpu(solve, sources[:1]))
+            one[name].append(cpu(solve, sources[:1], calls))
             many[name].append(cpu(solve, sources))
     first = {name: np.median(times) for name, times in one.items()}
     further = {name: np.median(np.subtract(many[name], one[name])) / more for name in solvers}
     return first, further
 
 
-def cpu(solve, sources):
-    """CPU seconds of a call, all threads together."""
+def cpu(solve, sources, calls=1):
+    """CPU seconds of a call, all threads together: the mean of some calls in succession."""
     start = time.process_time()
-    solve(sources)
-    return time.process_time() - start
+    for _ in range(calls):
+        solve(sources)
+    return (time.process_time() - start) / calls
 
 
 def threads(surface, rounds=ROUNDS):
-    """Return, a round, how much faster two threads are than one, wall time of 64 rows, and their share of CPU time.
-
-    A round is a call of each on a large surface; on a small one as many as take as long, of which the times are added.
-    """
+    """Return, a round, how much faster two threads are than one, wall time of 64 rows, and their share of CPU time."""
     sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
     ratios, more = [], []
     for _ in range(rounds):
         walls, cpus = np.zeros(2), np.zeros(2)
-        for _ in range(max(1, 200_000 // len(surface))):
+        for _ in range(max(1, LARGE // len(surface))):
             for threads in (1, 2):
                 start = time.perf_counter(), time.process_time()
                 surface.rows(sources, threads)
