@@ -120,17 +120,19 @@ def cpu(solve, sources, calls=1):
 
 
 def threads(surface, rounds=ROUNDS):
-    """Return, a round, how much faster two threads are than one, wall time of 64 rows, and their share of CPU time."""
+    """Return, of pairs of calls, how much faster two threads make 64 rows (wall time), and their share of CPU time.
+
+    On a small surface there are as many pairs as take as long as those of a large one.
+    """
     sources = np.linspace(0, len(surface) - 1, 64).astype(np.uint32)
     ratios, more = [], []
-    for _ in range(rounds):
-        walls, cpus = np.zeros(2), np.zeros(2)
-        for _ in range(max(1, LARGE // len(surface))):
-            for threads in (1, 2):
-                start = time.perf_counter(), time.process_time()
-                surface.rows(sources, threads)
-                walls[threads - 1] += time.perf_counter() - start[0]
-                cpus[threads - 1] += time.process_time() - start[1]
+    for _ in range(rounds * max(1, LARGE // len(surface))):
+        walls, cpus = [], []
+        for count in (1, 2):
+            start = time.perf_counter(), time.process_time()
+            surface.rows(sources, count)
+            walls.append(time.perf_counter() - start[0])
+            cpus.append(time.process_time() - start[1])
         ratios.append(walls[0] / walls[1])
         more.append(cpus[1] / cpus[0])
     return ratios, more
