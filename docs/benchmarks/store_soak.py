@@ -2,8 +2,9 @@
 
     make soak
 
-Each run is killed (kill -9) at a random moment, between its start and its end, with a random number of threads. At
-every third kill some of the table and the last line of the journal are lost as well, as by a failing power supply.
+Each run, with a random number of threads, is killed (kill -9) at a random moment: every fourth at any time between its
+start and its end, the others up to 20 ms after a random one of the blocks that are missing was finished. At every third
+kill some of the table and the last line of the journal are lost as well, as by a failing power supply.
 """
 
 import argparse
@@ -19,7 +20,10 @@ import numpy as np
 
 import voxflat
 
-SIDE, SOURCES = 150, 1200
+SIDE, SOURCES = 150, 4000
+BLOCK = 64
+"""Rows of a block of the store, at most."""
+
 KILLS = 20
 OPTIONS = {"sampling": "random", "geodesic": "graph"}
 
@@ -41,8 +45,14 @@ def main():
     with tempfile.TemporaryDirectory() as directory:
         store, whole = Path(directory) / "store0", None
         while kills < options.kills:
-            start = time.monotonic()
-            limit = random.uniform(0, whole) if whole else None
+            start, known = time.monotonic(), finished(store)
+            moment, after = random.uniform(0, whole or 1), random.randint(known + 1, max(known + 1, SOURCES // BLOCK))
+            if whole is None:
+                limit, what = None, "never"
+            elif kills % 4 == 3:
+                limit, what = moment_passed(start + moment), f"{moment:4.1f} s"
+            else:
+                limit, what = block_finished(store, after, moment / whole), f"{after:2} blocks"
             if run(store, limit):
                 whole = whole or time.monotonic() - start  # the first run tells how long one takes
                 check(store, expected)
@@ -52,7 +62,7 @@ def main():
             kills += 1
             if kills % 3 == 0:
                 tear(store)
-            print(f"kill {kills:2} after {limit:4.1f} s: {finished(store)} blocks finished")
+            print(f"kill {kills:2} after {what:>9}: {finished(store)} blocks finished")
         run(store, None)
         check(store, expected)
         print(f"{kills} kills, {restarts + 1} stores: all rows are those of an uninterrupted run, bit by bit")
@@ -67,18 +77,36 @@ def sheet():
     return volume
 
 
+def moment_passed(moment):
+    """Return whether a moment has passed, as a function."""
+    return lambda: time.monotonic() > moment
+
+
+def block_finished(store, number, later):
+    """Return whether so many blocks are finished, and a share of 20 ms has passed since, as a function."""
+    seen = []
+
+    def passed():
+        if not seen and finished(store) >= number:
+            seen.append(time.monotonic())
+        return bool(seen) and time.monotonic() > seen[0] + 0.02 * later
+
+    return passed
+
+
 def run(store, limit):
-    """Run for so long (s); return whether the run came to its end."""
+    """Run until it is time to kill, if ever; return whether the run came to its end."""
     threads = random.randint(1, 3)
     process = subprocess.Popen([sys.executable, __file__, "--run", store, "--threads", str(threads)])
-    try:
-        if process.wait(limit):
-            raise SystemExit(f"a run failed with status {process.returncode}")
-        return True
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return False
+    while process.poll() is None:
+        if limit and limit():
+            process.kill()
+            process.wait()
+            return False
+        time.sleep(0.001)
+    if process.returncode:
+        raise SystemExit(f"a run failed with status {process.returncode}")
+    return True
 
 
 def tear(store):
