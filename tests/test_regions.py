@@ -8,19 +8,9 @@ from hypothesis.extra import numpy as npst
 from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
 
 from voxflat.errors import InputError
-from voxflat.io.meshes import (
-    Mesh,
-    Patch,
-    holds_mesh,
-    patch_border,
-    patch_faces,
-    read_mesh,
-    read_overlay,
-    read_patch,
-    read_region,
-    write_mesh,
-    write_patch,
-)
+from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
+from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
+from voxflat.io.overlays import read_overlay, read_region
 
 # --------------------------------------------------------------------------------------- overlays
 

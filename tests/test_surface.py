@@ -14,7 +14,8 @@ from scipy.sparse.csgraph import dijkstra
 
 import voxflat
 from voxflat import cli
-from voxflat.io.meshes import Mesh, Patch, read_mesh, read_patch, write_mesh, write_patch
+from voxflat.io.freesurfer import Patch, read_patch, write_patch
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 
 pv = pytest.importorskip("pyvista")
 sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "benchmarks"))

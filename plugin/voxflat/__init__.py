@@ -15,7 +15,8 @@ from voxflat.atlases.pieces import FlatPieces
 from voxflat.distances.geodesic import geodesic
 from voxflat.distances.path import Path, path
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distortion.figures import Distortion, Figures, StandardErrors, Triangles
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import Figures, StandardErrors, Triangles
 from voxflat.errors import Cancelled, InputError, VoxflatError
 from voxflat.judging.measure import Comparison, compare, measure
 from voxflat.maps.flat_map import FlatMap, load

@@ -23,7 +23,7 @@ from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.texture import place
+from voxflat.maps.pictures import place
 from voxflat.methods.flatten import flatten
 
 __all__ = ["VoxflatAccessor", "to_page_polydata", "to_polydata", "to_surface_polydata"]

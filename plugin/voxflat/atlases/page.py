@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
 from voxflat.errors import InputError
+from voxflat.maps.colours import coloured
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, Raster, draw
 from voxflat.maps.sampler import Sampler, usual_spacing
@@ -285,13 +286,11 @@ class FlatPage:
             The surface's own triangles and vertices; texture coordinates of their corners, with seams between pieces.
             The picture's colours reach into the gaps, so that seams do not show.
         """
-        from voxflat.maps.image_files import coloured  # brings in Pillow
-
         shown = (
             self._carried(self.pieces.labels + 1, "pieces", None) if image is None else image
         )  # 0 is grey: unlabelled
         coordinates = self.texture_coordinates(shown)
-        picture = _spread(coloured(shown, colour_map, limits))
+        picture = _spread(coloured(shown.data, colour_map, limits))
         of = self.pieces
         return TexturedSurface(of.points, of.faces, coordinates, picture, texture_faces=of.corners)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from voxflat.atlases.layout import gap_of, lay_out
 from voxflat.atlases.page import FlatPage
 from voxflat.errors import InputError
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path
 from voxflat.maps.raster import FlatImage
 
 __all__ = ["FlatPieces", "load_pieces", "save_pieces"]

@@ -16,6 +16,7 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
+from voxflat.maps.texture import TEXTURED_ENDINGS
 
 __all__ = ["load_flat", "patches"]
 
@@ -111,8 +112,6 @@ def patches(
 
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
-    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
-
     check_output(output, (".npz", *TEXTURED_ENDINGS), (surface_, volume))
     is_textured = output.suffix.lower() != ".npz"
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)

@@ -28,9 +28,10 @@ from scipy.spatial import cKDTree
 
 from voxflat.errors import InputError
 from voxflat.figures.atlases import atlas_3d, atlas_heat_map, atlas_page
-from voxflat.io.volumes import as_volume, atomic_path
+from voxflat.io.files import atomic_path
+from voxflat.io.volumes import as_volume
+from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.image_files import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 from voxflat.surfaces.foreground import foreground
 
@@ -195,7 +196,7 @@ def flat_image(
     figure, axes = _map_axes(image)
     if image.is_colour:
         axes.imshow(image.data, **_placed(image))
-    elif are_labels(image):
+    elif are_labels(image.data):
         axes.imshow(label_colours(image.data), **_placed(image))
         _name_labels(axes, image)
     else:

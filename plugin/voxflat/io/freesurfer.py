@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.gifti import contents, cras_remark
-from voxflat.io.readers import naming, require
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path, contents, naming, require
+from voxflat.io.triangles import as_float32, check_faces
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _AGAIN = "copy it again"
@@ -104,6 +103,22 @@ def parse_patch(path: Path, data: bytes) -> Patch:
         raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} names vertex 0; patch files count from 1")
     with np.errstate(invalid="ignore"):  # signalling NaN, refused as others
         return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
+
+
+def is_patch(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is a FreeSurfer patch.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+    """
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"\xff\xff\xff\xff"
 
 
 def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
@@ -217,29 +232,6 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     return array
 
 
-def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
-    """Check that faces are triangles of n points."""
-    array = np.asarray(faces)
-    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise InputError(f"faces are {array.dtype} of shape {array.shape}: give whole numbers of shape (F, 3)")
-    if len(array) == 0:
-        raise InputError("has no faces: is it a surface, not points alone?")
-    bad = np.flatnonzero(((array < 0) | (array >= n)).any(axis=1))
-    if len(bad):
-        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}; the surface has the points 0 to {n - 1}")
-    return np.ascontiguousarray(array, dtype=np.int64)
-
-
-def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Round to float32; what that cannot hold is refused."""
-    with np.errstate(over="ignore"):
-        rounded = points.astype(np.float32)
-    bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
-    if len(bad):
-        raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}, too far for the format's float32")
-    return rounded
-
-
 # ------------------------------------------------------------------------- surfaces, values, labels
 
 
@@ -273,6 +265,12 @@ def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], 
     if str(volume.get("valid", "")).startswith("1") and np.any(volume["cras"]):
         remarks += (cras_remark(volume["cras"]),)
     return coordinates, faces, remarks
+
+
+def cras_remark(shift: Any) -> str:
+    """Say that coordinates are in FreeSurfer's space, with its offset in mm."""
+    x, y, z = (f"{value:g}" for value in shift)
+    return f"coordinates are FreeSurfer's (tkRAS), as stored: add c_ras ({x}, {y}, {z}) mm for scanner RAS"
 
 
 def write_geometry(path: Path, points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

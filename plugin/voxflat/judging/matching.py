@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.graphics import read_obj_texture
-from voxflat.io.meshes import Mesh, is_patch, read_patch
-from voxflat.io.readers import REMEDY, naming
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.freesurfer import is_patch, read_patch
+from voxflat.io.meshes import Mesh
+from voxflat.io.obj import read_obj_texture
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.surface import Surface, as_mesh
 

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_seed, checked_threads
-from voxflat.distortion.figures import Distortion
-from voxflat.distortion.tables import table_of_several
+from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.matching import Matched, match
 from voxflat.surfaces.surface import surface as _surface

@@ -13,14 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import log
-from voxflat.distortion.figures import Distortion, undefined_as_nan
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
-from voxflat.io import meshes
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path
+from voxflat.io.freesurfer import Patch, patch_border, write_patch
+from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.look_up import Places, TriangleFinder
+from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.raster import FlatImage, Raster, draw
 from voxflat.maps.sampler import Sampler, usual_spacing
-from voxflat.maps.texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
+from voxflat.maps.texture import TexturedSurface
 
 __all__ = ["FlatMap", "load"]
 
@@ -233,7 +236,7 @@ class FlatMap:
             The picture's value at each surface voxel, of the picture's type.
         """
         values = check_values(picture)
-        found = look_up(values, place(self.uv, values.shape))
+        found = values_at(values, place(self.uv, values.shape))
         return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
 
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
@@ -328,11 +331,11 @@ class FlatMap:
         if name.endswith(".npz"):
             self._save_all(path)
         elif name.endswith(".patch.flat"):
-            meshes.write_patch(path, self._patch())
+            write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            meshes.write_mesh(path, self._mesh(whole=not self.is_voxels))
+            write_mesh(path, self._mesh(whole=not self.is_voxels))
         elif name.endswith((".vtp", ".ply", ".obj")):
-            meshes.write_mesh(path, self._mesh(whole=False))
+            write_mesh(path, self._mesh(whole=False))
         else:
             endings = " or ".join(MAP_ENDINGS)
             raise InputError(f"cannot save a map as {path.name}; give a name that ends in {endings}")
@@ -359,26 +362,26 @@ class FlatMap:
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
-    def _mesh(self, *, whole: bool) -> meshes.Mesh:
+    def _mesh(self, *, whole: bool) -> Mesh:
         """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
         points = np.column_stack([self.uv, np.zeros(len(self))])
         structure = self.metadata.get("structure")
         if not whole:
             data = {"distortion": self.distortion.per_point}
-            return meshes.Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
+            return Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
         first, faces = self._unique_vertices()
         placed = np.zeros((self.metadata["vertices"], 3))
         placed[self.ids[first]] = points[first]
-        return meshes.Mesh(placed, self.ids[faces], structure=structure)
+        return Mesh(placed, self.ids[faces], structure=structure)
 
-    def _patch(self) -> meshes.Patch:
+    def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         first, faces = self._unique_vertices()
         points = np.column_stack([self.uv, np.zeros(len(self))])[first]
-        border = meshes.patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
-        return meshes.Patch(self.ids[first], points, border)
+        border = patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
+        return Patch(self.ids[first], points, border)
 
     def _unique_vertices(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return one point for each vertex number, by ascending number, and the triangles among them."""

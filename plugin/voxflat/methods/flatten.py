@@ -29,7 +29,7 @@ from voxflat.arguments import (
 from voxflat.distances.geodesic import LANDMARKS, SOLVERS, refuse, stored_rows
 from voxflat.distances.rows import open_rows
 from voxflat.distances.store import prepare_store
-from voxflat.distortion.figures import Distortion
+from voxflat.distortion.distortion import Distortion
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.saucan2006 import checked_bound, glued_whole

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import BYTES_PER_VOXEL, Progress, check_memory, check_scalar
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, Patch, is_mesh_name, read_mesh, suspicious_units, write_mesh
+from voxflat.io.freesurfer import Patch
+from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units, write_mesh
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import foreground
 
