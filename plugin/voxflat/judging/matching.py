@@ -17,7 +17,8 @@ from voxflat.io.graphics import read_obj_texture
 from voxflat.io.meshes import Mesh, is_patch, read_patch
 from voxflat.io.readers import REMEDY, naming
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.surfaces.surface import Surface, as_mesh
+from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.surface import Surface
 
 __all__ = ["Matched", "match"]
 

@@ -17,7 +17,7 @@ from voxflat.distortion.figures import Distortion
 from voxflat.distortion.tables import table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.matching import Matched, match
-from voxflat.surfaces.surface import surface as _surface
+from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
 
