@@ -25,8 +25,9 @@ from voxflat.maps.texture import TexturedSurface
 from voxflat.methods.flatten import flatten
 from voxflat.surfaces.check import Check, check
 from voxflat.surfaces.cut import Cut, CutSurface, cut
+from voxflat.surfaces.making import surface
 from voxflat.surfaces.range_image import range_image
-from voxflat.surfaces.surface import Surface, surface
+from voxflat.surfaces.surface import Surface
 
 __all__ = [
     "Cancelled",

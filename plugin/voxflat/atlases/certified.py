@@ -17,7 +17,7 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import FlatPieces, load_pieces, save_pieces
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import surface as _surface
+from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "patches"]
 

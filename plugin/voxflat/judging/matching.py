@@ -18,7 +18,8 @@ from voxflat.io.freesurfer import is_patch, read_patch
 from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.surfaces.surface import Surface, as_mesh
+from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.surface import Surface
 
 __all__ = ["Matched", "match"]
 

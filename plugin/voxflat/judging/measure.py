@@ -16,7 +16,7 @@ from voxflat.arguments import Progress, checked_seed, checked_threads
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.matching import Matched, match
-from voxflat.surfaces.surface import surface as _surface
+from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
 
