@@ -212,8 +212,8 @@ def autoflatten(job, options):
             raise NoMapError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
         found = read_patch(flat)
     places = np.full((len(points), 2), np.nan)
-    places[found.vertices] = found.points[:, :2]
-    kept = patch_faces(faces, found.vertices, len(points))
+    places[found.vertex_ids] = found.points[:, :2]
+    kept = patch_faces(faces, found.vertex_ids, len(points))
     if len(kept) != len(faces):
         raise NoMapError(f"left out {len(faces) - len(kept)} triangles")
     return places, points, faces, {}

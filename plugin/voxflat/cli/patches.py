@@ -160,7 +160,7 @@ def _save_textured(
     elif volume is not None:
         textured = page.textured(page.image(volume, pixel_size, depth=depth))
     else:
-        textured = page.textured(page.numbers(pixel_size))
+        textured = page.textured(page.label_image(pixel_size))
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
     textured.save(output)
@@ -185,7 +185,7 @@ def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas | voxflat.Glued
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            is_atlas = "corners" in file.files
+            is_atlas = "uv_faces" in file.files
     except Exception:  # what is wrong, `load` says
         is_atlas = False
     return voxflat.load_atlas(path) if is_atlas else voxflat.load(path)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.distortion.figures import Figures, StandardErrors, Triangles, json_ready
+from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
 
 __all__ = ["Distortion", "table_of_several"]
 
@@ -40,7 +40,7 @@ class Distortion:
         Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
     scatter : ndarray, shape (K, 2)
         Some pairs as (δ, d), mm.
-    triangles : Triangles or None
+    triangles : TriangleFigures or None
         What it did to the triangles, where the surface has some.
     topology : dict or None
         Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
@@ -59,7 +59,7 @@ class Distortion:
     reference: str
     per_point: NDArray[np.float64]
     scatter: NDArray[np.float64]
-    triangles: Triangles | None = None
+    triangles: TriangleFigures | None = None
     topology: dict[str, int] | None = None
     voxel_size: float | None = None
 
@@ -84,7 +84,7 @@ class Distortion:
         for scales in (distances, errors):
             scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
         distances["standard_error"] = StandardErrors(**errors)
-        of_triangles = None if triangles is None else Triangles(**triangles)
+        of_triangles = None if triangles is None else TriangleFigures(**triangles)
         return cls(**distances, triangles=of_triangles, reference=reference, **more)
 
     def figures(self) -> dict[str, Any]:

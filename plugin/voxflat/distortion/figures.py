@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Figures", "StandardErrors", "Triangles", "json_ready", "undefined_as_nan"]
+__all__ = ["Figures", "StandardErrors", "TriangleFigures", "json_ready", "undefined_as_nan"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
-class Triangles:
+class TriangleFigures:
     """What flattening did to the triangles.
 
     σ1 ≥ σ2 are the stretches of a triangle in its two principal directions. Means, medians and 95th percentiles are by

@@ -17,19 +17,19 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.errors import InputError
 
 if TYPE_CHECKING:
-    from voxflat.atlases.pieces import FlatPieces
+    from voxflat.atlases.atlas import Atlas
 
 __all__ = ["atlas_3d", "atlas_heat_map", "atlas_page"]
 
 _GOLDEN = 0.6180339887498949  # of a turn between the hues of patches that follow each other
 
 
-def atlas_page(atlas: FlatPieces, *, packing: str = "boxes") -> Figure:
+def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     """Show the pieces of an atlas side by side on a page, coloured by patch; cuts are black.
 
     Parameters
     ----------
-    atlas : FlatPieces
+    atlas : Atlas
         An atlas, of patches or glued.
     packing : {"boxes", "shapes"}
         As in `FlatAtlas.page`.
@@ -40,8 +40,8 @@ def atlas_page(atlas: FlatPieces, *, packing: str = "boxes") -> Figure:
         All at the same scale, in mm; colours as in `atlas_3d`.
     """
     places = atlas.layout(packing=packing)
-    corners: Any = places[atlas.corners]
-    colours = _colours(int(atlas.coloured.max()) + 1)[atlas.coloured]
+    corners: Any = places[atlas.uv_faces]
+    colours = _colours(int(atlas.patch_ids.max()) + 1)[atlas.patch_ids]
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
     axes = figure.add_subplot(xlabel="mm", ylabel="mm", aspect="equal")
@@ -53,12 +53,12 @@ def atlas_page(atlas: FlatPieces, *, packing: str = "boxes") -> Figure:
     return figure
 
 
-def atlas_heat_map(atlas: FlatPieces, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
+def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "isometric") -> Figure:
     """Show the distortion of each triangle on the page of an atlas.
 
     Parameters
     ----------
-    atlas : FlatPieces
+    atlas : Atlas
         An atlas.
     pixel_size : float, optional
         Side of a pixel, mm.
@@ -83,12 +83,12 @@ def atlas_heat_map(atlas: FlatPieces, pixel_size: float | None = None, *, of: st
     return figure
 
 
-def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
+def atlas_3d(atlas: Atlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
     """Draw the surface with its patches in colours, by PyVista, or by matplotlib where that is missing.
 
     Parameters
     ----------
-    atlas : FlatPieces
+    atlas : Atlas
         An atlas, of patches or glued.
     towards : sequence of 3 floats
         From where it is seen, RAS+.
@@ -108,7 +108,7 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     direction = np.asarray(towards, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InputError(f"towards is {towards!r}; give a direction of three numbers")
-    colours = (255 * _colours(int(atlas.coloured.max()) + 1)).astype(np.uint8)[atlas.coloured]
+    colours = (255 * _colours(int(atlas.patch_ids.max()) + 1)).astype(np.uint8)[atlas.patch_ids]
     pyvista = _load_pyvista()
     if pyvista is None:
         return _by_matplotlib(atlas, colours, direction, size)
@@ -136,7 +136,7 @@ def _load_pyvista() -> Any:
 
 
 def _by_matplotlib(
-    atlas: FlatPieces, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
+    atlas: Atlas, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
 ) -> NDArray[np.uint8]:
     """Draw the triangles from the farthest to the nearest."""
     direction = direction / np.linalg.norm(direction)

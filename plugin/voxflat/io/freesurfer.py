@@ -36,7 +36,7 @@ class Patch:
 
     Parameters
     ----------
-    vertices : ndarray of int64, shape (k,)
+    vertex_ids : ndarray of int64, shape (k,)
         Which points of the surface, each once.
     points : ndarray of float64, shape (k, 3)
         Their places, mm; in a flat patch z is 0.
@@ -46,16 +46,16 @@ class Patch:
         The file it came from.
     """
 
-    vertices: NDArray[np.int64]
+    vertex_ids: NDArray[np.int64]
     points: NDArray[np.float64]
     border: NDArray[np.bool_]
     path: Path | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", _check_vertices(self.vertices))
+        object.__setattr__(self, "vertex_ids", _check_vertices(self.vertex_ids))
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
         object.__setattr__(self, "border", np.ascontiguousarray(self.border, dtype=np.bool_))
-        k = len(self.vertices)
+        k = len(self.vertex_ids)
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             raise InputError(
                 f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
@@ -138,10 +138,10 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     """
     path = Path(path)
     with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
-        entries = np.empty(len(patch.vertices), _ENTRY)
-        one_based = patch.vertices + 1
+        entries = np.empty(len(patch.vertex_ids), _ENTRY)
+        one_based = patch.vertex_ids + 1
         if one_based.max() > np.iinfo(np.int32).max:
-            raise InputError(f"vertex {patch.vertices.max()} is above what the format can name, 2147483646")
+            raise InputError(f"vertex {patch.vertex_ids.max()} is above what the format can name, 2147483646")
         entries["vertex"] = np.where(patch.border, -one_based, one_based)
         entries["point"] = as_float32(patch.points)
         temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())

@@ -135,7 +135,7 @@ def _of_patch(whole: Surface, path: Any) -> Matched:
     patch = read_patch(path)
     faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
     places = np.full((whole.count, 3), np.nan)
-    places[patch.vertices] = patch.points
+    places[patch.vertex_ids] = patch.points
     return _matched(whole, faces, places)
 
 

@@ -32,7 +32,7 @@ class JudgedMap:
     ----------
     uv : ndarray of float64, shape (N, 2)
         Places in the plane, mm.
-    vertices : ndarray of int64, shape (N,)
+    vertex_ids : ndarray of int64, shape (N,)
         The vertex of the surface's input that each one is; for voxels the vertex of the surface.
     faces : ndarray of uint32, shape (F, 3)
         Triangles.
@@ -41,7 +41,7 @@ class JudgedMap:
     """
 
     uv: NDArray[np.float64]
-    vertices: NDArray[np.int64]
+    vertex_ids: NDArray[np.int64]
     faces: NDArray[np.uint32]
     distortion: Distortion
 
