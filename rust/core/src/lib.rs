@@ -18,6 +18,7 @@
 //! | [`orient`] | | the map's up and its handedness |
 //! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |
+//! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | whole methods, composed from the stages |
 //!
 //! # Conventions
@@ -26,6 +27,7 @@
 //! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources.
 
 pub mod adjacency;
+pub mod atlas;
 mod boxes;
 pub mod control;
 pub mod distortion;

@@ -202,8 +202,8 @@ fn rotate_lowest_first(face: &mut [u32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::surface::VoxelSurface;
     use crate::volume::{Affine, Mask};
     use proptest::prelude::*;

@@ -7,11 +7,11 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2,
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::adjacency::{Graph, Links};
-use voxflat::flatten::{chain_graph, check_flattenable, cut_out, grossmann2002, memory_need};
+use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
-use voxflat::geodesic::chain::{ChainWeights, LinkLengths};
+use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
 use voxflat::geodesic::shortest::trace_path;
-use voxflat::patch::{Disk, Patch};
+use voxflat::patch::{Disk, Patch, cut_out};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
@@ -229,7 +229,7 @@ impl VoxelSurface {
 
     /// The memory in bytes that flattening needs at most.
     fn memory_need(&self, sources: usize, threads: usize) -> u64 {
-        memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
+        grossmann2002::memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
     }
 
     /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).

@@ -9,6 +9,7 @@
 
 pub mod bootstrap;
 pub mod faces;
+pub mod judge;
 pub mod overlap;
 mod scale;
 pub mod sums;

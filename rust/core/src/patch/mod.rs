@@ -6,7 +6,7 @@ mod voxels;
 
 pub use disk::disk;
 pub use polygon::polygon;
-pub use voxels::{Disk, Patch, geodesic_disk, keep, largest_component};
+pub use voxels::{Disk, Patch, cut_out, geodesic_disk, keep, largest_component};
 
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use voxflat::flatten::saucan::glue::{self, Glued};
-use voxflat::flatten::saucan::{self, Atlas, Limit, Patch, Seeds};
+use voxflat::atlas::glue::{self, Glued};
+use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
 use crate::convert;
@@ -44,7 +44,7 @@ impl Surface {
         };
         let inner = Arc::clone(&self.0);
         let found =
-            run(py, threads, progress.as_ref(), move |control| saucan::patches(&inner.surface, limit, seeds, control))?;
+            run(py, threads, progress.as_ref(), move |control| atlas::patches(&inner.surface, limit, seeds, control))?;
         atlas_dict(py, found)
     }
 
