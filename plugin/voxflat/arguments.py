@@ -1,0 +1,91 @@
+"""Checks of what users hand over that are the same everywhere: numbers, places, memory, progress."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from numbers import Integral, Real
+
+import numpy as np
+import psutil
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.errors import InputError
+
+Progress = Callable[[str, int, int], bool | None]
+"""Called as ``progress(stage, done, total)``; returning False cancels."""
+
+_MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
+
+log = logging.getLogger("voxflat")
+"""Says what memory is needed, and warns of what the user should know of a map."""
+
+
+# ------------------------------------------------------------------------------------------ numbers
+
+
+def checked_seed(seed: int) -> int:
+    """Return a seed that the core takes."""
+    if not isinstance(seed, Integral) or not 0 <= seed < 2**64:
+        raise InputError(f"the seed is {seed!r}; give a whole number from 0 to 2**64 - 1")
+    return int(seed)
+
+
+def checked_threads(threads: int | None) -> int | None:
+    """Return a number of threads that can be started; None for one a core."""
+    most = max(_MOST_THREADS, os.cpu_count() or 1)
+    if threads is not None and not (isinstance(threads, Integral) and 1 <= threads <= most):
+        raise InputError(f"threads is {threads!r}; give at least 1, at most {most}, or nothing for one a core")
+    return threads
+
+
+def workers(threads: int | None) -> int:
+    """Return how many threads work."""
+    return threads or os.cpu_count() or 1
+
+
+def checked_number(value: float | None, name: str) -> float | None:
+    """Return a number, or None where there is none."""
+    if value is not None and not isinstance(value, Real):
+        raise InputError(f"the {name} is {value!r}; give a number")
+    return None if value is None else float(value)
+
+
+def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
+    """Return voxel indices of shape (m, 3)."""
+    array = np.asarray(values)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "ui":
+        raise InputError(
+            f"{name} must be voxel indices of shape (m, 3), whole numbers, not {array.dtype} of shape {array.shape}"
+        )
+    return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def refuse(method: str, **options: object) -> None:
+    """Refuse options that a method, or a kind of distances, does not know; None is not given."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")
+
+
+# ------------------------------------------------------------------------------------------- memory
+
+
+def check_memory(need: int, limit: int | None, remedy: str) -> None:
+    """Refuse to start where there is not enough memory."""
+    if limit is not None and not isinstance(limit, Real):
+        raise InputError(f"the memory limit is {limit!r}; give a number")
+    allowed = psutil.virtual_memory().available if limit is None else limit
+    if need > allowed:
+        kind = "are free" if limit is None else "is the limit"
+        raise InputError(f"{amount(need)} of memory are needed, {amount(allowed)} {kind}; {remedy}")
+
+
+def amount(size: float) -> str:
+    """Return an amount of memory as text."""
+    for unit in ("bytes", "KiB", "MiB"):
+        if size < 1024:
+            return f"{size:.4g} {unit}"
+        size /= 1024
+    return f"{size:.2f} GiB"

@@ -1,0 +1,225 @@
+"""Which voxels of a volume are foreground: a label, or what lies above a threshold."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import check_memory, checked_number
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume, as_volume
+
+_SHOWN = 20  # labels named in a message
+_WIDEST = 2**16  # range of integers that are counted one by one
+_BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
+
+
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """A volume and which of its voxels are foreground.
+
+    Parameters
+    ----------
+    volume : Volume
+        What was given.
+    mask : ndarray of bool, shape (I, J, K)
+        Its foreground.
+    metadata : dict
+        What was given, and how the foreground was chosen.
+    """
+
+    volume: Volume
+    mask: NDArray[np.bool_]
+    metadata: dict[str, Any]
+
+
+def foreground_of(
+    source: object,
+    *,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    memory_limit: int | None = None,
+) -> Foreground:
+    """Take whatever holds voxels, check it, and choose its foreground: where every way from a volume begins.
+
+    Parameters
+    ----------
+    source, label, threshold, spacing, affine, memory_limit
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Foreground
+
+    Raises
+    ------
+    InputError
+        If it is no volume of one value a voxel, its foreground is ambiguous or empty, or there is not enough memory.
+    """
+    threshold = checked_number(threshold, "threshold")
+    if label is not None and not isinstance(label, Integral):
+        raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
+    volume = as_volume(source, spacing=spacing, affine=affine)
+    check_scalar(volume)
+    check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
+    mask = foreground(volume.data, label=label, threshold=threshold)
+    metadata = {
+        "kind": "voxels",
+        "input": None if volume.path is None else str(volume.path),
+        "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
+        "shape": [int(n) for n in volume.data.shape],
+        "affine": volume.affine.tolist(),
+        "label": None if label is None else int(label),
+        "threshold": threshold,
+        "foreground": int(np.count_nonzero(mask)),
+    }
+    return Foreground(volume, mask, metadata)
+
+
+def check_scalar(volume: Volume) -> None:
+    """Refuse what has not one value a voxel."""
+    if volume.data.ndim != 3:
+        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label; give one value a voxel")
+    if volume.data.size == 0:
+        raise InputError(f"the volume has shape {volume.data.shape}: it holds no voxel")
+
+
+def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
+    """Return a mask of what to keep that lies on a volume's grid."""
+    mask = as_volume(keep)
+    if mask.data.shape != volume.data.shape:
+        raise InputError(
+            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}; they must agree"
+        )
+    if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
+        raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
+    if np.isnan(mask.data).any():
+        raise InputError("the mask to keep has NaN; write 0 where nothing is kept and 1 elsewhere")
+    if not mask.data.any():
+        raise InputError("the mask to keep is empty: every voxel is 0")
+    return np.asarray(mask.data != 0)
+
+
+def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
+    """Select the foreground of a volume.
+
+    Parameters
+    ----------
+    data : ndarray, shape (I, J, K)
+        Labels (bool or integer) or intensities (any real type).
+    label : int, optional
+        Foreground is where `data` equals this.
+    threshold : float, optional
+        Foreground is where `data` is greater than this. Without label and threshold, `data` must be a mask: bool, or
+        integer with one label other than 0.
+
+    Returns
+    -------
+    ndarray of bool, shape (I, J, K)
+
+    Raises
+    ------
+    InputError
+        If the choice is ambiguous or empty, or values are not finite; the message lists the labels that are there.
+    """
+    if data.ndim != 3:
+        raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
+    if data.size == 0:
+        raise InputError(f"the volume has shape {data.shape}: it holds no voxel")
+    if label is not None and threshold is not None:
+        raise InputError(f"both label={label} and threshold={threshold} are given; give one of them")
+    if data.dtype.kind == "f" and not np.isfinite(data).all():
+        count = int(np.size(data) - np.isfinite(data).sum())
+        voxels = "1 voxel is" if count == 1 else f"{count} voxels are"
+        raise InputError(f"{voxels} NaN or infinite; replace them, for example with numpy.nan_to_num")
+    if threshold is not None:
+        return _above(data, threshold)
+    return _labelled(data, _only_label(data) if label is None else label)
+
+
+def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
+    """Labels other than 0 and how many voxels each has; None where the values are no labels.
+
+    Parameters
+    ----------
+    data : ndarray
+        Any real type. Floating-point volumes hold labels if all values are whole and they are few.
+
+    Returns
+    -------
+    dict or None
+    """
+    if data.dtype.kind == "f":
+        sample = data.ravel()[:: max(1, data.size // 10_000)]
+        if not (np.isfinite(sample).all() and (sample == np.round(sample)).all()):
+            return None
+    values, counts = _counted(data)
+    if data.dtype.kind == "f" and not (np.isfinite(values).all() and (values == np.round(values)).all()):
+        return None
+    if len(values) > 3000:
+        return None  # intensities stored as integers
+    return {int(value): int(count) for value, count in zip(values, counts, strict=True) if value != 0}
+
+
+def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the different values and how often each occurs; much faster than numpy.unique for few integers."""
+    if data.dtype.kind == "b":
+        data = data.view(np.uint8)
+    low, high = data.min(), data.max()
+    if data.dtype.kind not in "iu" or int(high) - int(low) > _WIDEST:
+        values, counts = np.unique(data, return_counts=True)
+        return values, counts.astype(np.int64)
+    counts = np.zeros(int(high) - int(low) + 1, dtype=np.int64)
+    wide = np.int64 if data.dtype.kind == "i" else data.dtype  # differences of int8 do not fit into int8
+    for layer in data:  # one at a time, to keep the copies small
+        above = layer.ravel().astype(wide, copy=False) - low.astype(wide)
+        counts += np.bincount(above.astype(np.int64), minlength=len(counts))
+    found = np.flatnonzero(counts)
+    return np.array([int(low) + int(value) for value in found], dtype=object), counts[found]
+
+
+def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
+    if not np.isfinite(threshold):
+        raise InputError(f"the threshold is {threshold}; give a finite number")
+    mask = np.asarray(data > threshold)
+    if not mask.any():
+        raise InputError(f"no voxel is above the threshold {threshold}; the largest value is {data.max()}")
+    return mask
+
+
+def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
+    mask = np.asarray(data == label)
+    if not mask.any():
+        raise InputError(f"no voxel has label {label}; {_present(data)}")
+    return mask
+
+
+def _only_label(data: NDArray[Any]) -> int:
+    if data.dtype.kind == "f" and labels_in(data) is None:
+        raise InputError(
+            f"the volume holds intensities ({data.dtype}, {data.min():g} to {data.max():g}); give a threshold"
+        )
+    labels = labels_in(data)
+    if labels is None or len(labels) > 1:
+        raise InputError(f"give a label or a threshold; {_present(data)}")
+    if not labels:
+        raise InputError("the volume is empty: every voxel is 0")
+    return next(iter(labels))
+
+
+def _present(data: NDArray[Any]) -> str:
+    labels = labels_in(data)
+    if labels is None:
+        return f"the values go from {data.min():g} to {data.max():g}"
+    if not labels:
+        return "every voxel is 0"
+    shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
+    return f"the volume has labels {shown}" + (f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else "")
