@@ -1,5 +1,6 @@
 //! Whole methods, composed from the stages.
 
+pub mod links;
 pub mod relaxation;
 pub mod saucan;
 pub mod schwartz;
