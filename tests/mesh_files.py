@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from voxflat._errors import InputError
-from voxflat.meshes import Mesh, read_mesh
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, read_mesh
 
 nib = pytest.importorskip("nibabel")
 pv = pytest.importorskip("pyvista")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import cli
-from voxflat.io import write_volume
+from voxflat.io.volumes import write_volume
 
 nib = pytest.importorskip("nibabel")
 

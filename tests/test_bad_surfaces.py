@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import cli
-from voxflat.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 
 
 def grid(size=6):

@@ -15,9 +15,11 @@ from click.testing import CliRunner
 from PIL import Image
 
 import voxflat
-from voxflat import _options, _picture, cli
-from voxflat._flatimage import FlatImage
-from voxflat.io import read_volume, write_volume
+from voxflat import cli
+from voxflat.cli import options as _options
+from voxflat.io.volumes import read_volume, write_volume
+from voxflat.maps import image_files as _picture
+from voxflat.maps.raster import FlatImage
 
 nib = pytest.importorskip("nibabel")
 

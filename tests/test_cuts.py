@@ -123,7 +123,7 @@ def test_the_medial_wall_is_where_the_surfaces_touch():
 
 def test_the_command_writes_what_flatten_takes(tmp_path):
     points, faces = ball()
-    voxflat.meshes.write_mesh(tmp_path / "ball.ply", voxflat.meshes.Mesh(points, faces))
+    voxflat.io.write_mesh(tmp_path / "ball.ply", voxflat.io.Mesh(points, faces))
     np.save(tmp_path / "drop.npy", ~below(points, 10))
 
     def run(*arguments):
@@ -136,7 +136,7 @@ def test_the_command_writes_what_flatten_takes(tmp_path):
     content = json.loads(run("cut", ball_, *drop, "--relax-length", 60, "-o", cuts, "--json"))
     assert 0 < sum(cut["length"] for cut in content["cuts"]) <= 60
     run("cut", ball_, *drop, "--relax", "-o", tmp_path / "open.ply")
-    assert len(voxflat.meshes.read_mesh(tmp_path / "open.ply").points) > below(points, 10).sum()
+    assert len(voxflat.io.read_mesh(tmp_path / "open.ply").points) > below(points, 10).sum()
     run("flatten", ball_, "--cut", cuts, "--sources", 60, "-o", tmp_path / "map.npz")
     flat = voxflat.load(tmp_path / "map.npz")
     assert flat.metadata["automatic_cuts"] == []

@@ -10,8 +10,8 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
-from voxflat._flatimage import FlatImage
-from voxflat.io import Volume
+from voxflat.io.volumes import Volume
+from voxflat.maps.raster import FlatImage
 
 SHAPE = (22, 26, 12)
 

@@ -7,7 +7,7 @@ import shapes
 from scipy.spatial.transform import Rotation
 
 import voxflat
-from voxflat.io import Volume
+from voxflat.io.volumes import Volume
 
 grossmann2002 = partial(voxflat.flatten, method="grossmann2002")
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as nps
 
 from voxflat import InputError
-from voxflat._foreground import foreground, labels_in
+from voxflat.surfaces.foreground import foreground, labels_in
 
 INTEGERS = st.sampled_from(["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"])
 

@@ -10,7 +10,7 @@ from test_patches import singular_values
 import voxflat
 from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures
 from voxflat.cli import main
-from voxflat.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 
 
 def sheet(m, n, place):

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from voxflat import _readers
-from voxflat._errors import InputError, VoxflatError
-from voxflat.io import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume
+from voxflat.errors import InputError, VoxflatError
+from voxflat.io import readers as _readers
+from voxflat.io.volumes import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import _core, cli, figures
-from voxflat.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 
 DISTANCE_FIGURES = (
     "relative_error",

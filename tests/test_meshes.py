@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, gifti, grid, needs_workbench, nib, pv, refuses, same, sphere
 
-from voxflat import _gifti
-from voxflat._errors import InputError
-from voxflat.meshes import (
+from voxflat.errors import InputError
+from voxflat.io import gifti as _gifti
+from voxflat.io.meshes import (
     Mesh,
     holds_mesh,
     read_mesh,
@@ -189,7 +189,7 @@ def test_suspicious_units(tmp_path):
 
 
 def test_packages_are_imported_late(tmp_path):
-    code = "import sys, voxflat.meshes; print({'nibabel', 'pyvista', 'vtkmodules'} & set(sys.modules))"
+    code = "import sys, voxflat.io; print({'nibabel', 'pyvista', 'vtkmodules'} & set(sys.modules))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"
 
 

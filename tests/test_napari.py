@@ -10,10 +10,10 @@ from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-from voxflat._napari.report import figures
-from voxflat._napari.results import flat_map_reader
-from voxflat._napari.seed import seed_of
-from voxflat._napari.volumes import LayerVolume
+from voxflat._napari.layers.seed import seed_of
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.results.maps import flat_map_reader
+from voxflat._napari.results.report import figures
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
@@ -267,7 +267,7 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     choose_whole(widget)
     run(widget, qtbot)
     path = str(tmp_path / "map.npz")
-    monkeypatch.setattr("voxflat._napari.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
+    monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     (opened,) = viewer.open(path, plugin="voxflat")
     assert opened.name == "map distortion"
@@ -348,7 +348,7 @@ def test_fsaverage_by_the_vertices_of_its_flat_map(open_widget, qtbot):
     from nilearn.datasets import fetch_surf_fsaverage
 
     files = fetch_surf_fsaverage("fsaverage5")
-    white, flat = (voxflat.meshes.read_mesh(files[name]) for name in ("white_left", "flat_left"))
+    white, flat = (voxflat.io.read_mesh(files[name]) for name in ("white_left", "flat_left"))
     kept = np.zeros(len(white.points))
     kept[flat.faces] = 1
     viewer, widget = open_widget(Surface((white.points, white.faces, kept), name="white"))

@@ -6,10 +6,10 @@ from napari_window import AFFINE, FLIP, bumps, cap
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
-from voxflat._napari.meshes import LayerMesh
-from voxflat._napari.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
-from voxflat._napari.volumes import LayerVolume
-from voxflat._napari.world import WORLDS
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.seed import describe, first_vertex, first_voxel, nearest_vertex, seed_of, voxel_at
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.layers.world import WORLDS
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Points, Surface  # noqa: E402

@@ -169,7 +169,7 @@ def test_saving(open_widget, qtbot, tmp_path, monkeypatch):
     limit(widget, "max_angle", 40)
     run(widget, qtbot)
     path = str(tmp_path / "atlas.npz")
-    monkeypatch.setattr("voxflat._napari.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
+    monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     assert len(voxflat.FlatAtlas.load(path)) == len(widget.results.flat_map)
 

@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
-from voxflat import InputError, meshes
-from voxflat._lookup import TriangleFinder
+from voxflat import InputError
+from voxflat.io import meshes
+from voxflat.maps.look_up import TriangleFinder
 
 pv = pytest.importorskip("pyvista")
 

@@ -11,8 +11,9 @@ from PIL import Image
 from test_pages import torus
 
 import voxflat
-from voxflat import figures, meshes
+from voxflat import figures
 from voxflat.cli import main
+from voxflat.io import meshes
 
 pv = pytest.importorskip("pyvista")
 

@@ -12,7 +12,7 @@ from mesh_files import grid, sphere
 
 import voxflat
 from voxflat import cli
-from voxflat.meshes import write_mesh
+from voxflat.io.meshes import write_mesh
 
 SIDE = 12
 SQUARE = [2 * SIDE + 2, 2 * SIDE + 8, 9 * SIDE + 8, 9 * SIDE + 2]  # 60 by 70 mm of a grid of 10 mm

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from voxflat import cli, demo
-from voxflat.io import write_volume
+from voxflat.io.volumes import write_volume
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
 
-from voxflat._errors import InputError
-from voxflat.meshes import (
+from voxflat.errors import InputError
+from voxflat.io.meshes import (
     Mesh,
     Patch,
     holds_mesh,

@@ -16,7 +16,8 @@ import shapes
 from click.testing import CliRunner
 
 import voxflat
-from voxflat import _store, cli
+from voxflat import cli
+from voxflat.distances import store as _store
 
 fcntl = pytest.importorskip("fcntl")
 

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import voxflat
 from voxflat import cli
-from voxflat.meshes import Mesh, Patch, read_mesh, read_patch, write_mesh, write_patch
+from voxflat.io.meshes import Mesh, Patch, read_mesh, read_patch, write_mesh, write_patch
 
 pv = pytest.importorskip("pyvista")
 sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "benchmarks"))
@@ -410,7 +410,7 @@ class TestMeasure:
         information = subprocess.run(["wb_command", "-file-information", paths[1]], capture_output=True, text=True)
         assert "CORTEX_LEFT" in information.stdout.upper().replace("CORTEXLEFT", "CORTEX_LEFT")
         subprocess.run(["wb_command", "-surface-distortion", *paths], check=True, capture_output=True)
-        theirs = voxflat.meshes.read_overlay(paths[2], len(white[0]))[np.unique(faces)]
+        theirs = voxflat.io.read_overlay(paths[2], len(white[0]))[np.unique(faces)]
         ours = voxflat.measure(paths[0], paths[1], sources=1).triangles.areal
         np.testing.assert_allclose(ours, theirs, atol=1e-4)
 

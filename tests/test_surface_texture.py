@@ -7,7 +7,7 @@ from test_texture import chessboard, cylinder
 
 import voxflat
 from voxflat import InputError, cli
-from voxflat.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, TexturedSurface, cli
-from voxflat.meshes import read_mesh
+from voxflat.io.meshes import read_mesh
 
 needs_window = pytest.mark.skipif(
     sys.platform == "linux" and "DISPLAY" not in os.environ and pv.vtk_version_info < (9, 4),
@@ -301,7 +301,7 @@ class TestSubdivision:
             textured.subdivided(tolerance)
 
     def test_too_fine_a_picture_is_refused(self, textured, monkeypatch):
-        monkeypatch.setattr("voxflat._subdivision._MOST_FACES", 5000)
+        monkeypatch.setattr("voxflat.maps.subdivision._MOST_FACES", 5000)
         with pytest.raises(InputError, match=r"64 x 64 texels need more than 5000 triangles; give a greater tolerance"):
             textured.subdivided()
 
@@ -412,7 +412,7 @@ class TestFiles:
 
         for name in ("face.obj", "face.mtl", "face.png"):
             (tmp_path / name).write_text("old")
-        monkeypatch.setattr("voxflat._texturefiles._png", fails)
+        monkeypatch.setattr("voxflat.maps.texture_files._png", fails)
         for name in ("face.obj", "face.vtp", "face.glb"):
             with pytest.raises(InputError, match=f"{name}: .*the disk is full"):
                 textured.save(tmp_path / name)

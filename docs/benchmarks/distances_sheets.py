@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat import _core
-from voxflat._cutout import cut_out
+from voxflat.surfaces.region import cut_out
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 

@@ -10,7 +10,7 @@ import potpourri3d
 from pygeodesic import geodesic as pygeodesic
 
 import voxflat
-from voxflat.meshes import Mesh, read_overlay, write_mesh
+from voxflat.io.meshes import Mesh, read_overlay, write_mesh
 
 OURS = ("exact", "marching", "graph")
 

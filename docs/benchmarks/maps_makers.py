@@ -191,7 +191,7 @@ def on_disk(points, faces):
 
 def autoflatten(job, options):
     """Return the map of the command `autoflatten flatten`, with its defaults."""
-    from voxflat.meshes import Mesh, Patch, patch_border, patch_faces, read_patch, write_mesh, write_patch
+    from voxflat.io.meshes import Mesh, Patch, patch_border, patch_faces, read_patch, write_mesh, write_patch
 
     command = Path(sys.executable).with_name("autoflatten")
     command = command if command.exists() else shutil.which("autoflatten")

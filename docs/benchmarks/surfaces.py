@@ -19,7 +19,7 @@ import numpy as np
 
 import voxflat
 from voxflat import _core
-from voxflat.meshes import Mesh, read_mesh, read_overlay, write_mesh
+from voxflat.io.meshes import Mesh, read_mesh, read_overlay, write_mesh
 
 DISKS = 100
 RADIUS = 45.0

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 import voxflat
-from voxflat._atlaspictures import _colours
+from voxflat.figures.atlases import _colours
 
 BOUND = 1.5
 SEEN = 45.0  # mm, the side of the part of the maps that is shown larger

@@ -18,7 +18,7 @@ from scipy.spatial.distance import pdist
 import voxflat
 from voxflat import figures
 from voxflat._pyvista import to_surface_polydata
-from voxflat._rangeimage import pixels_of
+from voxflat.surfaces.range_image import pixels_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"

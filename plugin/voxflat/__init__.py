@@ -7,25 +7,25 @@ whatever tool, and `compare` several of them. `patches` flattens a surface of an
 with bounds of the distortion that are proven.
 """
 
-from voxflat._check import Check, check
 from voxflat._core import __version__
-from voxflat._cut import Cut, CutSurface, cut
-from voxflat._distortion import Distortion, Figures, StandardErrors, Triangles
-from voxflat._errors import Cancelled, InputError, VoxflatError
-from voxflat._geodesic import geodesic
-from voxflat._glued import GluedAtlas, GluedPiece, Seams, load_atlas
-from voxflat._judge import Comparison, compare, measure
-from voxflat._lookup import Places
-from voxflat._page import FlatPage
-from voxflat._path import Path, path
-from voxflat._pieces import FlatPieces
-from voxflat._rangeimage import range_image
-from voxflat._surface import Surface, surface
-from voxflat._texture import TexturedSurface
-from voxflat.api import flatten
-from voxflat.atlas import Certificate, FlatAtlas, FlatPatch, Plane, patches
-from voxflat.flatmap import FlatMap, load
-from voxflat.rows import DistanceRows, open_rows
+from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, patches
+from voxflat.atlases.glued import GluedAtlas, GluedPiece, Seams, load_atlas
+from voxflat.atlases.page import FlatPage
+from voxflat.atlases.pieces import FlatPieces
+from voxflat.distances.geodesic import geodesic
+from voxflat.distances.path import Path, path
+from voxflat.distances.rows import DistanceRows, open_rows
+from voxflat.distortion.figures import Distortion, Figures, StandardErrors, Triangles
+from voxflat.errors import Cancelled, InputError, VoxflatError
+from voxflat.judging.measure import Comparison, compare, measure
+from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.look_up import Places
+from voxflat.maps.texture import TexturedSurface
+from voxflat.methods.flatten import flatten
+from voxflat.surfaces.check import Check, check
+from voxflat.surfaces.cut import Cut, CutSurface, cut
+from voxflat.surfaces.range_image import range_image
+from voxflat.surfaces.surface import Surface, surface
 
 __all__ = [
     "Cancelled",

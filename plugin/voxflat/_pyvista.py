@@ -17,14 +17,14 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat._errors import InputError
-from voxflat._page import FIGURES
-from voxflat._pieces import FlatPieces
-from voxflat._texture import place
-from voxflat.api import flatten
-from voxflat.atlas import patches
-from voxflat.flatmap import FlatMap
-from voxflat.io import Volume
+from voxflat.atlases.certified import patches
+from voxflat.atlases.page import FIGURES
+from voxflat.atlases.pieces import FlatPieces
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.texture import place
+from voxflat.methods.flatten import flatten
 
 __all__ = ["VoxflatAccessor", "to_page_polydata", "to_polydata", "to_surface_polydata"]
 

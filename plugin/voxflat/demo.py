@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from voxflat._errors import InputError
-from voxflat._prepare import Progress
-from voxflat._surface import surface
-from voxflat.api import flatten
-from voxflat.flatmap import FlatMap
-from voxflat.io import Volume
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.flatten import flatten
+from voxflat.surfaces.surface import surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,16 +7,16 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from voxflat._errors import Cancelled
-from voxflat._napari.meshes import LayerMesh
-from voxflat._napari.page_results import page_layers
-from voxflat._napari.results import FlatLayers
-from voxflat._napari.sampled import Overlay, Shown
-from voxflat._napari.seed import Seed
-from voxflat._napari.volumes import LayerVolume
-from voxflat._prepare import Progress
-from voxflat.api import flatten
-from voxflat.atlas import patches
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.sampled import Overlay, Shown
+from voxflat._napari.layers.seed import Seed
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.results.maps import FlatLayers
+from voxflat._napari.results.pages import page_layers
+from voxflat.arguments import Progress
+from voxflat.atlases.certified import patches
+from voxflat.errors import Cancelled
+from voxflat.methods.flatten import flatten
 
 
 @dataclass(frozen=True, eq=False)

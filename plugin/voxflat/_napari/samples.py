@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from voxflat._napari.results import LayerData
-from voxflat._napari.seed import MARKER
+from voxflat._napari.layers.seed import MARKER
+from voxflat._napari.results.maps import LayerData
 
 
 def demo_cortex() -> list[LayerData]:

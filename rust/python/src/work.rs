@@ -9,9 +9,9 @@ use pyo3::prelude::*;
 use voxflat::control::{Control, Progress};
 use voxflat::{Error, Result};
 
-pyo3::import_exception!(voxflat._errors, VoxflatError);
-pyo3::import_exception!(voxflat._errors, InputError);
-pyo3::import_exception!(voxflat._errors, Cancelled);
+pyo3::import_exception!(voxflat.errors, VoxflatError);
+pyo3::import_exception!(voxflat.errors, InputError);
+pyo3::import_exception!(voxflat.errors, Cancelled);
 
 /// How often the waiting thread looks for signals and reports progress.
 const POLL: Duration = Duration::from_millis(20);

@@ -1,0 +1,1 @@
+"""What the user fills in: which layer, which part of it, how it is flattened."""

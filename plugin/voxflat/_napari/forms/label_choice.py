@@ -1,0 +1,125 @@
+"""A box to choose one of the labels that a Labels layer holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from qtpy.QtCore import QTimer
+from qtpy.QtWidgets import QComboBox, QWidget
+from superqt.utils import FunctionWorker
+
+from voxflat._napari.layers.volumes import finest
+from voxflat.surfaces.foreground import labels_in
+
+if TYPE_CHECKING:
+    from napari.layers import Labels
+
+_SCANNED = 2**29  # voxels; larger layers, perhaps on a disk far away, are not read only to list their labels
+_PAUSE = 400  # ms without painting before the labels are listed anew
+
+
+class LabelChoice(QComboBox):
+    """Chooses a label; by default the one that is selected in the layer's controls.
+
+    Listing the labels of a volume takes up to a second, so another thread does it; until then, and for layers of very
+    many labels or voxels, the selected label alone is offered.
+
+    Parameters
+    ----------
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._layer: Labels | None = None
+        self._labels: dict[int, int] | None = None  # and their numbers of voxels, once they are known
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(_PAUSE)
+        self._timer.timeout.connect(self.scan)
+
+    @property
+    def label(self) -> int | None:
+        """The chosen label."""
+        label = self.currentData()
+        return None if label is None else int(label)
+
+    def choose(self, label: int) -> None:
+        """Choose a label.
+
+        Parameters
+        ----------
+        label : int
+            One of those that are offered.
+        """
+        self.setCurrentIndex(self.findData(label))
+
+    def follow(self, layer: Labels | None) -> None:
+        """Offer the labels of a layer, and follow its changes.
+
+        Parameters
+        ----------
+        layer : Labels or None
+            The layer; None to follow none.
+        """
+        if self._layer is not None:
+            self._layer.events.selected_label.disconnect(self._on_selected)
+            self._layer.events.data.disconnect(self._rescan)
+            self._layer.events.labels_update.disconnect(self._rescan)
+        self._layer = layer
+        self.clear()
+        if layer is None:
+            self._timer.stop()
+            return
+        layer.events.selected_label.connect(self._on_selected)
+        layer.events.data.connect(self._rescan)
+        layer.events.labels_update.connect(self._rescan)
+        self._offer(None)
+        self.scan()
+
+    def scan(self) -> None:
+        """List the labels, in another thread."""
+        if self._layer is None or np.prod(finest(self._layer).shape) > _SCANNED:
+            return
+        worker = FunctionWorker(_labels, finest(self._layer))
+        worker.returned.connect(self._on_scanned)
+        worker.start()
+
+    def _rescan(self) -> None:
+        self._timer.start()
+
+    def _on_scanned(self, found: tuple[Any, dict[int, int] | None]) -> None:
+        data, labels = found
+        if self._layer is not None and data is finest(self._layer):  # else another layer was chosen meanwhile
+            self._offer(labels)
+
+    def _on_selected(self) -> None:
+        if self._layer is None:
+            return
+        if self._labels is None:
+            self._offer(None)
+        elif self._layer.selected_label in self._labels:
+            self.choose(self._layer.selected_label)
+
+    def _offer(self, labels: dict[int, int] | None) -> None:
+        """Offer these labels, or if they are unknown the selected one."""
+        assert self._layer is not None
+        selected = self._layer.selected_label
+        before = self.label if labels is not None else None
+        self._labels = labels
+        self.clear()
+        if labels is None:
+            self.addItem(str(selected), selected)
+        else:
+            for label, count in labels.items():
+                self.addItem(f"{label}   ({count:,} voxels)", label)
+        for wanted in (before, selected):
+            if wanted is not None and self.findData(wanted) >= 0:
+                self.choose(wanted)
+                return
+
+
+def _labels(data: Any) -> tuple[Any, dict[int, int] | None]:
+    return data, labels_in(np.asarray(data))

@@ -1,0 +1,102 @@
+"""What to flatten in patches and how: the fields of *Flatten in patches*."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from napari.layers import Surface
+from qtpy.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
+
+from voxflat._napari.forms.layer_form import LayerForm, choice, spin
+from voxflat._napari.job import PatchesJob
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.volumes import LayerVolume
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_LIMITS = {
+    "max_angle": "by the greatest inclination",
+    "bound": "by the greatest change of lengths",
+    "count": "by their number",
+}
+
+
+class PatchesForm(LayerForm):
+    """Asks what to flatten in patches and how; `job` says it.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(viewer, parent)
+        self.limit = choice(_LIMITS, "What decides how large patches may become")
+        self.max_angle = spin(
+            QDoubleSpinBox(), 0.01, 80, "Greatest inclination to a patch's plane: C ≤ 1 + tan of it", "°"
+        )
+        self.max_angle.setValue(10.0)
+        self.bound = spin(QDoubleSpinBox(), 1.0001, 5.7, "C: the greatest factor by which lengths may change")
+        self.bound.setDecimals(4)
+        self.bound.setSingleStep(0.01)
+        self.bound.setValue(1.1763)
+        self.count = spin(QSpinBox(), 1, 1_000_000, "The greatest number of patches: the smallest angle is sought")
+        self.count.setValue(500)
+        self.glue = spin(
+            QDoubleSpinBox(), 1.0, 10.0, "Glue the patches: seams close as far as no triangle changes lengths by more"
+        )
+        self.glue.setSingleStep(0.1)
+        self.glue.setSpecialValueText("not glued")
+        self._values: dict[str, Any] = {"max_angle": self.max_angle, "bound": self.bound, "count": self.count}
+        self._add_rows(
+            (
+                ("Surface", self.surface),
+                ("Label", self.label),
+                ("Threshold", self.threshold),
+                ("World axes", self.world),
+                ("Limit patches", self.limit),
+                ("Angle", self.max_angle),
+                ("Bound C", self.bound),
+                ("Number", self.count),
+                ("Glue within C", self.glue),
+                ("Show on page", self.sampled),
+                ("at depth", self.sample_depth),
+                ("Pixel size", self.pixel_size),
+            )
+        )
+        self.limit.currentIndexChanged.connect(self._on_limit)
+        self._on_surface()
+        self._on_limit()
+        self._on_sampled()
+
+    def _on_limit(self) -> None:
+        for name, field in self._values.items():
+            self._show_row(field, name == self.limit.currentData())
+
+    def job(self) -> PatchesJob:
+        """Return what the fields ask for.
+
+        Returns
+        -------
+        PatchesJob
+
+        Raises
+        ------
+        InputError
+            If something is still to be chosen, or a layer does not suit.
+        """
+        layer, world = self._chosen(), self.world.currentData()
+        is_mesh = isinstance(layer, Surface)
+        name = self.limit.currentData()
+        return PatchesJob(
+            surface=LayerMesh.of(layer, world) if is_mesh else LayerVolume.of(layer, world),
+            limit={name: self._values[name].value()},
+            glue=self.glue.value() if self.glue.value() > self.glue.minimum() else None,
+            pixel_size=self.pixel_size.value() or None,
+            shown=self._shown(layer, world),
+            **({} if is_mesh else self._foreground(layer)),
+        )

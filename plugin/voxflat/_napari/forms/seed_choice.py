@@ -1,0 +1,180 @@
+"""Where a patch has its centre: a point of a Points layer, set by a click into the viewer if one likes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Points, Surface
+from napari.utils.notifications import show_warning
+from numpy.typing import NDArray
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
+
+from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.layers.seed import MARKER, Seed, data_place, describe, seed_along, seed_at, seed_of
+from voxflat._napari.layers.world import data_to_world, in_units_of
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from napari.layers import Layer
+
+_CLICK = 3  # pixels that the mouse may move within a click
+
+
+class SeedChoice(QWidget):
+    """Chooses the Points layer whose selected (else last) point is the seed; *Pick* sets it by a click.
+
+    The layer keeps the seed, so napari's own tools move it, and whatever makes points can set it.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    inside : callable
+        Whether values of a volume are foreground: in 3D a click means the first such voxel.
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    picking = Signal()
+    """A click on the surface is awaited."""
+
+    def __init__(
+        self, viewer: Viewer, inside: Callable[[NDArray[Any]], NDArray[Any]], parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self._inside = inside
+        self._surface: Layer | None = None
+        self._points: Points | None = None
+        self._layers = LayerChoice(viewer, _rank)
+        self._layers.setPlaceholderText("no points yet: click Pick")
+        self._layers.setToolTip(
+            "The Points layer with the seed: its selected point, else its last; the nearest on the surface is meant"
+        )
+        self.pick = QPushButton("Pick")
+        self.pick.setCheckable(True)
+        self.pick.setToolTip("Then click on the surface in the viewer, in a slice or in 3D")
+        self._text = QLabel()
+        layout = QGridLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setColumnStretch(0, 1)
+        layout.addWidget(self._layers, 0, 0)
+        layout.addWidget(self.pick, 0, 1)
+        layout.addWidget(self._text, 1, 0, 1, 2)
+        self._layers.chosen.connect(self._follow)
+        self.pick.toggled.connect(self._on_pick)
+        self._follow()
+
+    @property
+    def point(self) -> Seed | None:
+        """The seed's voxel, or vertex, of the surface's layer; None if there is none."""
+        if self._points is None or self._surface is None or self._surface.ndim != 3:
+            return None
+        return seed_of(self._points, self._surface)
+
+    def set_surface(self, layer: Layer | None) -> None:
+        """Say which layer's voxels or vertices are meant.
+
+        Parameters
+        ----------
+        layer : Image, Labels, Surface or None
+            The layer.
+        """
+        self._surface = layer
+        self.pick.setEnabled(layer is not None and layer.ndim == 3)
+        self._on_changed()
+
+    def set_point(self, seed: Seed) -> None:
+        """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own.
+
+        Parameters
+        ----------
+        seed : tuple of 3 ints, or int
+            The seed.
+        """
+        surface = self._surface
+        assert surface is not None
+        point = data_place(surface, seed)
+        place = {"affine": data_to_world(surface), "units": surface.units}
+        if self._points is not None and self._points.name == MARKER["name"] and len(self._points.data) <= 1:
+            self._points.affine, self._points.units = place["affine"], place["units"]
+            self._points.data = [point]
+        else:
+            before = set(self._viewer.layers.selection)
+            self._layers.choose(self._viewer.add_points([point], **MARKER, **place))
+            self._viewer.layers.selection = before
+        self._on_changed()
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        self.pick.setChecked(False)
+        self._layers.release()
+        self._unfollow()
+
+    def _follow(self) -> None:
+        self._unfollow()
+        self._points = self._layers.layer
+        if self._points is not None:
+            for event in self._events(self._points):
+                event.connect(self._on_changed)
+        self._on_changed()
+
+    def _unfollow(self) -> None:
+        if self._points is not None:
+            for event in self._events(self._points):
+                event.disconnect(self._on_changed)
+
+    @staticmethod
+    def _events(points: Points) -> tuple[Any, ...]:
+        # `highlight` tells that other points are selected
+        return (points.events.data, points.events.highlight, points.events.affine, points.events.units)
+
+    def _on_changed(self) -> None:
+        known = self._points is not None and self._surface is not None and self._surface.ndim == 3
+        self._text.setText(describe(self._points, self._surface) if known else "")
+
+    def _on_pick(self, active: bool) -> None:
+        callbacks = self._viewer.mouse_drag_callbacks
+        if active:
+            self.picking.emit()
+            layer = self._viewer.layers.selection.active
+            if layer is not None:
+                layer.mode = "pan_zoom"  # a click is to paint nothing
+            if isinstance(self._surface, Surface):
+                self._viewer.dims.ndisplay = 3  # of a mesh, napari's slices show next to nothing
+            callbacks.append(self._on_click)
+            self._viewer.status = "Click on the surface to set the seed point"
+        elif self._on_click in callbacks:
+            callbacks.remove(self._on_click)
+
+    def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
+        """Set the seed where the mouse is pressed and released without a move in between, which turns the view."""
+        pressed = np.asarray(event.pos)
+        yield
+        while event.type == "mouse_move":
+            if np.abs(event.pos - pressed).max() > _CLICK:
+                return
+            yield
+        if self._surface is None or not self._surface.visible:
+            show_warning("The surface's layer is hidden: show it, then click on it")
+            return
+        seed = self._clicked(viewer, self._surface, event)
+        if seed is None:
+            show_warning("There is no surface: click on the mesh or the foreground")
+            return
+        self.pick.setChecked(False)
+        self.set_point(seed)
+
+    def _clicked(self, viewer: Viewer, surface: Layer, event: Any) -> Seed | None:
+        position = in_units_of(surface, event.position, viewer.layers.units)
+        if viewer.dims.ndisplay == 2:
+            return seed_at(surface, position)
+        start, end = surface.get_ray_intersections(position, event.view_direction, event.dims_displayed)
+        return None if start is None else seed_along(surface, start, end, self._inside)
+
+
+def _rank(layer: Layer) -> int | None:
+    return int(layer.ndim >= 3) if isinstance(layer, Points) else None

@@ -1,0 +1,1 @@
+"""What napari's layers hold, as volumes, meshes and places in mm."""

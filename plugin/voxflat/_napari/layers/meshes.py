@@ -1,0 +1,131 @@
+"""From napari's Surface layers to meshes in RAS+ mm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.world import LayerPlace, moved
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh
+
+if TYPE_CHECKING:
+    from napari.layers import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class LayerMesh:
+    """A Surface layer's triangles and the values at its vertices, and where they lie.
+
+    It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+        In the layer's data coordinates.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of vertices.
+    values : ndarray, shape (V,)
+        One a vertex; napari gives each 1 where there are none.
+    place : LayerPlace
+        Where data coordinates lie.
+    """
+
+    vertices: NDArray[Any] = field(repr=False)
+    faces: NDArray[Any] = field(repr=False)
+    values: NDArray[Any] = field(repr=False)
+    place: LayerPlace
+
+    @classmethod
+    def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
+        """Take a Surface layer.
+
+        Parameters
+        ----------
+        layer : Surface
+            Of triangles in three dimensions.
+        world : str
+            One of `WORLDS`.
+
+        Returns
+        -------
+        LayerMesh
+
+        Raises
+        ------
+        InputError
+            For a layer of other than three dimensions, faces that are no triangles, or axes that are no lengths.
+        """
+        vertices, faces, values = (np.asarray(part) for part in layer.data)
+        if values.ndim > 1:
+            raise InputError(
+                f"layer '{layer.name}' has {values.ndim} axes of values: give one value a vertex, e.g. "
+                "layer.vertex_values = layer.vertex_values[0]"
+            )
+        place = LayerPlace.of(layer, world)
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            corners = f"{faces.shape[1]} corners" if faces.ndim == 2 else f"shape {faces.shape}"
+            raise InputError(f"the faces of layer '{layer.name}' have {corners} instead of 3: triangulate it first")
+        if len(values) != len(vertices):
+            raise InputError(f"layer '{layer.name}' has {len(values)} values at {len(vertices)} vertices")
+        return cls(vertices, faces, values, place)
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """For the map's metadata: the layer's name, the world's axes, the unit of length."""
+        return self.place.origin
+
+    def read(self) -> Mesh:
+        """Carry the vertices to RAS+ mm.
+
+        A layer that is mirrored on its way has its triangles turned over, so that outside stays outside.
+
+        Returns
+        -------
+        Mesh
+
+        Raises
+        ------
+        InputError
+            If vertices are not finite, or triangles name vertices that are not there.
+        """
+        affine = self.place.affine
+        is_mirrored = np.linalg.det(affine[:3, :3]) < 0
+        faces = self.faces[:, ::-1] if is_mirrored else self.faces
+        return Mesh(moved(self.vertices, affine), faces, self.place.path)
+
+    def kept(self) -> NDArray[np.bool_]:
+        """Return which vertices have a value: neither 0 nor NaN.
+
+        Returns
+        -------
+        ndarray of bool, shape (V,)
+
+        Raises
+        ------
+        InputError
+            If none has.
+        """
+        kept = np.nan_to_num(self.values) != 0
+        if not kept.any():
+            raise InputError(f"layer '{self.origin['layer']}' has no value that is not 0: choose another patch")
+        return np.asarray(kept)
+
+
+def vary(values: NDArray[Any]) -> bool:
+    """Whether values differ from each other, NaN aside.
+
+    Parameters
+    ----------
+    values : ndarray
+        Some.
+
+    Returns
+    -------
+    bool
+    """
+    known = values[values == values]
+    return bool(known.size and (known != known[0]).any())

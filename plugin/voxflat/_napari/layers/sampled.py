@@ -1,0 +1,142 @@
+"""What a flat map is to show: a volume that is sampled at the surface, or values at a mesh's vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from napari.layers import Labels, Surface
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat.atlases.pieces import FlatPieces
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import FlatImage
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """A volume that the map is to show.
+
+    Parameters
+    ----------
+    volume : LayerVolume
+        The values, and where they lie.
+    depth : float
+        How far outside the surface to sample, mm.
+    kind : {"image", "labels"}
+        The layer's type.
+    display : mapping
+        Keywords that make the map look as the layer does: colormap, contrast limits, gamma.
+    """
+
+    volume: LayerVolume
+    depth: float = 0.0
+    kind: str = "image"
+    display: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The layer's name."""
+        return self.volume.origin["layer"]
+
+    @property
+    def meaning(self) -> str:
+        """What the map's values are."""
+        place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
+        return f"'{self.name}', as sampled {place}"
+
+    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
+        """Draw the values on a map, as `FlatMap.image` does."""
+        interpolation = "nearest" if self.kind == "labels" else "linear"
+        return flat_map.image(self.volume.read(), pixel_size, depth=self.depth, interpolation=interpolation)
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """Values at a mesh's vertices that the map is to show.
+
+    Parameters
+    ----------
+    name : str
+        The layer's name.
+    values : ndarray, shape (V,)
+        One a vertex of the mesh that is flattened.
+    display : mapping
+        As in `Sampled`.
+    """
+
+    name: str
+    values: NDArray[Any]
+    display: Mapping[str, Any] = field(default_factory=dict)
+    kind = "image"
+
+    @property
+    def meaning(self) -> str:
+        """What the map's values are."""
+        return f"the values of '{self.name}'"
+
+    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
+        """Draw the values on a map, as `FlatMap.image` does."""
+        return flat_map.image(self.values, pixel_size)
+
+
+Shown: TypeAlias = Sampled | Overlay
+
+
+def shown(layer: Layer, world: str, depth: float) -> Shown:
+    """Take a layer's values, and how they look.
+
+    Parameters
+    ----------
+    layer : Image, Labels or Surface
+        The layer.
+    world : str
+        One of `WORLDS`.
+    depth : float
+        How far outside the surface to sample a volume, mm.
+
+    Returns
+    -------
+    Sampled or Overlay
+
+    Raises
+    ------
+    InputError
+        If the layer does not suit.
+    """
+    if isinstance(layer, Surface):
+        return overlay(layer, LayerMesh.of(layer, world))
+    volume = LayerVolume.of(layer, world)
+    if isinstance(layer, Labels):
+        return Sampled(volume, depth, "labels", {"colormap": layer.colormap})
+    return Sampled(volume, depth) if layer.rgb else Sampled(volume, depth, display=_display(layer))
+
+
+def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
+    """Take the values of a Surface layer, and how they look.
+
+    Parameters
+    ----------
+    layer : Surface
+        The layer.
+    mesh : LayerMesh
+        Made of it.
+
+    Returns
+    -------
+    Overlay
+    """
+    return Overlay(layer.name, mesh.values, _display(layer))
+
+
+def _display(layer: Layer) -> dict[str, Any]:
+    display = {"colormap": layer.colormap, "gamma": layer.gamma}
+    if layer.contrast_limits != layer.contrast_limits_range:  # someone chose them
+        display["contrast_limits"] = layer.contrast_limits
+    return display

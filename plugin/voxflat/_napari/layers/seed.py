@@ -1,0 +1,245 @@
+"""Seed points: from places in the viewer to voxels of a volume, or to vertices of a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from napari.layers import Surface
+from napari.utils.geometry import find_nearest_triangle_intersection
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.volumes import finest
+from voxflat._napari.layers.world import data_to_world, in_units_of, moved
+
+if TYPE_CHECKING:
+    from napari.layers import Layer, Points
+
+Voxel: TypeAlias = tuple[int, int, int]
+Seed: TypeAlias = Voxel | int
+"""A voxel of a volume, or the number of a mesh's vertex."""
+
+MARKER = {
+    "name": "seed point",
+    "size": 6,
+    "symbol": "cross",
+    "face_color": "#ffd23f",
+    "border_width": 0,
+    "blending": "translucent_no_depth",  # in 3D it is seen through the surface
+}
+"""How a seed point looks in the viewer: keywords of a Points layer."""
+
+
+def seed_of(points: Points, layer: Layer) -> Seed | None:
+    """Look up what of a layer a Points layer names: at its selected point, else at the last one.
+
+    Parameters
+    ----------
+    points : Points
+        The points.
+    layer : Image, Labels or Surface
+        Of three dimensions.
+
+    Returns
+    -------
+    tuple of 3 ints, int, or None
+        None if there is no point, or it lies outside the volume.
+    """
+    place = _chosen(points, layer)
+    return None if place is None else seed_at(layer, place)
+
+
+def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
+    """Look up which voxel lies at a place, or which vertex is nearest to it.
+
+    Parameters
+    ----------
+    layer : Image, Labels or Surface
+        Of three dimensions.
+    position : ndarray, shape (3,)
+        In the world, in the layer's units.
+
+    Returns
+    -------
+    tuple of 3 ints, int, or None
+        None outside the volume.
+    """
+    return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
+
+
+def seed_along(
+    layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
+) -> Seed | None:
+    """Look up where a ray meets the surface first.
+
+    Parameters
+    ----------
+    layer : Image, Labels or Surface
+        Of three dimensions.
+    start, end : ndarray, shape (3,)
+        The ray's ends in data coordinates.
+    inside : callable
+        Whether values of a volume are foreground.
+
+    Returns
+    -------
+    tuple of 3 ints, int, or None
+    """
+    return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
+
+
+def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
+    """Return where a seed lies.
+
+    Parameters
+    ----------
+    layer : Image, Labels or Surface
+        The layer.
+    seed : tuple of 3 ints, or int
+        A voxel or a vertex of it.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        In the layer's data coordinates.
+    """
+    return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
+
+
+def describe(points: Points, layer: Layer) -> str:
+    """Say in words what of a layer a Points layer names.
+
+    Parameters
+    ----------
+    points : Points
+        The points.
+    layer : Image, Labels or Surface
+        Of three dimensions.
+
+    Returns
+    -------
+    str
+    """
+    place = _chosen(points, layer)
+    seed = None if place is None else seed_at(layer, place)
+    if seed is None:
+        return "no point inside the layer"
+    if not isinstance(seed, int):
+        return f"voxel {seed[0]}, {seed[1]}, {seed[2]}"
+    apart = f"{np.linalg.norm(layer.data_to_world(data_place(layer, seed)) - place):.1f}"
+    return f"vertex {seed}" + ("" if apart == "0.0" else f", {apart} {layer.units[0]:~} away")
+
+
+def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
+    """Return the selected point, else the last one, in the world and the layer's units."""
+    if len(points.data) == 0 or points.ndim < 3:
+        return None
+    selected = sorted(points.selected_data)
+    number = selected[0] if len(selected) == 1 else len(points.data) - 1
+    return in_units_of(layer, points.data_to_world(points.data[number]), points.units)
+
+
+# ---------------------------------------------------------------------------------------------- of volumes
+
+
+def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
+    """Look up which voxel of a layer lies at a place.
+
+    Parameters
+    ----------
+    layer : Image or Labels
+        Of three dimensions.
+    position : sequence of 3 floats
+        In the world, in the layer's units.
+
+    Returns
+    -------
+    tuple of 3 ints, or None
+        None outside the layer.
+    """
+    index = np.round(layer.world_to_data(position)).astype(int)
+    return _triple(index) if np.all((index >= 0) & (index < finest(layer).shape[:3])) else None
+
+
+def first_voxel(
+    layer: Layer, start: NDArray[np.float64], end: NDArray[np.float64], inside: Callable[[NDArray[Any]], NDArray[Any]]
+) -> Voxel | None:
+    """Look up which voxel of the foreground a ray meets first.
+
+    Parameters
+    ----------
+    layer : Image or Labels
+        Of three dimensions.
+    start, end : ndarray, shape (3,)
+        The ray's ends in voxel indices.
+    inside : callable
+        Whether values are foreground.
+
+    Returns
+    -------
+    tuple of 3 ints, or None
+    """
+    data = finest(layer)
+    steps = np.linspace(0, 1, 2 + int(4 * np.linalg.norm(end - start)))[:, None]
+    voxels = np.round(start + steps * (end - start)).astype(int)
+    voxels = voxels[np.all((voxels >= 0) & (voxels < data.shape[:3]), axis=1)]
+    values = np.asarray(getattr(data, "vindex", data)[tuple(voxels.T)])  # dask and zarr index point by point so
+    hits = np.flatnonzero(inside(values))
+    return _triple(voxels[hits[0]]) if len(hits) else None
+
+
+def _triple(index: NDArray[Any]) -> Voxel:
+    i, j, k = (int(n) for n in index)
+    return i, j, k
+
+
+# ------------------------------------------------------------------------------------------------ of meshes
+
+
+def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
+    """Look up which vertex of a mesh is nearest to a place, among those that a face uses.
+
+    Parameters
+    ----------
+    layer : Surface
+        Of three dimensions.
+    position : sequence of 3 floats
+        In the world, in the layer's units.
+
+    Returns
+    -------
+    int or None
+        None if the mesh has no vertex in use.
+    """
+    vertices, faces = layer.vertices, np.asarray(layer.faces)
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces[(faces >= 0) & (faces < len(vertices))]] = True  # what is wrong is told when it is flattened
+    apart = np.linalg.norm(moved(vertices, data_to_world(layer)) - position, axis=1)
+    apart[~used | np.isnan(apart)] = np.inf
+    return int(apart.argmin()) if np.isfinite(apart).any() else None
+
+
+def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
+    """Look up the corner nearest to where a ray meets the first triangle of a mesh.
+
+    Parameters
+    ----------
+    layer : Surface
+        Of three dimensions.
+    start, end : ndarray, shape (3,)
+        The ray's ends in data coordinates.
+
+    Returns
+    -------
+    int or None
+    """
+    vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
+    along = (end - start) / np.linalg.norm(end - start)
+    face, place = find_nearest_triangle_intersection(start, along, vertices[faces])
+    if face is None:
+        return None
+    corners = faces[face]
+    affine = data_to_world(layer)
+    apart = np.linalg.norm(moved(vertices[corners] - place, affine) - affine[:3, 3], axis=1)
+    return int(corners[apart.argmin()])

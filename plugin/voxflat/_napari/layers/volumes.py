@@ -1,0 +1,109 @@
+"""From napari's Image and Labels layers to volumes in RAS+ mm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.world import LayerPlace
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+
+@dataclass(frozen=True, eq=False)
+class LayerVolume:
+    """Where a layer's voxels are, and where they lie.
+
+    It is made in the GUI's thread, and read in any other: a layer may change or be removed meanwhile.
+
+    Parameters
+    ----------
+    data : array_like
+        numpy, dask, zarr: whatever the layer holds; of a multiscale layer its finest level.
+    place : LayerPlace
+        Where voxel indices lie.
+    rgb : bool
+        Whether the last axis holds colours.
+    """
+
+    data: Any = field(repr=False)
+    place: LayerPlace
+    rgb: bool
+
+    @classmethod
+    def of(cls, layer: Layer, world: str = "RAS") -> LayerVolume:
+        """Take an Image or Labels layer.
+
+        Parameters
+        ----------
+        layer : Layer
+            Of three dimensions.
+        world : str
+            One of `WORLDS`.
+
+        Returns
+        -------
+        LayerVolume
+
+        Raises
+        ------
+        InputError
+            For a layer of other than three dimensions, or axes that are no lengths.
+        """
+        if layer.ndim > 3:
+            raise InputError(
+                f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3: split it "
+                "(Layers > Layer Type > Split Stack) and choose a part"
+            )
+        place = LayerPlace.of(layer, world)
+        return cls(finest(layer), place, getattr(layer, "rgb", False))  # Labels have no rgb
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """For the map's metadata: the layer's name, the world's axes, the unit of length."""
+        return self.place.origin
+
+    def read(self) -> Volume:
+        """Fetch the voxels: long for dask and zarr.
+
+        Returns
+        -------
+        Volume
+
+        Raises
+        ------
+        InputError
+            If the values are no volume.
+        """
+        data = np.asarray(self.data)
+        return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
+
+
+def finest(layer: Layer) -> Any:
+    """Return a layer's voxels, of a multiscale layer those of its finest level.
+
+    Parameters
+    ----------
+    layer : Layer
+        Image or Labels.
+
+    Returns
+    -------
+    array_like
+        numpy, dask, zarr: whatever the layer holds.
+    """
+    return layer.data[0] if layer.multiscale else layer.data
+
+
+def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
+    """Take colours of any type, which napari shows as it does uint8, as uint8."""
+    if colours.dtype == np.uint8:
+        return colours
+    full = 1.0 if colours.dtype.kind == "f" else float(np.iinfo(colours.dtype).max)
+    return np.round(np.clip(np.nan_to_num(colours / full), 0, 1) * 255).astype(np.uint8)

@@ -1,0 +1,209 @@
+"""The viewer's world: where a layer lies in it, and where that is in RAS+ mm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.volumes import check_affine
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+WORLDS = {
+    "RAS": "RAS: x, y, z (nibabel)",
+    "SPL": "SPL: z, y, x of LPS (ITK, SimpleITK)",
+    "SAR": "SAR: z, y, x of RAS",
+    "LPS": "LPS: x, y, z (DICOM)",
+}
+"""What the axes of the viewer's world may be: where each one grows to, and how readers of files come to it.
+
+Nothing in a layer says which one it is, and a wrong one shows the map from inside, as its mirror image.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class LayerPlace:
+    """Where a layer lies, and where it came from.
+
+    Parameters
+    ----------
+    affine : ndarray, shape (4, 4)
+        From the layer's data coordinates to RAS+ mm.
+    path : Path or None
+        The file that the layer came from.
+    origin : dict
+        For the map's metadata: the layer's name, the world's axes, the unit of length.
+    """
+
+    affine: NDArray[np.float64]
+    path: Path | None
+    origin: dict[str, str]
+
+    @classmethod
+    def of(cls, layer: Layer, world: str = "RAS") -> LayerPlace:
+        """Read it off a layer.
+
+        Parameters
+        ----------
+        layer : Layer
+            Any.
+        world : str
+            One of `WORLDS`.
+
+        Returns
+        -------
+        LayerPlace
+
+        Raises
+        ------
+        InputError
+            For a layer of other than three dimensions, or axes that are no lengths.
+        """
+        if layer.ndim != 3:
+            raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
+        factors, unit = _millimetres(layer)
+        to_mm = np.diag([*factors, 1.0])
+        path = getattr(layer.source, "path", None)
+        return cls(
+            affine=check_affine(_to_ras(world) @ to_mm @ data_to_world(layer)),
+            path=Path(path) if path else None,
+            origin={"layer": layer.name, "world_axes": world, "unit": unit},
+        )
+
+
+def data_to_world(layer: Layer) -> NDArray[np.float64]:
+    """Return a layer's affine, its scale, rotation, shear, translation and affine in one.
+
+    Parameters
+    ----------
+    layer : Layer
+        Of three dimensions.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        From data coordinates to the viewer's world, in the layer's units.
+    """
+    corner = np.asarray(layer.data_to_world((0, 0, 0)), dtype=np.float64)
+    affine = np.eye(4)
+    affine[:3, 3] = corner
+    affine[:3, :3] = np.transpose([layer.data_to_world(step) - corner for step in np.eye(3)])
+    return affine
+
+
+def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Carry points over by an affine.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        The points.
+    affine : ndarray, shape (4, 4)
+        From where they are to where they go.
+
+    Returns
+    -------
+    ndarray, shape (N, 3)
+    """
+    return np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
+
+
+def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
+    """Carry points from RAS+ mm to a viewer's world.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        RAS+ mm.
+    world : str
+        One of `WORLDS`.
+
+    Returns
+    -------
+    ndarray, shape (N, 3)
+        In mm along the world's axes.
+    """
+    return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
+
+
+def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
+    """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels).
+
+    Parameters
+    ----------
+    units, target : sequence of pint.Unit
+        One an axis.
+
+    Returns
+    -------
+    ndarray, one an axis
+    """
+    return np.array(
+        [
+            float((1 * unit).to(other).magnitude) if unit.is_compatible_with(other) else 1.0
+            for unit, other in zip(units, target, strict=True)
+        ]
+    )
+
+
+def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
+    """Convert a place in the viewer to a layer's units.
+
+    Parameters
+    ----------
+    layer : Layer
+        Of three dimensions.
+    position : sequence of floats
+        In the world; of more than three numbers the last three are taken.
+    units : sequence of pint.Unit, or None
+        The position's units; None where they cannot be compared, so that nothing is converted.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+    """
+    place = np.asarray(position, dtype=np.float64)[-3:]
+    return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
+
+
+def same_kind_of_unit(a: Layer, b: Layer) -> bool:
+    """Whether two layers are both in lengths or both in pixels, so that they lie in one world.
+
+    Parameters
+    ----------
+    a, b : Layer
+        Of three dimensions.
+
+    Returns
+    -------
+    bool
+    """
+    return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
+
+
+def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
+    """Return the factors from a layer's units to mm, and the units in words."""
+    units = layer.units
+    names = ", ".join(dict.fromkeys(str(unit) for unit in units))
+    if all(str(unit) == "pixel" for unit in units):
+        return np.ones(3), "pixel, taken as mm"
+    if not all(unit.is_compatible_with("mm") for unit in units):
+        raise InputError(f"the axes of layer '{layer.name}' are in {names}: set its units to lengths, such as mm")
+    return unit_ratio(units, ["mm"] * 3), names
+
+
+def _to_ras(world: str) -> NDArray[np.float64]:
+    """Return the matrix from a world whose axes grow towards some letters of R/L, A/P, S/I to RAS+."""
+    matrix = np.zeros((4, 4))
+    matrix[3, 3] = 1
+    for axis, letter in enumerate(world):
+        row = "RASLPI".index(letter)
+        matrix[row % 3, axis] = 1 if row < 3 else -1
+    return matrix

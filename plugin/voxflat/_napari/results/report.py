@@ -1,0 +1,148 @@
+"""What tells how good a flat map is, in words."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from voxflat.atlases.certified import Atlas, FlatAtlas
+from voxflat.atlases.glued import GluedAtlas
+from voxflat.distortion.figures import Triangles
+from voxflat.maps.flat_map import FlatMap
+
+Row: TypeAlias = tuple[str, str]
+"""A figure's name and its value."""
+
+
+def summary(flat_map: FlatMap | Atlas) -> str:
+    """Return in a few words what came out.
+
+    Parameters
+    ----------
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
+        The map, or the atlas.
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(flat_map, GluedAtlas):
+        return flat_map.title
+    if isinstance(flat_map, FlatAtlas):
+        return f"{len(flat_map):,} patches of {len(flat_map.faces):,} triangles, C ≤ {flat_map.certificate.c:.4f}"
+    assert isinstance(flat_map, FlatMap)
+    return f"{len(flat_map):,} points, {100 * flat_map.distortion.raw.relative_error:.1f} % mean relative error"
+
+
+def table(flat_map: FlatMap | Atlas) -> str:
+    """Return all figures as text."""
+    return flat_map.distortion.table() if isinstance(flat_map, FlatMap) else flat_map.table()
+
+
+def figures(flat_map: FlatMap | Atlas) -> list[Row]:
+    """Return what tells how good a flat map or an atlas is.
+
+    Parameters
+    ----------
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
+        The map, or the atlas.
+
+    Returns
+    -------
+    list of Row
+    """
+    if isinstance(flat_map, GluedAtlas):
+        return _of_glued(flat_map)
+    if isinstance(flat_map, FlatAtlas):
+        return _of_atlas(flat_map)
+    assert isinstance(flat_map, FlatMap)
+    raw, triangles = flat_map.distortion.raw, flat_map.distortion.triangles
+    width, height = np.ptp(flat_map.uv, axis=0)
+    return [
+        ("relative error", f"{100 * raw.relative_error:.1f} %"),
+        ("   pairs up to 10 mm", f"{100 * raw.relative_error_10mm:.1f} %"),
+        ("   pairs up to 30 mm", f"{100 * raw.relative_error_30mm:.1f} %"),
+        ("absolute error", f"{raw.absolute_error:.2f} mm"),
+        ("stress-1", f"{raw.stress_1:.4f}"),
+        ("correlation", f"{flat_map.distortion.pearson_r:.4f}"),
+        *([] if triangles is None else _of_triangles(triangles)),
+        ("map", f"{width:.0f} × {height:.0f} mm"),
+        *_of_topology(flat_map),
+    ]
+
+
+def _of_atlas(atlas: FlatAtlas) -> list[Row]:
+    """Return the certificate beside what is measured."""
+    told, certified = atlas.figures(), atlas.certificate
+    measured = told["measured"]
+    width, height = atlas.layout().max(axis=0)
+    rows = [
+        ("patches", f"{len(atlas):,}"),
+        ("   that make half the area", f"{told['half_of_the_area']:,}"),
+        ("   of one triangle", f"{told['single_triangles']:,}"),
+        ("certified: inclination", f"≤ {certified.angle:.2f}°"),
+        ("   C, lengths", f"≤ {certified.c:.4f}"),
+        ("   K, angles", f"≤ {certified.k:.4f}"),
+        ("measured: inclination", f"{measured['angle']:.2f}°"),
+        ("   C, lengths", f"{measured['c']:.4f}"),
+        ("   K, angles", f"{measured['k']:.4f}"),
+        ("page", f"{width:.0f} × {height:.0f} mm"),
+    ]
+    return rows
+
+
+def _of_glued(atlas: GluedAtlas) -> list[Row]:
+    """Return what became of the seams, and what is measured."""
+    told, seams = atlas.figures(), atlas.seams
+    measured = told["measured"]
+    width, height = atlas.layout().max(axis=0)
+    return [
+        ("patches", f"{told['patches']:,}"),
+        ("pieces, glued", f"{len(atlas):,}"),
+        ("   the largest has of the area", f"{100 * told['largest_area_share']:.1f} %"),
+        ("seams closed", f"{100 * seams.closed_share:.1f} %"),
+        ("   left cut", f"{seams.cuts:,.0f} mm"),
+        ("C, lengths: bound", f"≤ {atlas.bound:g}"),
+        ("   greatest", f"{measured['c']:.4f}"),
+        ("   mean", f"{measured['mean_c']:.4f}"),
+        ("K, angles: greatest", f"{measured['k']:.4f}"),
+        ("page", f"{width:.0f} × {height:.0f} mm"),
+    ]
+
+
+def _of_triangles(triangles: Triangles) -> list[Row]:
+    return [
+        ("areas, median factor", f"{2**triangles.areal_median:.2f}"),
+        ("edges", f"{100 * triangles.edge:.1f} %"),
+        ("angles", f"{triangles.angle:.1f}°"),
+        ("flipped triangles", f"{triangles.flipped} ({100 * triangles.flipped_share:.2g} % of the area)"),
+        ("triangles that cover others", f"{triangles.covering}"),
+    ]
+
+
+def _of_topology(flat_map: FlatMap) -> list[Row]:
+    """Return how the surface was opened, or where a map over the 26-neighbour graph is torn."""
+    rows = []
+    if cuts := flat_map.metadata.get("automatic_cuts"):
+        rows.append(("automatic cuts", f"{len(cuts)}, {sum(cut['length'] for cut in cuts):.0f} mm"))
+    if "torn_faces" in flat_map.metadata:
+        rows.append(("torn faces", f"{100 * flat_map.metadata['torn_faces']:.1f} %"))
+    if "topology" in flat_map.metadata:
+        rows.append(("Euler characteristic (disk: 1)", f"{flat_map.metadata['topology']['euler_characteristic']}"))
+    return rows
+
+
+def warnings(flat_map: FlatMap | Atlas) -> list[str]:
+    """Return what the user should know of a map or an atlas, as sentences.
+
+    Parameters
+    ----------
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
+        The map, or the atlas.
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"{warning[:1].upper()}{warning[1:]}." for warning in flat_map.metadata["warnings"]]

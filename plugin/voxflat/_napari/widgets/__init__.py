@@ -1,0 +1,1 @@
+"""The docks that napari opens."""

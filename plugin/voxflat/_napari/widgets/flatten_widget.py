@@ -1,0 +1,166 @@
+"""What the widgets that flatten have in common: a form, start and cancel, progress in another thread, and results."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from napari.utils.notifications import notification_manager, show_error
+from qtpy.QtCore import QEvent, QTimer
+from qtpy.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+
+from voxflat._napari.results import report
+from voxflat._napari.results.map_panel import MapPanel
+from voxflat._napari.results.maps import FlatLayers
+from voxflat._napari.worker import JobWorker
+from voxflat.errors import Cancelled, VoxflatError
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+    from voxflat._napari.forms.patches_form import PatchesForm
+    from voxflat._napari.forms.surface_form import SurfaceForm
+
+_TICK = 50  # ms between two looks at the worker
+
+
+class FlattenWidget(QWidget):
+    """Flattens what a form asks for in another thread, and shows what came out.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    form : SurfaceForm or PatchesForm
+        Asks what to do.
+    results : MapPanel
+        Shows what came out.
+    action : str
+        What is done, on its button.
+    """
+
+    def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
+        super().__init__()
+        self._viewer = viewer
+        self._worker: JobWorker | None = None
+        self._started = 0.0
+        self._timer = QTimer(self)
+        self._timer.setInterval(_TICK)
+        self._timer.timeout.connect(self._show_progress)
+        self.form = form
+        self.results = results
+        self._make_actions(action)
+        self._lay_out()
+        self._set_running(False)
+
+    # ------------------------------------------------------------------------------------------ making
+
+    def _make_actions(self, action: str) -> None:
+        self.start = QPushButton(action)
+        self.start.clicked.connect(self.flatten)
+        self.stop = QPushButton("Cancel")
+        self.stop.clicked.connect(self.cancel)
+        self.bar = QProgressBar()
+        self.status = QLabel()
+        self.status.setWordWrap(True)
+
+    def _lay_out(self) -> None:
+        actions = QHBoxLayout()
+        actions.addWidget(self.start, 2)
+        actions.addWidget(self.stop, 1)
+        layout = QVBoxLayout(self)
+        layout.addWidget(self.form)
+        layout.addLayout(actions)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.status)
+        layout.addWidget(self.results)
+        layout.addStretch(1)
+
+    # --------------------------------------------------------------------------------------- flattening
+
+    def flatten(self) -> None:
+        """Start flattening; `cancel` stops it."""
+        if self._worker is not None:
+            return
+        try:
+            worker = JobWorker(self.form.job())
+        except VoxflatError as error:
+            self._fail(str(error))
+            return
+        worker.returned.connect(self._on_returned)
+        worker.errored.connect(self._on_errored)
+        worker.finished.connect(self._on_finished)
+        self.destroyed.connect(worker.quit)  # with the window
+        self._worker = worker
+        self._started = time.perf_counter()
+        self._set_running(True)
+        worker.start()
+
+    def cancel(self) -> None:
+        """Stop flattening, if it is under way."""
+        if self._worker is not None:
+            self._worker.quit()
+            self.stop.setEnabled(False)
+            self.status.setText("cancelling…")
+
+    def _set_running(self, running: bool) -> None:
+        self.start.setEnabled(not running)
+        self.stop.setEnabled(running)
+        self.bar.setVisible(running)
+        if running:
+            self._show_progress()
+            self._timer.start()
+        else:
+            self._timer.stop()
+
+    def _show_progress(self) -> None:
+        if self._worker is None or self._worker.abort_requested:
+            return
+        stage, done, total = self._worker.stage
+        counted = total > 1
+        self.bar.setRange(0, total if counted else 0)  # 0 to 0 shows that it goes on
+        self.bar.setValue(done if counted else 0)
+        self.status.setText(f"{stage}…")
+
+    def _on_returned(self, result: FlatLayers) -> None:
+        if self._worker is None or self._worker.abort_requested:
+            return  # cancelled when it was just done
+        seconds = time.perf_counter() - self._started
+        summary = f"{report.summary(result.flat_map)} in {seconds:.1f} s"
+        self._timer.stop()  # adding layers lets it tick
+        self.results.show_result(result)
+        self.status.setText(summary)
+        self._viewer.status = summary
+
+    def _on_errored(self, error: Exception) -> None:
+        if isinstance(error, Cancelled):
+            return
+        if isinstance(error, VoxflatError | MemoryError | OSError):
+            self._fail(str(error) or type(error).__name__)
+        else:  # a bug: with its traceback
+            self.status.setText(f"{type(error).__name__}: {error}")
+            notification_manager.receive_error(type(error), error, error.__traceback__)
+
+    def _on_finished(self) -> None:
+        if self._worker is not None and self._worker.abort_requested:
+            self.status.setText("cancelled")
+        self._worker = None
+        self._set_running(False)
+
+    def _fail(self, message: str) -> None:
+        message = " ".join(message.split())
+        self.status.setText(message)
+        show_error(message)
+
+    # ------------------------------------------------------------------------------------------- ending
+
+    def event(self, event: Any) -> bool:
+        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self._release()
+        return bool(super().event(event))
+
+    def _release(self) -> None:
+        self.cancel()
+        self.form.release()
+        self.results.release()

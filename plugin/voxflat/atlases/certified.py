@@ -1,0 +1,434 @@
+"""Quasi-isometric patches: `patches` flattens a surface of any topology into a `FlatAtlas`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from numbers import Integral, Real
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import Progress, checked_seed, checked_threads, log
+from voxflat.atlases.glued import GluedAtlas
+from voxflat.atlases.glued import glue as _glue
+from voxflat.atlases.pieces import FlatPieces, load_pieces, save_pieces
+from voxflat.errors import InputError
+from voxflat.surfaces.surface import surface as _surface
+
+__all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "patches"]
+
+_FORMAT = "voxflat atlas 2"
+_SHOWN = 12  # patches in a table
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven for every triangle.
+
+    Parameters
+    ----------
+    angle : float
+        No direction on the surface is inclined by more to its patch's plane, degrees.
+    c : float
+        No length changes by more than this factor: max(σ1, 1/σ2) ≤ C.
+    k : float
+        Maximal dilatation: σ1/σ2 ≤ K.
+    """
+
+    angle: float
+    c: float
+    k: float
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane in space, seen from the side to which its normal points.
+
+    Parameters
+    ----------
+    origin : ndarray, shape (3,)
+        What lies at (0, 0), RAS+ mm.
+    normal : ndarray, shape (3,)
+        Unit normal.
+    axes : ndarray, shape (2, 3)
+        Orthogonal unit vectors, the directions of u and v.
+    """
+
+    origin: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    axes: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPatch:
+    """A part of a surface in its plane.
+
+    Parameters
+    ----------
+    faces : ndarray of int64, shape (G,)
+        Its triangles, as rows of the atlas's `faces`.
+    vertices : ndarray of int64, shape (P,)
+        Its vertices, as rows of the atlas's `points`.
+    uv : ndarray, shape (P, 2)
+        Their places in the plane, mm.
+    triangles : ndarray of int64, shape (G, 3)
+        Its triangles, by rows of `uv`; counterclockwise.
+    plane : Plane
+        Onto which it is projected.
+    certificate : Certificate
+        What is proven for it.
+    tilt : float
+        The greatest inclination of a triangle to the plane, degrees.
+    area : float
+        On the surface, mm².
+    isometric, quasi_conformal : float
+        The greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+    """
+
+    faces: NDArray[np.int64]
+    vertices: NDArray[np.int64]
+    uv: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    plane: Plane
+    certificate: Certificate
+    tilt: float
+    area: float
+    isometric: float
+    quasi_conformal: float
+
+    def __repr__(self) -> str:
+        return f"<FlatPatch: {len(self.faces)} triangles, {self.area:.4g} mm², C = {self.isometric:.4f}>"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
+    """A surface as flat patches, from the largest to the smallest: a sequence of `FlatPatch`.
+
+    Parameters
+    ----------
+    points, faces, ids, labels, stretch, starts, vertices, uv, corners, metadata
+        As of all `FlatPieces`; each piece is a patch.
+    certificate : Certificate
+        What is proven for all patches.
+    planes : ndarray, shape (patches, 4, 3)
+        Origin, normal, and the axes u and v of each patch's plane.
+    measured : ndarray, shape (patches, 4)
+        Tilt, area, isometric and quasi_conformal of each patch.
+    """
+
+    certificate: Certificate
+    planes: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        return (
+            f"<FlatAtlas of {len(self)} patches: {len(self.faces)} triangles, "
+            f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}>"
+        )
+
+    def __getitem__(self, number: Any) -> Any:
+        """Return a patch, or several for a slice."""
+        if isinstance(number, slice):
+            return [self[n] for n in range(*number.indices(len(self)))]
+        n = range(len(self))[number]
+        rows = slice(self.starts[n], self.starts[n + 1])
+        vertices = self.vertices[rows]
+        faces = self._faces_by_patch[n]
+        origin, normal, *axes = self.planes[n]
+        tilt, area, isometric, quasi_conformal = self.measured[n].tolist()
+        return FlatPatch(
+            faces=faces,
+            vertices=vertices,
+            uv=self.uv[rows],
+            triangles=self.corners[faces] - self.starts[n],
+            plane=Plane(origin, normal, np.stack(axes)),
+            certificate=self.certificate,
+            tilt=tilt,
+            area=area,
+            isometric=isometric,
+            quasi_conformal=quasi_conformal,
+        )
+
+    def __iter__(self) -> Iterator[FlatPatch]:
+        """Yield the patches."""
+        return (self[n] for n in range(len(self)))
+
+    @property
+    def patches(self) -> list[FlatPatch]:
+        """The patches, from the largest to the smallest."""
+        return list(self)
+
+    @cached_property
+    def _faces_by_patch(self) -> list[NDArray[np.int64]]:
+        order = np.argsort(self.labels, kind="stable")
+        return np.split(order, np.searchsorted(self.labels[order], np.arange(1, len(self))))
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures by their names.
+
+        Returns
+        -------
+        dict
+        """
+        tilt, area, isometric, quasi_conformal = self.measured.T
+        sizes = np.bincount(self.labels, minlength=len(self))
+        return {
+            "patches": len(self),
+            "triangles": len(self.faces),
+            "single_triangles": int((sizes == 1).sum()),
+            "area": float(area.sum()),
+            "largest_area_share": float(area[0] / area.sum()),
+            "half_of_the_area": int(np.searchsorted(np.cumsum(area), 0.5 * area.sum()) + 1),
+            "certificate": asdict(self.certificate),
+            "measured": {
+                "angle": float(tilt.max()),
+                "c": float(isometric.max()),
+                "k": float(quasi_conformal.max()),
+                "mean_c": float(area @ isometric / area.sum()),
+            },
+            "broken": int(self.broken.sum()),
+        }
+
+    @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        of = self.certificate
+        return f"{len(self)} patches, {len(self.faces)} triangles, C ≤ {of.c:.4f}, K ≤ {of.k:.4f}"
+
+    @property
+    def broken(self) -> NDArray[np.bool_]:
+        """Which triangles are measured beyond the certificate, shape (F,): so thin ones that rounding does it."""
+        held = (self.isometric <= self.certificate.c) & (self.quasi_conformal <= self.certificate.k)
+        return np.asarray(~held)
+
+    def table(self) -> str:
+        """Return certificates and measured figures as a table of text.
+
+        Returns
+        -------
+        str
+        """
+        of, certified = self.figures(), self.certificate
+        measured = of["measured"]
+        lines = [
+            f"{'patches':26}{len(self):>10}",
+            f"{'triangles':26}{len(self.faces):>10}",
+            f"{'patches of one triangle':26}{of['single_triangles']:>10}",
+            f"{'patches of half the area':26}{of['half_of_the_area']:>10}",
+            "",
+            f"{'':26}{'certified':>10}{'measured':>10}",
+            f"{'inclination, degrees':26}{certified.angle:>10.2f}{measured['angle']:>10.2f}",
+            f"{'C, lengths':26}{certified.c:>10.4f}{measured['c']:>10.4f}",
+            f"{'K, angles':26}{certified.k:>10.4f}{measured['k']:>10.4f}",
+            "",
+            f"{'patch':>6}{'triangles':>11}{'area, mm²':>12}{'degrees':>9}{'C':>9}{'K':>9}",
+        ]
+        sizes = np.bincount(self.labels, minlength=len(self))
+        for n, (tilt, area, c, k) in enumerate(self.measured[:_SHOWN].tolist()):
+            lines.append(f"{n:>6}{sizes[n]:>11}{area:>12.4g}{tilt:>9.2f}{c:>9.4f}{k:>9.4f}")
+        if len(self) > _SHOWN:
+            lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
+        return "\n".join(lines)
+
+    def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
+        """Close the seams between the patches, as far as that is possible within a bound on C.
+
+        Neighbouring patches are laid out so that the edges they share meet, and moved until the distortion is least.
+        Every triangle keeps max(σ1, 1/σ2) ≤ `bound`, none is turned over, and no piece lies on itself. Where that
+        cannot be, a seam stays cut, and pieces stay apart. A surface that can be made flat without distortion is.
+
+        Parameters
+        ----------
+        bound : float
+            The greatest factor by which lengths may change, above 1 and at most 10.
+        threads, progress
+            As in `surface`.
+
+        Returns
+        -------
+        GluedAtlas
+            The same for any number of threads and any numbering of vertices and triangles, but for the order of arrays.
+
+        Raises
+        ------
+        InputError
+            If the bound does not fit, or the patches themselves are beyond it.
+        Cancelled
+            If `progress` returned False.
+        """
+        return _glue(self, bound, threads, progress)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the atlas to a file, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .npz.
+
+        Raises
+        ------
+        InputError
+            If the path has another ending or cannot be written.
+        """
+        text = {"certificate": asdict(self.certificate), "metadata": self.metadata}
+        save_pieces(path, _FORMAT, text, {name: getattr(self, name) for name in _ARRAYS})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> FlatAtlas:
+        """Load an atlas that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            An .npz file.
+
+        Returns
+        -------
+        FlatAtlas
+
+        Raises
+        ------
+        InputError
+            If the file is damaged or is no atlas.
+        FileNotFoundError
+            If there is no such file.
+        """
+        text, arrays = load_pieces(path, _FORMAT, _ARRAYS)
+        return cls(**arrays, certificate=Certificate(**text["certificate"]), metadata=text["metadata"])
+
+
+Atlas: TypeAlias = FlatAtlas | GluedAtlas
+"""Patches, glued or not."""
+
+_ARRAYS = ("points", "faces", "ids", "labels", "stretch", "starts", "vertices", "uv", "corners", "planes", "measured")
+
+
+def patches(
+    surface: object,
+    max_angle: float | None = None,
+    *,
+    bound: float | None = None,
+    count: int | None = None,
+    seeds: str = "curvature",
+    seed: int = 0,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    memory_limit: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> FlatAtlas:
+    """Flatten a surface of any topology in patches with a certificate (Appleboim, Saucan, Zeevi 2006).
+
+    Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. Then no
+    length changes by more than a factor C ≤ 1 + tan θ, nor angles by a dilatation of more than K ≤ (1 + tan θ)^1.5.
+    Nothing is cut, repaired or left out: every triangle belongs to one patch, and patches do not lie on themselves.
+
+    Parameters
+    ----------
+    surface, label, threshold, spacing, affine, memory_limit, threads, progress
+        A volume, a mesh or a Surface, as in `surface`.
+    max_angle : float, optional
+        θ, degrees, from 0.01 to 80; by default 10.
+    bound : float, optional
+        Instead of the angle the greatest C that is wanted. The angle is the largest one for which C = K = 1/cos θ, the
+        exact bound of a projection, is within it: fewer patches than the formula above needs.
+    count : int, optional
+        Instead of the angle the number of patches that must not be exceeded, for which the smallest angle is sought.
+    seeds : {"curvature", "flattest", "random"}
+        Where patches begin. "curvature": candidates are grown around the flattest places, turned to where they become
+        largest, and the largest is kept first; small patches are dissolved in their neighbours. The others are the
+        paper's: one patch after another, on the plane of the flattest or of a random triangle.
+    seed : int
+        Of the random choice.
+
+    Returns
+    -------
+    FlatAtlas
+        The same for any numbering of vertices and triangles, but for the order of arrays.
+
+    Raises
+    ------
+    InputError
+        If the surface cannot be used, or an argument does not fit.
+    Cancelled
+        If `progress` returned False.
+    """
+    limit, value = _limit(max_angle, bound, count)
+    if seeds not in ("curvature", "flattest", "random"):
+        raise InputError(f"seeds is {seeds!r}; give 'curvature', 'flattest' or 'random'")
+    seed = checked_seed(seed)
+    threads = checked_threads(threads)
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
+    found = whole.core.patches(limit, value, seeds, seed, threads, progress)
+    parts = found["patches"]
+    faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
+    starts = np.cumsum([0, *(len(part["vertices"]) for part in parts)])
+    vertices = np.concatenate([part["vertices"] for part in parts]).astype(np.int64)
+    atlas = FlatAtlas(
+        points=whole.points,
+        faces=faces,
+        ids=whole.ids,
+        labels=labels,
+        stretch=found["stretch"],
+        certificate=Certificate(*found["certificate"]),
+        starts=starts,
+        vertices=vertices,
+        uv=np.concatenate([part["uv"] for part in parts]),
+        corners=_corners(faces, labels, starts, vertices),
+        planes=np.stack([part["plane"] for part in parts]),
+        measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
+        metadata={
+            "method": "saucan2006",
+            **{name: whole.metadata[name] for name in _SURFACE if name in whole.metadata},
+            "limit": {limit: value},
+            "seeds": seeds,
+            "seed": seed,
+            "warnings": list(whole.remarks),
+        },
+    )
+    if broken := int(atlas.broken.sum()):
+        atlas.metadata["warnings"].append(
+            f"{broken} triangles are so thin that rounding takes them beyond the certificate; remesh the surface"
+        )
+    for remark in atlas.metadata["warnings"]:
+        log.warning(remark)
+    return atlas
+
+
+def _corners(
+    faces: NDArray[np.int64], labels: NDArray[np.int64], starts: NDArray[np.int64], vertices: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Find each triangle's corners among the vertices of its patch, which ascend within each patch."""
+    count = int(vertices.max()) + 1
+    keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts)) * count + vertices
+    return np.searchsorted(keys, labels[:, None] * count + faces)
+
+
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure")
+_MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
+
+
+def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
+    """Return what limits the patches: the core's name for it, and its value."""
+    limits = {"max_angle": max_angle, "bound": bound, "count": count}
+    given = {name: value for name, value in limits.items() if value is not None}
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
+    if not given:
+        return "angle", 10.0
+    name, value = next(iter(given.items()))
+    kind, what = (Integral, "a whole number") if name == "count" else (Real, "a number")
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise InputError(f"{name} is {value!r}; give {what}")
+    number = float(value)
+    if name == "count" and not 1 <= number < 2**32:
+        raise InputError(f"count is {value}; give a positive whole number")
+    return "angle" if name == "max_angle" else name, number

@@ -1,0 +1,169 @@
+"""Flat pieces side by side on a page, without overlap: in rows of boxes, or packed by their shapes with xatlas."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from voxflat.errors import InputError
+
+if TYPE_CHECKING:
+    from voxflat.atlases.pieces import FlatPieces
+
+__all__ = ["PACKINGS", "gap_of", "lay_out", "turned"]
+
+PACKINGS = ("boxes", "shapes")
+"""How pieces are packed."""
+
+_GAP = 0.05  # of the side of a square as large as a piece's box on the average
+_WIDTH = 1.05  # of the side of a square as large as all boxes
+_TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
+
+
+def gap_of(pieces: FlatPieces) -> float:
+    """Return the gap that suits pieces, mm.
+
+    Parameters
+    ----------
+    pieces : FlatPieces
+        Some.
+
+    Returns
+    -------
+    float
+        The smaller the pieces are, the smaller.
+    """
+    boxes = _sizes(turned(pieces.uv, pieces.starts), pieces.starts).prod(axis=1)
+    return _GAP * float(np.sqrt(boxes.mean()))
+
+
+def lay_out(pieces: FlatPieces, gap: float, packing: str) -> NDArray[np.float64]:
+    """Lay pieces out on a page.
+
+    Parameters
+    ----------
+    pieces : FlatPieces
+        Some.
+    gap : float
+        Between them, mm; "boxes": between their boxes.
+    packing : {"boxes", "shapes"}
+        "boxes": each piece turned into its smallest rectangle, in rows from the highest to the lowest. "shapes": into
+        each other's bays, by xatlas.
+
+    Returns
+    -------
+    ndarray, shape (P, 2)
+        For each row of `uv` its place, mm. Pieces are turned and moved, not mirrored; the lowest corner is (0, 0).
+
+    Raises
+    ------
+    InputError
+        If the gap or the packing does not fit, or xatlas is missing.
+    """
+    if packing not in PACKINGS:
+        raise InputError(f"packing is {packing!r}; give 'boxes' or 'shapes'")
+    if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
+        raise InputError(f"the gap is {gap} mm; give a positive number")
+    placed = turned(pieces.uv, pieces.starts)
+    sizes = _sizes(placed, pieces.starts)
+    placed += np.repeat(_in_rows(sizes, gap), np.diff(pieces.starts), axis=0)
+    if packing == "shapes":
+        placed = _by_shape(pieces, placed, gap)
+    return np.asarray(placed - placed.min(axis=0))
+
+
+# ------------------------------------------------------------------------------------------------ boxes
+
+
+def turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Turn each piece into its smallest rectangle, which lies with its longer side along u and a corner at (0, 0).
+
+    Parameters
+    ----------
+    uv : ndarray, shape (P, 2)
+        Places of all pieces.
+    starts : ndarray, shape (pieces + 1,)
+        Where each piece's begin.
+
+    Returns
+    -------
+    ndarray, shape (P, 2)
+    """
+    parts = []
+    for part in np.split(uv, starts[1:-1]):
+        axis = _axis(part)
+        part = part @ np.array([axis, [-axis[1], axis[0]]]).T
+        parts.append(part - part.min(axis=0))
+    return np.concatenate(parts)
+
+
+def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the direction of the longer side of the smallest rectangle: it has a side along one of the hull's."""
+    try:
+        hull = places if len(places) == 3 else places[ConvexHull(places).vertices]
+    except QhullError:  # as thin as a line
+        hull = places
+    sides = np.roll(hull, -1, axis=0) - hull
+    lengths = np.linalg.norm(sides, axis=1)
+    sides = sides[lengths > 0] / lengths[lengths > 0, None]
+    along, across = (np.ptp(hull @ way.T, axis=0) for way in (sides, sides @ [[0, 1], [-1, 0]]))
+    best = int(np.argmin(along * across))
+    axis = sides[best]
+    return axis if along[best] >= across[best] else np.array([-axis[1], axis[0]])
+
+
+def _sizes(placed: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return width and height of pieces whose lowest corners are (0, 0)."""
+    return np.asarray(np.maximum.reduceat(placed, starts[:-1], axis=0))
+
+
+def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+    """Return the lowest corner of each box, in rows from the highest box to the lowest; the page is about square."""
+    width = max(float(sizes[:, 0].max()), _WIDTH * float(np.sqrt((sizes + gap).prod(axis=1).sum())))
+    corners = np.zeros_like(sizes)
+    x = y = row = 0.0
+    for n in np.lexsort((np.arange(len(sizes)), -sizes[:, 1])):
+        if x > 0 and x + sizes[n, 0] > width:
+            x, y, row = 0.0, y - row - gap, 0.0
+        row = max(row, sizes[n, 1])
+        corners[n] = x, y - sizes[n, 1]
+        x += sizes[n, 0] + gap
+    return corners
+
+
+# ----------------------------------------------------------------------------------------------- shapes
+
+
+def _by_shape(pieces: FlatPieces, apart: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+    """Pack pieces, which lie apart already, with xatlas; its places, of single precision, become rigid motions."""
+    try:
+        import xatlas
+    except ImportError as error:
+        raise InputError("packing 'shapes' needs xatlas: pip install 'voxflat[atlas]', or pack 'boxes'") from error
+    atlas = xatlas.Atlas()
+    labels = pieces.labels.astype(np.uint32)
+    atlas.add_uv_mesh(apart.astype(np.float32), pieces.corners.astype(np.uint32), labels[:, None])
+    options = xatlas.PackOptions()
+    options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
+    atlas.generate(pack_options=options)
+    if atlas.atlas_count != 1 or atlas.chart_count < len(pieces):
+        raise InputError("xatlas cannot pack these pieces: pack 'boxes', or give a larger gap")
+    rows, _, places = atlas.get_mesh(0)
+    target = np.full_like(apart, np.nan)
+    target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS
+    return _moved(apart, target, pieces.starts)
+
+
+def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Move each piece rigidly to where its places are wanted; a mirrored one is turned by half instead."""
+    parts = []
+    for part, target in zip(np.split(places, starts[1:-1]), np.split(targets, starts[1:-1]), strict=True):
+        known = np.isfinite(target[:, 0])
+        middle, wanted = part[known].mean(axis=0), target[known].mean(axis=0)
+        u, _, v = np.linalg.svd((part[known] - middle).T @ (target[known] - wanted))
+        turn = u @ np.diag([1.0, np.linalg.det(u @ v)]) @ v
+        parts.append((part - middle) @ turn + wanted)
+    return np.concatenate(parts)

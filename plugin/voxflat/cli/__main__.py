@@ -1,0 +1,5 @@
+"""`python -m voxflat.cli`."""
+
+from voxflat.cli import main
+
+main(prog_name="voxflat")

@@ -1,0 +1,253 @@
+"""Options that several commands of the command line share."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+import numpy as np
+
+from voxflat.cli.console import DEBUG
+
+__all__ = [
+    "FILE",
+    "as_json",
+    "debug",
+    "input_",
+    "making",
+    "memory_limit",
+    "places",
+    "quiet",
+    "region",
+    "relax",
+    "rings",
+    "sampling",
+    "seed",
+    "store",
+    "threads",
+    "volume",
+]
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+# ------------------------------------------------------------------------------------------- values
+
+
+def _three(kind: type[int] | type[float], example: str) -> Callable[..., tuple[float, ...] | None]:
+    """Return a callback that takes an option's text as three numbers between commas."""
+
+    def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+        try:
+            numbers = None if value is None else tuple(kind(part) for part in value.split(","))
+        except ValueError:
+            numbers = ()
+        if numbers is not None and len(numbers) != 3:
+            raise click.BadParameter(f"{value!r} must be three numbers between commas, like {example}.")
+        return numbers
+
+    return convert
+
+
+def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Take an option's text as an amount of memory."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d+(?:\.\d+)?) *([KMGT]?)(?:iB|B)?", value, re.IGNORECASE)
+    if match is None:
+        raise click.BadParameter(
+            f"{value!r} is no amount of memory; give bytes, or a number with K, M, G or T, like 4G."
+        )
+    return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+
+
+def rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
+    """Take an option's text as a number of rings, or as all."""
+    if value is None or value == "all":
+        return value
+    try:
+        return int(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} must be a number of rings, or all.") from None
+
+
+def _place(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, ...] | int | None:
+    """Take an option's text as voxel indices, or as the number of a vertex."""
+    if value is not None and "," not in value:
+        try:
+            return int(value)
+        except ValueError:
+            raise click.BadParameter(f"{value!r} must be I,J,K, or the number of a vertex.") from None
+    indices = _three(int, "136,112,127")(ctx, param, value)
+    return None if indices is None else tuple(int(index) for index in indices)
+
+
+def places(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> list[Any]:
+    """Take each of several texts as voxel indices, or as the number of a vertex."""
+    return [_place(ctx, param, text) for text in value]
+
+
+def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) -> Any:
+    """Take a file as a list of vertices: in each line a vertex number, or three voxel indices."""
+    if value is None:
+        return None
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of an empty file, which the check below names
+            vertices = np.loadtxt(value, dtype=np.int64, ndmin=1)
+    except (OSError, ValueError) as error:
+        raise click.BadParameter(f"{value} is no list of vertices: {error}") from None
+    if len(vertices) == 0:
+        raise click.BadParameter(f"{value} lists no vertex.")
+    return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
+
+
+def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | None:
+    """Take files of vertex lists as cuts; a file of cuts stays one."""
+    if any(file.suffix.lower() == ".json" for file in value):
+        if len(value) > 1:
+            raise click.BadParameter("a file of cuts (.json) holds all of them; give no other.")
+        return value[0]
+    return [_vertices(ctx, param, file) for file in value] or None
+
+
+def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    ctx.meta[DEBUG] = value
+
+
+# ------------------------------------------------------------------------------------------ options
+
+FILE = click.Path(path_type=Path)
+
+input_ = click.argument("input_", metavar="INPUT", type=FILE)
+debug = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_set_debug, help="Show where in the program an error arose."
+)
+as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
+threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+seed = click.option(
+    "--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same result."
+)
+sampling = click.option(
+    "--sampling",
+    type=click.Choice(["farthest", "curvature", "random"]),
+    default="farthest",
+    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; or at random.",
+)
+memory_limit = click.option(
+    "--memory-limit",
+    metavar="SIZE",
+    callback=_bytes,
+    help="Refuse to start what may need more memory, in bytes or like 4G.  [default: what is free]",
+)
+
+
+def _group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
+    """Return several options as one decorator."""
+
+    def decorate(command: _Command) -> _Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+volume = _group(
+    click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
+    click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
+    click.option(
+        "--spacing",
+        metavar="X,Y,Z",
+        callback=_three(float, "0.5,0.5,0.5"),
+        help="Voxel size in mm, for files that hold none (.npy).  [default: 1,1,1]",
+    ),
+)
+"""What of a volume is foreground, and where it lies."""
+
+making = _group(
+    click.option("--pial", type=FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."),
+    click.option("--probability", type=FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
+    click.option(
+        "--repair",
+        type=click.Choice(["voxels", "cuts"]),
+        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open.",
+    ),
+)
+"""How a surface is made."""
+
+region = _group(
+    click.option(
+        "--keep",
+        type=FILE,
+        metavar="MASK",
+        help="Flatten only this: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
+    ),
+    click.option("--drop", type=FILE, metavar="MASK", help="Leave this out; as for --keep, or medial-wall."),
+    click.option(
+        "--seed-point",
+        metavar="I,J,K|V",
+        callback=_place,
+        help="Flatten a disk around this voxel (indices), or around this vertex of a mesh; counted from 0.",
+    ),
+    click.option("--radius", type=float, metavar="MM", help="Radius of that disk, mm along the surface."),
+    click.option(
+        "--polygon",
+        type=FILE,
+        metavar="FILE",
+        callback=_vertices,
+        help="Flatten what the shortest paths between the corners listed in this file enclose; a corner a line.",
+    ),
+    click.option(
+        "--cut",
+        "cuts",
+        type=FILE,
+        metavar="FILE",
+        multiple=True,
+        callback=_paths,
+        help="Cut along the neighbouring vertices listed in this file, as voxflat path writes it; may be given again. "
+        "Or cut as in this one file of cuts (.json), as voxflat cut writes it.",
+    ),
+)
+"""Which part of the surface is worked on."""
+
+
+def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
+    """Take the length instead, where one is given."""
+    length = ctx.params.pop("relax_length", None)
+    if length is not None and value is False:
+        raise click.BadParameter("--no-relax and --relax-length contradict each other.")
+    return value if length is None else float(length)
+
+
+relax = _group(
+    click.option(
+        "--relax-length",
+        type=click.FloatRange(min=0),
+        metavar="MM",
+        is_eager=True,
+        help="Relaxation cuts, those of --cut included, are no longer than this, mm.",
+    ),
+    click.option(
+        "--relax/--no-relax",
+        default=None,
+        callback=_relax,
+        help="Cut the disk further where that relieves the map, as long as it pays.  [default: of closed surfaces]",
+    ),
+)
+"""Which cuts are made beyond those that make a disk."""
+
+
+def store(*, required: bool) -> Callable[[_Command], _Command]:
+    """Return the option that names a store of distance rows."""
+    return click.option(
+        "--store",
+        type=FILE,
+        metavar="DIR",
+        required=required,
+        help="Keep the distances from all sources in this directory, new or of an interrupted run, which is resumed.",
+    )

@@ -1,0 +1,201 @@
+"""The command `voxflat patches`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import voxflat
+from voxflat.atlases.layout import PACKINGS
+from voxflat.atlases.page import FlatPage
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.options import FILE
+from voxflat.cli.output import check_output
+
+__all__ = ["load_flat", "patches"]
+
+_PICTURES = (".png", ".pdf", ".svg")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  voxflat patches lh.white -o atlas.npz
+  voxflat patches skull.obj --bound 1.1763 -o atlas.npz --page page.png --picture skull.png
+  voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz
+  voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png
+  voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
+"""
+)
+@click.argument("surface_", metavar="SURFACE", type=FILE)
+@click.option(
+    "-o",
+    "--output",
+    type=FILE,
+    required=True,
+    metavar="OUT",
+    help="The atlas's file: .npz holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and .ply the "
+    "surface with the page as its texture.",
+)
+@click.option(
+    "--max-angle", type=float, metavar="DEGREES", help="Greatest inclination to a patch's plane.  [default: 10]"
+)
+@click.option("--bound", type=float, metavar="C", help="Instead: the greatest factor by which lengths may change.")
+@click.option("--count", type=int, metavar="N", help="Instead: the greatest number of patches.")
+@click.option(
+    "--seeds",
+    type=click.Choice(["curvature", "flattest", "random"]),
+    default="curvature",
+    help="Where patches begin: compared, the largest first; or as in the paper at the flattest or a random triangle.",
+)
+@options.seed
+@click.option(
+    "--glue",
+    type=float,
+    metavar="C",
+    help="Close the seams between the patches as far as no length changes by more than this factor, such as 1.5.",
+)
+@click.option(
+    "--packing",
+    type=click.Choice(PACKINGS),
+    default="boxes",
+    help="How the page is packed: boxes in rows, or by their shapes with xatlas, tighter where patches are large.",
+)
+@click.option(
+    "--volume",
+    type=FILE,
+    metavar="V",
+    help="A volume to show in the texture; for a mesh an overlay, or its own texture.",
+)
+@click.option("--heat-map", is_flag=True, help="Show in the texture C, the factor by which lengths change.")
+@click.option(
+    "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"
+)
+@click.option(
+    "--pixel-size", type=float, metavar="MM", help="Side of the texture's pixels, mm.  [default: see voxflat image]"
+)
+@click.option("--page", type=FILE, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg.")
+@click.option("--picture", type=FILE, metavar="PNG", help="Draw the surface with its patches in colours.")
+@options.volume
+@options.making
+@options.memory_limit
+@options.threads
+@options.as_json
+@options.quiet
+@options.debug
+def patches(
+    surface_: Path,
+    output: Path,
+    page: Path | None,
+    picture: Path | None,
+    glue: float | None,
+    packing: str,
+    volume: Path | None,
+    heat_map: bool,
+    depth: float | None,
+    pixel_size: float | None,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Flatten a surface in certified patches.
+
+    SURFACE is a volume or a mesh of any topology, as for voxflat surface. It falls into patches, each projected onto a
+    plane, whose distortion has proven bounds: lengths change by at most a factor C, angles by a dilatation of at most K
+    (Appleboim, Saucan, Zeevi 2006).
+
+    A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
+    """
+    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
+
+    check_output(output, (".npz", *TEXTURED_ENDINGS), (surface_, volume))
+    is_textured = output.suffix.lower() != ".npz"
+    _check_texture(is_textured, volume, heat_map, depth, pixel_size)
+    for path in (page, picture):
+        if path is not None:
+            check_output(path, _PICTURES if path is page else (".png",), (surface_,))
+    making = {name: options.pop(name) for name in ("pial", "probability", "repair", "label", "threshold", "spacing")}
+    making["repair"] = making["repair"] or False
+    with bars(quiet) as shown:
+        limits = {name: options.pop(name) for name in ("memory_limit", "threads")}
+        source = voxflat.surface(surface_, **making, **limits, progress=shown.progress)
+        told: dict[str, Any] = {"threads": limits["threads"], "progress": shown.progress}
+        patches = voxflat.patches(source, **options, **told)
+        atlas = patches if glue is None else patches.glue(glue, **told)
+    if is_textured:
+        _save_textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
+    else:
+        atlas.save(output)
+    if page is not None or picture is not None:
+        _draw(atlas, page, picture, packing)
+    if as_json:
+        click.echo(json.dumps({"output": str(output), **atlas.figures(), "metadata": atlas.metadata}, allow_nan=False))
+    elif not quiet:
+        click.echo(f"{atlas.table()}\n\nsaved as {output}")
+
+
+def _check_texture(
+    is_textured: bool, volume: Path | None, heat_map: bool, depth: float | None, pixel_size: float | None
+) -> None:
+    """Refuse options of textures that do not fit each other, before the long work."""
+    given = {"--volume": volume is not None, "--heat-map": heat_map, "--depth": depth is not None}
+    given["--pixel-size"] = pixel_size is not None
+    if not is_textured and (named := [name for name, is_given in given.items() if is_given]):
+        raise click.UsageError(f"{' and '.join(named)}: only textured surfaces have it; see voxflat image for an .npz.")
+    if volume is not None and heat_map:
+        raise click.UsageError("Give either --volume or --heat-map.")
+    if depth is not None and volume is None:
+        raise click.UsageError("--depth is for --volume.")
+
+
+def _save_textured(
+    page: FlatPage, output: Path, volume: Path | None, heat_map: bool, depth: float, pixel_size: float | None
+) -> None:
+    if heat_map:
+        textured = page.textured(page.heat_map(pixel_size), colour_map="inferno")
+    elif volume is not None:
+        textured = page.textured(page.image(volume, pixel_size, depth=depth))
+    else:
+        textured = page.textured(page.numbers(pixel_size))
+    if output.suffix.lower() == ".ply":
+        textured = textured.subdivided()
+    textured.save(output)
+
+
+def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas | voxflat.GluedAtlas:
+    """Load a flat map or an atlas, whichever a file holds.
+
+    Parameters
+    ----------
+    path : path
+        An .npz file.
+
+    Returns
+    -------
+    FlatMap, FlatAtlas or GluedAtlas
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or neither.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            is_atlas = "corners" in file.files
+    except Exception:  # what is wrong, `load` says
+        is_atlas = False
+    return voxflat.load_atlas(path) if is_atlas else voxflat.load(path)
+
+
+def _draw(atlas: voxflat.FlatAtlas | voxflat.GluedAtlas, page: Path | None, picture: Path | None, packing: str) -> None:
+    from voxflat import figures  # brings in matplotlib
+
+    if page is not None:
+        figures.save(figures.atlas_page(atlas, packing=packing), page)
+    if picture is not None:
+        figures.save_picture(figures.atlas_3d(atlas), picture)

@@ -1,0 +1,155 @@
+"""Distances from many sources, in memory or in a store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat import _core
+from voxflat.arguments import (
+    Progress,
+    amount,
+    check_memory,
+    checked_seed,
+    checked_threads,
+    choose_sources,
+    log,
+    prepare,
+    sources_on,
+)
+from voxflat.distances.rows import DistanceRows, open_rows
+from voxflat.distances.store import Store, prepare_store
+from voxflat.errors import InputError
+from voxflat.surfaces.region import cut_out
+from voxflat.surfaces.surface import surface as _surface
+
+LANDMARKS = 400  # more change no map that we measured
+SOLVERS = ("graph", "marching", "exact")
+
+__all__ = ["geodesic"]
+
+
+def geodesic(
+    surface: object,
+    sources: int | ArrayLike,
+    *,
+    geodesic: str = "graph",
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    keep: object | None = None,
+    drop: object | None = None,
+    seed_point: Sequence[int] | int | None = None,
+    radius: float | None = None,
+    polygon: ArrayLike | None = None,
+    cuts: object | None = None,
+    sampling: str = "farthest",
+    link_lengths: str | None = None,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> DistanceRows:
+    """Measure geodesic distances from sources to all points of a surface.
+
+    Parameters
+    ----------
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sampling, link_lengths, \
+seed, threads, memory_limit, progress
+        As in `flatten`. Without a patch the surface is the largest component; it may be closed.
+    sources : int or array_like
+        How many sources to choose, or which: voxel indices (m, 3), or vertex numbers (m,).
+    geodesic : {"graph", "marching", "exact", "chain"}
+        "graph": paths of straight links over the triangles of the surface, a fraction of a per cent too long, and by
+        far the fastest for many sources. "marching": fast marching (Kimmel, Sethian 1998), with fronts taken for
+        circles. "exact": the exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain":
+        chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
+    store : path, optional
+        A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
+        call goes on where it was.
+
+    Returns
+    -------
+    DistanceRows
+        Of a store as `voxflat.open_rows` opens it.
+
+    Raises
+    ------
+    InputError, Cancelled
+        As in `flatten`.
+    """
+    seed, threads = checked_seed(seed), checked_threads(threads)
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
+    if geodesic == "chain":
+        refuse(geodesic, drop=drop, polygon=polygon, cuts=cuts)
+        prepared = prepare(
+            surface,
+            **place,
+            **patch,
+            link_lengths=link_lengths or "chain-code",
+            memory_limit=memory_limit,
+            progress=progress,
+        )
+        voxels = prepared.part
+        chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
+        what = {"geodesic": geodesic, "link_lengths": prepared.metadata["link_lengths"]}
+        return _rows(voxels, voxels.voxels.astype(np.int64), chosen, what, store, threads, memory_limit, progress)
+    if geodesic not in SOLVERS:
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
+    refuse(geodesic, link_lengths=link_lengths)
+    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
+    patch |= {"drop": drop, "polygon": polygon, "cuts": cuts}
+    part = cut_out(whole, **patch, progress=progress, to_disk=False).part
+    chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=LANDMARKS)
+    return _rows(part.core, part.ids, chosen, {"geodesic": geodesic}, store, threads, memory_limit, progress)
+
+
+def _rows(
+    core: _core.Surface | _core.VoxelSurface,
+    ids: NDArray[np.int64],
+    chosen: NDArray[np.uint32],
+    what: dict[str, Any],
+    store: str | os.PathLike[str] | None,
+    threads: int | None,
+    memory_limit: int | None,
+    progress: Progress | None,
+) -> DistanceRows:
+    """Compute rows in memory, or in a store."""
+    few = "take fewer sources or a smaller patch"
+    if store is None:
+        check_memory(4 * len(chosen) * len(core), memory_limit, few + ", or give a store")
+        named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
+        rows = core.rows(chosen, **named, threads=threads, progress=progress)
+        return DistanceRows(rows, ids, core.points, chosen.astype(np.int64))
+    need = _core.store_memory_need(len(core), len(chosen), threads or os.cpu_count() or 1)
+    check_memory(need, memory_limit, "take fewer threads")
+    log.info("up to %s of memory are needed for rows in the making", amount(need))
+    prepared = prepare_store(store, core, ids, chosen, **what, progress=progress)
+    return stored_rows(prepared, core, chosen, threads, progress)
+
+
+def stored_rows(
+    store: Store,
+    core: _core.Surface | _core.VoxelSurface,
+    chosen: NDArray[np.uint32],
+    threads: int | None,
+    progress: Progress | None,
+) -> DistanceRows:
+    """Compute what a store lacks, and open it."""
+    named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
+    store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
+    return open_rows(store.path)
+
+
+def refuse(method: str, **options: object) -> None:
+    """Refuse options that a method, or a kind of distances, does not know."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")

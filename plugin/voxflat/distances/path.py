@@ -1,0 +1,112 @@
+"""Shortest paths over a surface: to see, to measure along, and to cut along."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import prepare, voxel_indices
+from voxflat.errors import InputError
+from voxflat.surfaces.surface import surface as _surface
+
+__all__ = ["Path", "path"]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A shortest path over a surface.
+
+    Parameters
+    ----------
+    ids : ndarray of int64, shape (k, 3) or (k,)
+        The voxels, or the vertices, that it passes, both ends included; -1 where it crosses an edge.
+    points : ndarray of float64, shape (k, 3)
+        Their places, RAS+ mm. Between them a path is straight; only one of links runs over the triangles.
+    length : float
+        Of the path over the surface, mm.
+    """
+
+    ids: NDArray[np.int64]
+    points: NDArray[np.float64]
+    length: float
+
+
+def path(
+    surface: object,
+    a: Sequence[int] | int,
+    b: Sequence[int] | int,
+    *further: Sequence[int] | int,
+    geodesic: str = "graph",
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    link_lengths: str | None = None,
+    memory_limit: int | None = None,
+) -> Path:
+    """Find a shortest path through points of a surface (Grossmann et al. 2002, figure 3).
+
+    Parameters
+    ----------
+    surface, label, threshold, spacing, affine, link_lengths, memory_limit
+        As in `flatten`.
+    a, b, *further : sequence of 3 ints, or int
+        The ends, and further stops after `b`, in the order in which they are passed: voxel indices, or vertex numbers
+        of a mesh.
+    geodesic : {"graph", "marching", "exact", "edges", "chain"}
+        "graph", "exact" and "chain" as in `voxflat.geodesic`. "marching" is traced back on the distances of fast
+        marching. Those are estimates, but the path is a line over the surface and `length` is its own: never less than
+        the exact distance, and not what `voxflat.geodesic(geodesic="marching")` says. "edges" runs along edges from
+        neighbour to neighbour, as cuts do.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If a stop is not on the surface, or stops lie in different components.
+    """
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    stops = [a, b, *further]
+    if geodesic == "chain":
+        core: Any = prepare(
+            surface, **place, link_lengths=link_lengths or "chain-code", memory_limit=memory_limit
+        ).whole
+        vertices = core.find(voxel_indices(stops, "the stops"))
+        ids, find = core.voxels, core.path
+    elif geodesic in ("graph", "marching", "exact", "edges"):
+        if link_lengths is not None:
+            raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
+        whole = _surface(surface, **place, memory_limit=memory_limit)
+        core = whole.core
+        vertices = whole.find(stops, "the stops")
+        ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
+    else:
+        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact', 'edges' or 'chain'")
+    points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
+    for (start, end), leg in zip(pairwise(vertices.tolist()), pairwise(stops), strict=True):
+        try:
+            if geodesic in ("marching", "exact"):
+                trace = core.exact_path if geodesic == "exact" else core.marching_path
+                places, steps, leg_length = trace(start, end)
+            else:
+                steps, leg_length = find(start, end)
+                places = core.points[steps]
+        except InputError:
+            raise InputError(
+                f"no path leads from {np.asarray(leg[0]).tolist()} to {np.asarray(leg[1]).tolist()}: they lie in "
+                "different components of the surface; choose all stops in one"
+            ) from None
+        points.append(places[1:])
+        passed.append(steps[1:].astype(np.int64))
+        length += float(leg_length)
+    along = np.concatenate(passed)
+    at_vertex = (along >= 0).reshape(-1, *[1] * (ids.ndim - 1))
+    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length)

@@ -1,0 +1,207 @@
+"""Distance rows: in memory, or in a store on disk that is larger than memory and survives interruptions.
+
+A store is a directory: `rows.npy`, `journal.jsonl` (which blocks of rows are finished, with their CRC-32), `store.json`
+(what was measured), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes and writes rows and
+journal.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.distances.store import ARRAYS, FINISH, OTHER, array_hash, read_description
+from voxflat.errors import InputError
+
+__all__ = ["DistanceRows", "open_rows"]
+
+_PIECE = 1 << 22  # bytes that are read at a time
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceRows:
+    """Geodesic distances from sources to all points of a surface; converts to an array.
+
+    Rows in a store are read from disk when they are looked at: slices are arrays in memory, the whole is not.
+
+    Parameters
+    ----------
+    rows : ndarray of float32, shape (m, N)
+        Distances, mm; of a store a read-only memory map.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Voxel indices, or vertex numbers, of the points.
+    points : ndarray of float64, shape (N, 3)
+        The points, RAS+ mm.
+    sources : ndarray of int64, shape (m,)
+        The sources, as numbers into the points.
+    store : Path, optional
+        The store's directory.
+    """
+
+    rows: NDArray[np.float32]
+    ids: NDArray[np.int64]
+    points: NDArray[np.float64]
+    sources: NDArray[np.int64]
+    store: Path | None = None
+
+    def __repr__(self) -> str:
+        place = "memory" if self.store is None else str(self.store)
+        return f"<DistanceRows: {self.shape[0]} sources, {self.shape[1]} points, in {place}>"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of sources and of points."""
+        return (self.rows.shape[0], self.rows.shape[1])
+
+    @property
+    def dtype(self) -> np.dtype[np.float32]:
+        """Type of a distance."""
+        return self.rows.dtype
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes: 2."""
+        return 2
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all distances, bytes."""
+        return int(self.rows.nbytes)
+
+    @property
+    def chunks(self) -> tuple[int, int]:
+        """Shape of what is best read at once: whole rows; dask takes it as a hint."""
+        height = self.shape[0] if self.store is None else _header(self.store)["block_rows"]
+        return (max(1, min(int(height), self.shape[0])), self.shape[1])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
+
+    def __getitem__(self, index: Any) -> Any:
+        part = self.rows[index]
+        return part if self.store is None else np.array(part)[()]
+
+    def __len__(self) -> int:
+        """Return the number of sources."""
+        return len(self.rows)
+
+    def verify(self) -> None:
+        """Read a whole store and compare it with its checksums; rows in memory have none.
+
+        Raises
+        ------
+        InputError
+            If rows do not agree; the message names them.
+        """
+        if self.store is None:
+            return
+        checksums = _journal(self.store)
+        height = self.chunks[0]
+        starts = range(0, len(self), height)
+        damaged = [
+            start for start in starts if _checksum(self.rows[start : start + height]) != checksums[start // height]
+        ]
+        if damaged:
+            rows = ", ".join(f"{start} to {min(start + height, len(self)) - 1}" for start in damaged[:5])
+            more = ", ..." if len(damaged) > 5 else ""
+            raise InputError(f"the rows {rows}{more} of {self.store} do not agree with their checksums; {FINISH}")
+
+
+def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
+    """Open the distance rows of a store without reading them.
+
+    Whether the store is complete, its sizes, and its points, ids and sources are checked at once; `DistanceRows.verify`
+    reads all rows and compares their checksums.
+
+    Parameters
+    ----------
+    path : path
+        A directory that `voxflat.geodesic`, `voxflat.flatten` or ``voxflat rows`` was given as a store.
+
+    Returns
+    -------
+    DistanceRows
+        It can be given to NumPy, to ``dask.array.from_array`` and to napari's ``viewer.add_image``.
+
+    Raises
+    ------
+    InputError
+        If it is no store, is not complete or is damaged.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"there is no store at {path}; voxflat rows makes one")
+    description = read_description(path)
+    arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
+    shape = (len(arrays["sources"]), len(arrays["points"]))
+    _journal(path)
+    try:
+        rows = np.load(path / "rows.npy", mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path / 'rows.npy'} is damaged ({error}); {FINISH}") from error
+    if rows.shape != shape or rows.dtype != np.dtype("<f4"):
+        raise InputError(
+            f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
+        )
+    return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path)
+
+
+def _array(path: Path, expected: str) -> NDArray[Any]:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path} is damaged ({error}); {FINISH}") from error
+    if array_hash(array) != expected:
+        raise InputError(f"{path} does not agree with its checksum in store.json; {FINISH}")
+    return np.asarray(array)
+
+
+def _header(path: Path) -> dict[str, Any]:
+    """Return the first line of a store's journal."""
+    journal = path / "journal.jsonl"
+    try:
+        with journal.open() as lines:
+            header = json.loads(lines.readline())
+        if not (isinstance(header, dict) and isinstance(header.get("block_rows"), int) and header["block_rows"] > 0):
+            raise ValueError("its first line is no header")
+    except FileNotFoundError:
+        raise InputError(f"the store {path} has no rows yet; {FINISH}") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{journal} is damaged ({error}); {OTHER}") from error
+    return header
+
+
+def _journal(path: Path) -> list[int]:
+    """Return the checksums of a complete store's blocks."""
+    header = _header(path)
+    blocks = -(-header["rows"] // header["block_rows"])
+    checksums: dict[int, int] = {}
+    complete = False
+    for line in (path / "journal.jsonl").read_text(errors="replace").splitlines()[1:]:
+        try:
+            entry = json.loads(line)
+            complete |= entry.get("complete") is True
+            if "block" in entry:
+                checksums[entry["block"]] = int(entry["crc32"], 16)
+        except (ValueError, AttributeError, KeyError, TypeError):
+            continue  # a line that says nothing: its block is not finished
+    known = [checksums[block] for block in range(blocks) if block in checksums]
+    if not complete or len(known) < blocks:
+        raise InputError(f"the store {path} is not complete ({len(known)} of {blocks} blocks); {FINISH}")
+    return known
+
+
+def _checksum(rows: NDArray[np.float32]) -> int:
+    checksum = 0
+    values = rows.reshape(-1)
+    step = _PIECE // values.itemsize
+    for start in range(0, len(values), step):
+        checksum = zlib.crc32(values[start : start + step].tobytes(), checksum)
+    return checksum

@@ -1,0 +1,229 @@
+"""The directory of a store of distance rows: what is measured, room for it, and what is there already."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import uuid
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, amount, log
+from voxflat.errors import InputError
+from voxflat.io.volumes import atomic_path
+
+FORMAT = "voxflat rows 1"
+ARRAYS = ("points", "ids", "sources")
+FINISH = "measure again with the same store to finish or mend it"
+OTHER = "choose another directory, or delete this one"
+
+
+@dataclass(frozen=True)
+class Store:
+    """A directory that is ready to take rows."""
+
+    path: Path
+    identity: str
+    geodesic: str
+
+    @property
+    def key(self) -> tuple[Path, str]:
+        """What the compiled core needs to know."""
+        return (self.path, self.identity)
+
+    def tell(self, found: tuple[int, int]) -> None:
+        """Say what was in the store already."""
+        rows, damaged = found
+        if rows:
+            log.info("%d rows were in the store %s already", rows, self.path)
+        if damaged:
+            log.warning("%d rows of the store %s did not agree with their checksums: computed anew", damaged, self.path)
+
+
+def prepare_store(
+    path: str | os.PathLike[str],
+    core: _core.Surface | _core.VoxelSurface,
+    ids: NDArray[np.int64],
+    chosen: NDArray[np.uint32],
+    *,
+    geodesic: str,
+    link_lengths: str | None = None,
+    progress: Progress | None = None,
+) -> Store:
+    """Make a store of a new or empty directory, or find that an old one is of the same rows.
+
+    Parameters
+    ----------
+    path : path
+        The directory.
+    core : _core.Surface or _core.VoxelSurface
+        The surface.
+    ids : ndarray of int64
+        What its points are in the input.
+    chosen : ndarray of uint32, shape (m,)
+        The sources, as numbers into the points.
+    geodesic, link_lengths
+        As in `voxflat.geodesic`.
+    progress : callable, optional
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Store
+
+    Raises
+    ------
+    InputError
+        If it is a store of other rows, holds other files, cannot be written, or there is no room on the disk.
+    """
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        raise InputError(f"the store is {path!r}; give a directory")
+    path = Path(os.path.abspath(path))  # messages name it in full, and no later change of directory moves it
+    arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
+    named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
+    fingerprint = core.fingerprint(**named, progress=progress)
+    identity: dict[str, Any] = {
+        "format": FORMAT,
+        "geodesic": geodesic,
+        "link_lengths": link_lengths,
+        "points": len(core),
+        "sources": len(chosen),
+        "fingerprint": f"{fingerprint:016x}",
+        **{f"{name}_sha256": array_hash(array) for name, array in arrays.items()},
+    }
+    try:
+        is_new = not _holds_files(path)
+        if not is_new:
+            _compare(path, identity)
+        _check_disk(path, 4 * len(chosen) * len(core))
+        if is_new:
+            _create(path, identity, arrays)
+            _compare(path, identity)
+        for name, array in arrays.items():
+            _mend(path / f"{name}.npy", array, identity[f"{name}_sha256"])
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
+    text = json.dumps(identity, sort_keys=True)
+    return Store(path, hashlib.sha256(text.encode()).hexdigest(), geodesic)
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """Return what a store says that it holds."""
+    file = path / "store.json"
+    if not path.is_dir() or not file.exists():
+        raise InputError(
+            f"{path} is no store of distance rows: it has no store.json; give a directory that was a store="
+        )
+    try:
+        described = json.loads(file.read_text())
+        named = described["format"]
+        wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
+        if named == FORMAT and not all(name in described for name in wanted):
+            raise ValueError("it is not complete")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{file} is damaged ({error}); {OTHER}") from error
+    if named != FORMAT:
+        raise InputError(f"{file} has the format {named!r}, this version of voxflat has {FORMAT!r}; {OTHER}")
+    return dict(described)
+
+
+def array_hash(array: NDArray[Any]) -> str:
+    """Return a hash of an array's shape and values, the same on every machine."""
+    kind = array.dtype.newbyteorder("<")
+    header = f"{kind.str} {array.shape} ".encode()
+    return hashlib.sha256(header + np.ascontiguousarray(array, dtype=kind).tobytes()).hexdigest()
+
+
+def _holds_files(path: Path) -> bool:
+    if path.exists() and not path.is_dir():
+        raise InputError(f"the store {path} is a file; give a directory")
+    names = sorted(entry.name for entry in path.iterdir()) if path.exists() else []
+    if names and "store.json" not in names:
+        shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        raise InputError(f"the directory {path} is no store and holds other files ({shown}); give a new or empty one")
+    return bool(names)
+
+
+def _check_disk(path: Path, size: int) -> None:
+    """Say what room is needed on the disk, and refuse to start where it is not there."""
+    table = path / "rows.npy"
+    need = max(0, size - (_allocated(table) if table.exists() else 0))
+    free = shutil.disk_usage(path if path.exists() else path.parent).free
+    if need > free:
+        raise InputError(
+            f"{amount(need)} on disk are needed in {path}, {amount(free)} are free; make room, choose another "
+            "directory, or take fewer sources or a smaller patch"
+        )
+    if need:
+        log.info("up to %s on disk are needed in %s", amount(need), path)
+
+
+def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+    """Make a store beside its place and move it there, so that there is all of it or nothing."""
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        beside.mkdir()
+        for name, array in arrays.items():
+            with (beside / f"{name}.npy").open("xb") as file:
+                np.save(file, array, allow_pickle=False)
+                _to_disk(file)
+        with (beside / "store.json").open("x") as text:
+            text.write(json.dumps(identity, indent=2) + "\n")
+            _to_disk(text)
+        with suppress(FileNotFoundError):
+            path.rmdir()  # it is empty
+        beside.rename(path)
+    except OSError:
+        if not (path / "store.json").exists():  # otherwise another process was faster
+            raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _to_disk(file: Any) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _compare(path: Path, identity: dict[str, Any]) -> None:
+    """Refuse a store of other rows, and say what differs."""
+    there = read_description(path)
+    if there == identity:
+        return
+    differ = [name for name in identity if there.get(name) != identity[name]]
+    told = [
+        f"its {name} is {there.get(name)!r}, not {identity[name]!r}"
+        for name in ("geodesic", "link_lengths")
+        if name in differ
+    ]
+    if told:
+        pass  # its points are numbered in another way, too
+    elif {"points", "points_sha256", "ids_sha256"} & set(differ):
+        told.append(f"its surface is another ({there['points']} points; this one has {identity['points']})")
+    elif "fingerprint" in differ:
+        told.append("its surface has other triangles, or was joined by another version of voxflat")
+    if "sources_sha256" in differ and not told:
+        told.append(f"its sources are others ({there['sources']}; these are {identity['sources']})")
+    raise InputError(f"{path} is a store of other rows: {' and '.join(told) or 'its store.json is another'}; {OTHER}")
+
+
+def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
+    """Write an array again that was damaged."""
+    with suppress(OSError, ValueError, EOFError):
+        if array_hash(np.load(path, allow_pickle=False)) == expected:
+            return
+    with atomic_path(path) as temporary:
+        np.save(temporary, array, allow_pickle=False)
+
+
+def _allocated(path: Path) -> int:
+    status = path.stat()
+    return int(getattr(status, "st_blocks", 0)) * 512

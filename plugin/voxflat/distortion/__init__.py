@@ -1,0 +1,1 @@
+"""What flattening did to distances and triangles: figures, and tables of them."""

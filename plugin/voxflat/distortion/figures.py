@@ -1,0 +1,230 @@
+"""Figures of distortion: what flattening did to distances and triangles."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Distortion", "Figures", "StandardErrors", "Triangles", "json_ready", "undefined_as_nan"]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Distortion figures of a flat map at one scale.
+
+    δ are geodesic distances on the surface, d flat distances times `scale`. NaN means undefined.
+
+    Parameters
+    ----------
+    scale : float
+        The factor on flat distances.
+    relative_error : float
+        Mean of |d − δ|/δ over all pairs (Grossmann et al. 2002: ε̄_r).
+    relative_error_0_5mm, relative_error_5_15mm, relative_error_15_30mm : float
+        The same over pairs with δ in these bands, whose upper ends belong to them.
+    relative_error_10mm, relative_error_30mm : float
+        The same over pairs with δ ≤ 10 mm and ≤ 30 mm.
+    absolute_error : float
+        Mean of |d − δ|, mm (Grossmann et al. 2002: ε̄).
+    stress_1 : float
+        √(Σ(d − δ)² / Σδ²), Kruskal.
+    sammon_stress : float
+        (1/Σδ) Σ (d − δ)²/δ, Schwartz et al. 1989, equation 1.0.
+    """
+
+    scale: float
+    relative_error: float
+    relative_error_0_5mm: float
+    relative_error_5_15mm: float
+    relative_error_15_30mm: float
+    relative_error_10mm: float
+    relative_error_30mm: float
+    absolute_error: float
+    stress_1: float
+    sammon_stress: float
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """What flattening did to the triangles.
+
+    σ1 ≥ σ2 are the stretches of a triangle in its two principal directions. Means, medians and 95th percentiles are by
+    the triangles' areas on the surface, those of `areal` by vertices. NaN means undefined.
+
+    Parameters
+    ----------
+    areal_median, areal_p95 : float
+        Of |log2(A_flat / A_surface)| over the vertices, as Connectome Workbench's -surface-distortion has it.
+    edge : float
+        Mean over the edges of |l_flat / l_surface − 1|.
+    angle : float
+        Mean change of a corner's angle, degrees.
+    quasi_conformal, isometric, symmetric_dirichlet : float
+        Medians of σ1/σ2, of max(σ1, 1/σ2), and of ½(σ1² + σ2² + σ1⁻² + σ2⁻²); perfect are 1, 1 and 2.
+    flipped : int
+        Number of triangles of the minority orientation.
+    flipped_share : float
+        Their share of the surface's area.
+    collapsed : int
+        Number of triangles without area in the map.
+    crossings : int
+        Number of pairs of boundary edges that cross in the map.
+    covering : int
+        Number of triangles that cover another.
+    areal : ndarray, shape (N,)
+        log2(A_flat / A_surface) at each vertex.
+    is_flipped : ndarray of bool, shape (F,)
+        Which triangles are turned over.
+    """
+
+    areal_median: float
+    areal_p95: float
+    edge: float
+    angle: float
+    quasi_conformal: float
+    isometric: float
+    symmetric_dirichlet: float
+    flipped: int
+    flipped_share: float
+    collapsed: int
+    crossings: int
+    covering: int
+    areal: NDArray[np.float64]
+    is_flipped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class StandardErrors:
+    """How far figures scatter with the choice of the sources: standard errors by the bootstrap (Efron 1979).
+
+    Sources are drawn anew from those that there are, with replacement, 1000 times; the standard deviation over the
+    draws is corrected for their number n out of N points, √(n/(n − 1) · (1 − n/N)). The best scale is held. NaN means
+    undefined: of a single source, or where a draw has no pair.
+
+    Parameters
+    ----------
+    raw, best_scale : Figures
+        Of the figures of that name; their `scale` is NaN.
+    pearson_r, mean_geodesic : float
+        Of the figures of that name.
+    """
+
+    raw: Figures
+    best_scale: Figures
+    pearson_r: float
+    mean_geodesic: float
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """What flattening did to the distances, from random reference sources to all points.
+
+    Parameters
+    ----------
+    raw : Figures
+        At scale 1: a flat map is in mm.
+    best_scale : Figures
+        At the scale with the least mean relative error.
+    pearson_r : float
+        Correlation of flat and geodesic distances.
+    mean_geodesic : float
+        Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
+    standard_error : StandardErrors
+        Of the figures above.
+    sources : int
+        Number of reference sources.
+    pairs : int
+        Number of pairs.
+    reference : {"exact", "graph", "chain"}
+        How reference distances were measured, as in `geodesic`.
+    per_point : ndarray, shape (N,)
+        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
+    scatter : ndarray, shape (K, 2)
+        Some pairs as (δ, d), mm.
+    triangles : Triangles or None
+        What it did to the triangles, where the surface has some.
+    topology : dict or None
+        Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
+        ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
+    voxel_size : float or None
+        Geometric mean of the three spacings, mm, of voxel surfaces.
+    """
+
+    raw: Figures
+    best_scale: Figures
+    pearson_r: float
+    mean_geodesic: float
+    standard_error: StandardErrors
+    sources: int
+    pairs: int
+    reference: str
+    per_point: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    triangles: Triangles | None = None
+    topology: dict[str, int] | None = None
+    voxel_size: float | None = None
+
+    @classmethod
+    def of(cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any) -> Distortion:
+        """Take what the compiled core has measured.
+
+        Parameters
+        ----------
+        distances, triangles : dict
+            By the names of the fields.
+        reference : str
+            How distances were measured.
+        **more
+            The fields that are left.
+
+        Returns
+        -------
+        Distortion
+        """
+        errors = dict(distances["standard_error"])
+        for scales in (distances, errors):
+            scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
+        distances["standard_error"] = StandardErrors(**errors)
+        of_triangles = None if triangles is None else Triangles(**triangles)
+        return cls(**distances, triangles=of_triangles, reference=reference, **more)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures without the arrays, ready for JSON: undefined ones are None.
+
+        Returns
+        -------
+        dict
+            By the names of the fields; ``standard_error`` has the same names again.
+        """
+        return dict(json_ready(_without_arrays(asdict(self))))
+
+    def table(self) -> str:
+        """Return the figures as a table of text."""
+        from voxflat.distortion.tables import table_of_one
+
+        return table_of_one(self)
+
+
+def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the arrays of nested dictionaries."""
+    kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
+    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
+
+
+def json_ready(value: Any) -> Any:
+    """Return the same with None for the numbers that JSON does not know: NaN, which means undefined, and infinity."""
+    if isinstance(value, dict):
+        return {key: json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def undefined_as_nan(value: Any) -> Any:
+    """Undo `json_ready` for figures."""
+    if isinstance(value, dict):
+        return {key: undefined_as_nan(item) for key, item in value.items()}
+    return float("nan") if value is None else value

@@ -1,0 +1,130 @@
+"""Figures of distortion as tables of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from voxflat.distortion.figures import Distortion, Figures
+
+__all__ = ["table_of_one", "table_of_several"]
+
+_FIRST = 26  # width of the first column
+
+_DISTANCES = (
+    ("relative error, %", "relative_error", 100.0, 2),
+    ("  pairs up to 5 mm", "relative_error_0_5mm", 100.0, 2),
+    ("  5 to 15 mm", "relative_error_5_15mm", 100.0, 2),
+    ("  15 to 30 mm", "relative_error_15_30mm", 100.0, 2),
+    ("  up to 10 mm", "relative_error_10mm", 100.0, 2),
+    ("  up to 30 mm", "relative_error_30mm", 100.0, 2),
+    ("absolute error, mm", "absolute_error", 1.0, 2),
+    ("stress-1", "stress_1", 1.0, 4),
+    ("Sammon stress", "sammon_stress", 1.0, 4),
+)
+_TRIANGLES = (
+    ("area, log2: median", "areal_median", 1.0, 4),
+    ("  95 %", "areal_p95", 1.0, 4),
+    ("edges, %", "edge", 100.0, 2),
+    ("angles, degrees", "angle", 1.0, 2),
+    ("quasi-conformal", "quasi_conformal", 1.0, 3),
+    ("isometric", "isometric", 1.0, 3),
+    ("symmetric Dirichlet", "symmetric_dirichlet", 1.0, 3),
+    ("flipped triangles", "flipped", 1.0, 0),
+    ("  of the area, %", "flipped_share", 100.0, 3),
+    ("without area", "collapsed", 1.0, 0),
+    ("covering another", "covering", 1.0, 0),
+    ("boundary crossings", "crossings", 1.0, 0),
+)
+_TOPOLOGY = (
+    ("components", "components"),
+    ("Euler characteristic", "euler"),
+    ("boundary loops", "loops"),
+    ("handles", "handles"),
+)
+_REFERENCES = {
+    "exact": "exact distances over the triangles",
+    "graph": "distances by straight links over the triangles",
+    "chain": "distances by chain codes over the voxels",
+}
+
+
+def table_of_one(distortion: Distortion) -> str:
+    """Return the figures of one map: raw beside those at the best scale."""
+    errors = distortion.standard_error
+    rows = [
+        ["", "raw", f"at scale {_number(distortion.best_scale.scale, 3)}"],
+        *_distance_rows(
+            [(distortion.raw, errors.raw), (distortion.best_scale, errors.best_scale)], distortion.voxel_size
+        ),
+        *_other_rows([distortion]),
+    ]
+    return _aligned([distortion], rows)
+
+
+def table_of_several(maps: Mapping[str, Distortion]) -> str:
+    """Return the figures of several maps, a column each."""
+    of = list(maps.values())
+    sizes = {one.voxel_size for one in of}
+    voxel_size = sizes.pop() if len(sizes) == 1 else None
+    rows = [
+        ["", *maps],
+        ["RAW"],
+        *_distance_rows([(one.raw, one.standard_error.raw) for one in of], voxel_size),
+        ["AT THE BEST SCALE", *(_number(one.best_scale.scale, 4) for one in of)],
+        *_distance_rows([(one.best_scale, one.standard_error.best_scale) for one in of], voxel_size),
+        ["AT ANY SCALE"],
+        *_other_rows(of),
+    ]
+    return _aligned(of, rows)
+
+
+def _distance_rows(columns: Sequence[tuple[Figures, Figures]], voxel_size: float | None) -> list[list[str]]:
+    rows = []
+    for name, key, factor, digits in _DISTANCES:
+        pairs = [(factor * getattr(value, key), factor * getattr(error, key)) for value, error in columns]
+        rows.append([name, *(_with_error(value, error, digits) for value, error in pairs)])
+        if key == "absolute_error" and voxel_size is not None:
+            voxels = (_with_error(value / voxel_size, error / voxel_size, 2) for value, error in pairs)
+            rows.append(["  voxels", *voxels])
+    return rows
+
+
+def _other_rows(of: Sequence[Distortion]) -> list[list[str]]:
+    rows = [
+        ["correlation", *(_with_error(one.pearson_r, one.standard_error.pearson_r, 4) for one in of)],
+        ["mean geodesic, mm", *(_with_error(one.mean_geodesic, one.standard_error.mean_geodesic, 2) for one in of)],
+        ["points", *(str(len(one.per_point)) for one in of)],
+        ["pairs", *(str(one.pairs) for one in of)],
+    ]
+    if any(one.triangles is not None for one in of):
+        for name, key, factor, digits in _TRIANGLES:
+            values = [None if one.triangles is None else factor * getattr(one.triangles, key) for one in of]
+            rows.append([name, *(_number(value, digits) for value in values)])
+    if any(one.topology is not None for one in of):
+        for name, key in _TOPOLOGY:
+            rows.append([name, *(_number(None if one.topology is None else one.topology[key], 0) for one in of)])
+    return rows
+
+
+def _number(value: Any, digits: int) -> str:
+    """Write a number; what is undefined is a dash."""
+    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
+
+
+def _with_error(value: float, error: float, digits: int) -> str:
+    if np.isnan(value):
+        return "–"
+    return f"{value:.{digits}f} ± {_number(error, digits)}"
+
+
+def _aligned(of: Sequence[Distortion], rows: list[list[str]]) -> str:
+    """Return rows with columns to the right, under what their figures are about."""
+    width = 2 + max(len(cell) for row in rows for cell in row[1:])
+    sources = ", ".join(sorted({str(one.sources) for one in of}))
+    references = "; ".join(sorted({_REFERENCES[one.reference] for one in of}))
+    about = f"from {sources} random sources, ± standard error; {references}"
+    lines = [row[0].ljust(_FIRST) + "".join(cell.rjust(width) for cell in row[1:]) for row in rows]
+    return "\n".join([about, *(line.rstrip() for line in lines)])

@@ -1,0 +1,23 @@
+"""Figures: `scatter`, `heat_map(s)`, `flat_image`, `spectrum`, `patch_3d` of maps; `atlas_page`, ... of atlases.
+
+The two in space return a picture, which `save_picture` writes, drawn by PyVista. The others return a
+`matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
+threads, and beside the user's own figures.
+"""
+
+from voxflat.figures.atlases import atlas_3d, atlas_heat_map, atlas_page
+from voxflat.figures.maps import flat_image, heat_map, heat_maps, patch_3d, save, save_picture, scatter, spectrum
+
+__all__ = [
+    "atlas_3d",
+    "atlas_heat_map",
+    "atlas_page",
+    "flat_image",
+    "heat_map",
+    "heat_maps",
+    "patch_3d",
+    "save",
+    "save_picture",
+    "scatter",
+    "spectrum",
+]

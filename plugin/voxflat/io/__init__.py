@@ -1,0 +1,27 @@
+"""Files in and out: volumes on their grids, and meshes with what lies on their points.
+
+What users call stands here; a module a family of formats. No reader knows of surfaces or maps.
+"""
+
+from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
+from voxflat.io.meshes import Mesh, read_mesh, read_overlay, read_region, write_mesh
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, atomic_path, read_volume, write_volume
+
+__all__ = [
+    "VOLUME_ENDINGS",
+    "Mesh",
+    "Patch",
+    "Volume",
+    "as_volume",
+    "atomic_path",
+    "patch_border",
+    "patch_faces",
+    "read_mesh",
+    "read_overlay",
+    "read_patch",
+    "read_region",
+    "read_volume",
+    "write_mesh",
+    "write_patch",
+    "write_volume",
+]

@@ -1,0 +1,48 @@
+"""Which format a file of a surface, of a part of one, or of values on one has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from voxflat.io import freesurfer, gifti
+from voxflat.io.graphics import is_binary_stl
+
+GIFTI, FREESURFER, VTK, VTP, PLY, STL, OBJ = "GIFTI", "FreeSurfer surface", "VTK", "VTP", "PLY", "STL", "OBJ"
+PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"
+ENDINGS = {".gii": GIFTI, ".gii.gz": GIFTI, ".vtk": VTK, ".vtp": VTP, ".ply": PLY, ".stl": STL, ".obj": OBJ}
+HINTS = {PATCH: "read_patch reads it", MORPH: "read_overlay reads it", "FreeSurfer label": "read_region reads it"}
+"""What to do with a file that is no surface."""
+
+
+def by_name(path: Path) -> str | None:
+    """Tell a format by the ending of a name."""
+    return next((entry for ending, entry in ENDINGS.items() if path.name.lower().endswith(ending)), None)
+
+
+def by_content(data: bytes) -> str | None:
+    """Tell a format by its first bytes."""
+    start = data[:64].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start.startswith(b"<") or data[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):  # the latter are UTF-16
+        root, _ = gifti.xml_root(data)
+        return {"GIFTI": GIFTI, "VTKFile": VTP}.get(root, f"XML <{root}>")
+    for magic, name in _MAGIC.items():
+        if data.startswith(magic):
+            return name
+    if data.startswith(b"\xff\xff\xff"):
+        return MORPH if freesurfer.is_morph(data) else FREESURFER
+    if data[344:348] in (b"n+1\0", b"ni1\0") or data[4:8] in (b"n+2\0", b"ni2\0"):
+        return "a NIfTI volume"
+    is_text_stl = start.startswith(b"solid") and b"facet" in data[:1024]
+    return STL if is_text_stl or is_binary_stl(data) else None
+
+
+_MAGIC = {
+    b"\xff\xff\xff\xff": PATCH,
+    b"\xff\xff\xfe": FREESURFER,
+    b"\xff\xff\xfd": FREESURFER,
+    b"ply\n": PLY,
+    b"ply\r": PLY,
+    b"# vtk DataFile": VTK,
+    b"#!ascii label": "FreeSurfer label",
+    b"\x93NUMPY": "a NumPy array",
+}

@@ -1,0 +1,81 @@
+"""What makes a grid of voxels: its shape, and an affine to RAS+ mm that is not sheared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.errors import InputError
+
+Affine: TypeAlias = NDArray[np.float64]
+
+_MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
+
+
+def check_affine(affine: ArrayLike) -> Affine:
+    """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
+
+    Parameters
+    ----------
+    affine : array_like, shape (4, 4)
+        Voxel index to RAS+ mm.
+
+    Returns
+    -------
+    ndarray, shape (4, 4), float64
+        The affine.
+
+    Raises
+    ------
+    InputError
+        It has another shape, values that are not finite, a voxel size of 0, or axes that are not
+        orthogonal (the cosine between two of them exceeds 1e-3).
+    """
+    try:
+        matrix = np.asarray(affine, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"affine {affine!r} is no array of numbers: give a (4, 4) matrix") from error
+    if matrix.shape != (4, 4):
+        raise InputError(f"affine has shape {matrix.shape}: give a (4, 4) matrix, voxel index to RAS+ mm")
+    if not np.isfinite(matrix).all():
+        raise InputError(f"affine {matrix.tolist()} is not finite: repair the header or give an affine")
+    if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        raise InputError(f"affine's last row is {matrix[3].tolist()}: it must be 0 0 0 1; is it transposed?")
+    sizes = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not (sizes > 0).all():
+        raise InputError(f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0")
+    axes = matrix[:3, :3] / sizes
+    shear = np.abs(axes.T @ axes - np.eye(3)).max()
+    if not shear <= _MAX_SHEAR:
+        raise InputError(
+            f"affine is sheared: the cosine between two voxel axes is {shear:.3g}, above {_MAX_SHEAR:g}: "
+            "resample to an orthogonal grid"
+        )
+    return matrix
+
+
+def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> Affine | None:
+    """Return the affine that the caller gave, as such or as a spacing."""
+    if spacing is None:
+        return None if affine is None else check_affine(affine)
+    if affine is not None:
+        raise InputError("both spacing= and affine= are given: give one, the affine holds the spacing")
+    try:
+        sizes = np.asarray(spacing, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"spacing {spacing!r} must be 3 numbers in mm") from error
+    if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise InputError(f"spacing {sizes.tolist()} must be 3 positive, finite numbers in mm")
+    return np.diag([*sizes, 1.0])
+
+
+def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
+    """Drop trailing axes of length 1; an error for what is no volume then."""
+    kept = shape[:3] + tuple(n for n in shape[3:] if n != 1)
+    colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
+    if (len(kept) != 3 and not colour) or min(kept) < 1:
+        raise InputError(f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)")
+    return kept

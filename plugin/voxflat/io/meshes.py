@@ -1,0 +1,451 @@
+"""Surfaces in and out: points in RAS+ mm and triangles, values at the points, and regions of them.
+
+`read_mesh` reads a surface, `write_mesh` writes one, `read_overlay` reads values at its points, `read_region` which of
+its points belong to a region; `read_patch` and `write_patch` know FreeSurfer's patch files.
+
+GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PLY, OBJ and STL here (`graphics`).
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io import formats, freesurfer, gifti, graphics, vtk
+from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
+from voxflat.io.readers import REMEDY, by_ending, naming
+from voxflat.io.volumes import VOLUME_ENDINGS, atomic_path
+
+__all__ = [
+    "Mesh",
+    "Patch",
+    "holds_mesh",
+    "is_mesh_name",
+    "is_patch",
+    "patch_border",
+    "patch_faces",
+    "read_mesh",
+    "read_overlay",
+    "read_patch",
+    "read_region",
+    "suspicious_units",
+    "write_mesh",
+    "write_patch",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface of triangles. Making one checks it; a bad array is an `InputError`.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        RAS+ mm; finite.
+    faces : ndarray of int64, shape (F, 3)
+        Triangles, as rows of `points`. Points that no face uses are allowed: a flat map may have them.
+    path : Path or None
+        The file it came from.
+    structure : str or None
+        What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
+    point_data : dict of str to ndarray, shape (N,) or (N, K)
+        Values at the points, by name.
+    texture_coordinates : ndarray of float64, shape (N, 2), or None
+        Place of each point in a picture; NaN for points without one.
+    remarks : tuple of str
+        What the reader noticed or changed.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    path: Path | None = None
+    structure: str | None = None
+    point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    texture_coordinates: NDArray[np.float64] | None = None
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points)
+        if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
+            raise InputError(f"points are {points.dtype} of shape {points.shape}: give numbers of shape (N, 3)")
+        if len(points) == 0:
+            raise InputError("has no points: is it a surface?")
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+        if len(bad):
+            raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "faces", freesurfer.check_faces(self.faces, len(points)))
+        if self.texture_coordinates is not None:
+            texture = np.ascontiguousarray(self.texture_coordinates, dtype=np.float64)
+            object.__setattr__(self, "texture_coordinates", texture)
+            if texture.shape != (len(points), 2):
+                raise InputError(f"texture coordinates have shape {texture.shape}: give ({len(points)}, 2)")
+        for name, array in self.point_data.items():
+            if len(array) != len(points):
+                raise InputError(f"point data {name!r} has {len(array)} values; the surface has {len(points)} points")
+
+
+def suspicious_units(points: NDArray[np.float64]) -> str | None:
+    """Remark on a surface that seems not to be in mm.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        Its points.
+
+    Returns
+    -------
+    str or None
+        A remark if the longest side of its bounding box is below 1.
+    """
+    across = float(np.ptp(points, axis=0).max())
+    if across >= 1:
+        return None
+    return f"is {across:.2g} units across; coordinates are taken as mm: are they metres? multiply by 1000"
+
+
+# ------------------------------------------------------------------------------------------ reading
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read a surface of triangles from a file.
+
+    Parameters
+    ----------
+    path : path
+        GIFTI (``.surf.gii``, ``.gii``, ``.gii.gz``), FreeSurfer (``lh.white``, ``lh.pial``, ``lh.inflated``, ...), VTK
+        (``.vtk``, ``.vtp``), ``.ply``, ``.stl``, ``.obj``. Without a known ending its content tells.
+
+    Returns
+    -------
+    Mesh
+        With the points as stored and in their order, except that STL knows no points: equal corners become one.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, of another format than its ending says, or no surface of triangles.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        return _parsed(path, gifti.contents(path))
+
+
+def is_mesh_name(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is to be read as a mesh, by its ending, or by its first bytes where it has none that is known.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+    """
+    path = Path(path)
+    name = path.name.lower()
+    if name.endswith(tuple(formats.ENDINGS)):
+        return True
+    if name.endswith(VOLUME_ENDINGS) or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(3) in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff")
+
+
+def is_patch(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is a FreeSurfer patch.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+    """
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"\xff\xff\xff\xff"
+
+
+def holds_mesh(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file holds triangles, and not values at the points of a mesh, or a patch.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        data = gifti.contents(path)
+        kind = formats.by_content(data) or formats.by_name(path)
+        return gifti.has_triangles(gifti.load(data)) if kind == formats.GIFTI else kind in _READERS
+
+
+def _format(path: Path, data: bytes) -> str:
+    """Return the format of a surface file; ending and content must agree."""
+    named, found = formats.by_name(path), formats.by_content(data)
+    if named and found and named != found:
+        raise InputError(f"has the ending of {named}, but the content of {found}: rename it")
+    kind = found or named
+    if kind not in _READERS:
+        hint = formats.HINTS.get(kind or "", f"{', '.join(formats.ENDINGS)} and FreeSurfer's surfaces can be read")
+        raise InputError(f"is no surface, but {kind or 'of unknown content'}: {hint}")
+    return kind
+
+
+def _parsed(path: Path, data: bytes) -> Mesh:
+    """Return the surface that a file holds, with what its name and its size tell."""
+    with np.errstate(all="ignore"):
+        mesh = Mesh(path=path, **_READERS[_format(path, data)](path, data))
+    remark = suspicious_units(mesh.points)
+    hemisphere = {"lh.": "CortexLeft", "rh.": "CortexRight"}.get(path.name[:3])
+    return replace(mesh, structure=mesh.structure or hemisphere, remarks=mesh.remarks + ((remark,) if remark else ()))
+
+
+_Parts: TypeAlias = dict[str, Any]
+"""What a reader found: the keyword arguments of `Mesh`."""
+
+
+def _read_gifti(path: Path, data: bytes) -> _Parts:
+    points, faces, structure, remarks = gifti.surface(gifti.load(data))
+    return {"points": points, "faces": faces, "structure": structure, "remarks": remarks}
+
+
+def _read_freesurfer(path: Path, data: bytes) -> _Parts:
+    points, faces, remarks = freesurfer.read_geometry(path, data)
+    return {"points": points, "faces": faces, "remarks": remarks}
+
+
+_READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
+    formats.GIFTI: _read_gifti,
+    formats.FREESURFER: _read_freesurfer,
+    formats.VTK: vtk.read_vtk,
+    formats.VTP: vtk.read_vtp,
+    formats.PLY: graphics.read_ply,
+    formats.STL: graphics.read_stl,
+    formats.OBJ: graphics.read_obj,
+}
+
+
+# ------------------------------------------------------------------------------------------ writing
+
+
+def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
+    """Write a surface to a file, all of it or nothing.
+
+    Parameters
+    ----------
+    path : path
+        ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
+    mesh : Mesh
+        GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
+        ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
+        marked as flat in GIFTI.
+
+    Raises
+    ------
+    InputError
+        The format cannot hold the mesh, or the file cannot be written.
+    """
+    path = Path(path)
+    with naming(path, "can this format hold it?"):
+        write = _writer(path)
+    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+        write(temporary, mesh)
+
+
+def _writer(path: Path) -> Callable[[Path, Mesh], None]:
+    name = path.name.lower()
+    others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
+    if ".patch." in name:
+        raise InputError("is the name of a patch: use write_patch")
+    if (not path.suffix or name.startswith(("lh.", "rh."))) and not name.endswith(others):
+        return _write_freesurfer
+    return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
+
+
+def _write_freesurfer(path: Path, mesh: Mesh) -> None:
+    freesurfer.write_geometry(path, mesh.points, mesh.faces)
+
+
+def _write_gifti(path: Path, mesh: Mesh) -> None:
+    freesurfer.as_float32(mesh.points)
+    path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+
+
+def _write_vtp(path: Path, mesh: Mesh) -> None:
+    vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data)
+
+
+def _write_ply(path: Path, mesh: Mesh) -> None:
+    graphics.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+
+
+def _write_obj(path: Path, mesh: Mesh) -> None:
+    graphics.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+
+
+_WRITERS: dict[str, Callable[[Path, Mesh], None]] = {
+    ".surf.gii": _write_gifti,
+    ".vtp": _write_vtp,
+    ".ply": _write_ply,
+    ".obj": _write_obj,
+}
+
+
+# ------------------------------------------------------------------------------- values and regions
+
+
+def read_overlay(path: str | os.PathLike[str], points: int) -> NDArray[Any]:
+    """Read values at the points of a surface.
+
+    Parameters
+    ----------
+    path : path
+        GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``,
+        ...; ``.annot``, whose labels are numbers from 0, −1 for none; ``.mgh``, ``.mgz``), ``.npy``, or ``.txt`` with a
+        line a point.
+    points : int
+        How many the surface has.
+
+    Returns
+    -------
+    ndarray, shape (points,), or (points, K) of K maps
+        Of the file's type.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or has another number of values.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        return _values(path, gifti.contents(path), points)
+
+
+def read_region(path: str | os.PathLike[str], points: int, *, name: str | None = None) -> NDArray[np.bool_]:
+    """Read which points of a surface belong to a region.
+
+    Parameters
+    ----------
+    path : path
+        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface, whose faces use the region's points
+        only; or what `read_overlay` reads, for the points whose value is neither 0 nor NaN.
+    points : int
+        How many the surface has.
+    name : str, optional
+        A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
+
+    Returns
+    -------
+    ndarray of bool, shape (points,)
+
+    Raises
+    ------
+    InputError
+        The file is damaged, belongs to another surface, or has no label of that name.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        data = gifti.contents(path)
+        kind = formats.by_content(data) or formats.by_name(path)
+        image = gifti.load(data) if kind == formats.GIFTI else None
+        if path.name.lower().endswith(".annot"):
+            labels, names = freesurfer.read_annot(path, data)
+            return _named(_fitting(labels, points), dict(enumerate(names)), name)
+        if image is not None and name is not None:
+            return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
+        if name is not None:
+            raise InputError(f"has no named labels: leave out name={name!r}")
+        if kind == formats.PATCH:
+            return _mask(freesurfer.parse_patch(path, data).vertices, points)
+        if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
+            return freesurfer.read_label(data, points)
+        if kind in _READERS and (image is None or gifti.has_triangles(image)):
+            mesh = _parsed(path, data)
+            _fitting(mesh.points[:, 0], points)
+            return _mask(np.unique(mesh.faces), points)
+        values = _values(path, data, points)
+        if values.ndim > 1:
+            raise InputError(f"has {values.shape[1]} maps: give a file with one")
+        return np.asarray((values != 0) & ~np.isnan(values))
+
+
+def _values(path: Path, data: bytes, points: int) -> NDArray[Any]:
+    """Return the values of any file that has some."""
+    name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
+    if name.endswith(".npy") or kind == "a NumPy array":
+        if kind != "a NumPy array":
+            raise InputError("is no NumPy array: write it again with numpy.save")
+        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points)
+    if name.endswith(".txt"):
+        return _fitting(np.loadtxt(io.StringIO(data.decode())), points)
+    if name.endswith((".mgh", ".mgz")):
+        return _fitting(freesurfer.read_mgh(data), points)
+    if name.endswith(".annot"):
+        return _fitting(freesurfer.read_annot(path, data)[0], points)
+    if kind == formats.GIFTI:
+        return _fitting(gifti.values(gifti.load(data)), points)
+    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
+    if kind not in (None, formats.MORPH) and not is_cut_short:
+        raise InputError(f"holds no values at points, but {kind}")
+    return _fitting(freesurfer.read_morph(path, data), points)
+
+
+def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
+    """Check that there is a value, or a row of them, for each point."""
+    if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
+        raise InputError(f"values are {values.dtype} of shape {values.shape}: give numbers of shape (N,) or (N, K)")
+    if len(values) != points:
+        raise InputError(f"has {len(values)} values; the surface has {points} points")
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
+    """Return which points are chosen."""
+    if chosen.max() >= points:
+        raise InputError(f"names point {chosen.max()}; the surface has the points 0 to {points - 1}")
+    mask = np.zeros(points, dtype=bool)
+    mask[chosen] = True
+    return mask
+
+
+def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
+    """Return which points have the label of a name."""
+    keys = [key for key, label in names.items() if label == name]
+    if not keys:
+        known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
+        raise InputError(f"name={name!r} is none of its labels: {known}")
+    if labels.ndim > 1:
+        raise InputError(f"has {labels.shape[1]} maps: give a file with one")
+    return np.isin(labels, keys)

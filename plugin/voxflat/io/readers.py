@@ -1,0 +1,367 @@
+"""Files and images of other packages as arrays of voxels and affines.
+
+NIfTI voxels come from ITK, or from nibabel where ITK refuses them or would change them; the affine is read here, so it
+is the same (nibabel's: sform, else qform, else pixdim) whichever package is installed. Neither package notices every
+damaged file, so the checks of completeness are made here, too.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib
+import re
+import textwrap
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.grid import Affine, check_affine, volume_shape
+
+Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
+"""Voxels, and the affine if there is one."""
+
+LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+REMEDY = "is the file complete, and what its ending says?"
+
+ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
+
+
+def as_array(obj: object) -> NDArray[Any]:
+    """Return an ndarray; of ITK's own view, one that keeps its image alive.
+
+    `numpy.asarray` drops the view's hold on the image, and ends in freed memory; `memoryview` keeps it.
+    """
+    return np.asarray(memoryview(obj) if hasattr(obj, "itk_base") else obj)  # type: ignore[arg-type]
+
+
+# ------------------------------------------------------------------------------------------- reading
+
+
+def read(path: Path) -> Read:
+    """Read the voxels of a file and its affine, if it has one."""
+    if path.is_dir():
+        raise InputError("is a directory: name a volume file (a DICOM series: convert it to NIfTI first)")
+    path.open("rb").close()  # the system's own error for a missing file says more than a reader's
+    read: Callable[[Path], Read] = by_ending(path, READERS, "read")
+    return read(path)
+
+
+def _read_npy(path: Path) -> Read:
+    with path.open("rb") as file:
+        return np.lib.format.read_array(file, allow_pickle=False), None
+
+
+def _read_npz(path: Path) -> Read:
+    if not zipfile.is_zipfile(path):
+        raise InputError("is no complete .npz archive: write it again with numpy.savez")
+    with np.load(path, allow_pickle=False) as archive:
+        names = archive.files
+        if "data" in names:
+            return archive["data"], archive["affine"] if "affine" in names else None
+        if len(names) != 1:
+            raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
+        return archive[names[0]], None
+
+
+def _read_mgh(path: Path) -> Read:
+    if path.suffix.lower() == ".mgz":
+        _uncompressed(path)
+    return from_nibabel(require("nibabel").load(path, mmap=False))
+
+
+def _read_nifti(path: Path) -> Read:
+    head, size = _uncompressed(path)
+    if head[4:8] == b"n+2\0":  # ITK knows no NIfTI-2
+        return from_nibabel(require("nibabel").load(path, mmap=False))
+    header = _nifti_header(head)
+    shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
+    volume_shape(shape, np.dtype(np.uint8))  # before a time series is read for nothing
+    # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
+    needed = int(header["vox_offset"]) + int(np.prod(shape, dtype=np.int64)) * int(header["bitpix"]) // 8
+    if size < needed:
+        raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
+    affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
+    return _nifti_voxels(path, header, shape), affine
+
+
+def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Read by ITK; by nibabel what ITK refuses or would change."""
+    try:
+        # ITK scales in float32 (integers above 2^24 change), and adds scl_inter even if scl_slope is 0
+        if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0:
+            raise InputError("its values are scaled, which ITK does in float32 only")
+        if path.suffix.lower() == ".gz" and path.with_suffix("").exists():
+            raise InputError(f"ITK would read {path.with_suffix('').name} in its place")
+        if not _all_finite(path, header, shape):
+            raise InputError("it holds NaN or infinity, which ITK turns into 0")
+        voxels, _ = from_itk(_load_itk(path))
+        if voxels.shape[:3] != shape[:3]:
+            raise InputError(f"ITK gives the shape {voxels.shape} instead of {shape}")
+        return voxels
+    except Exception as refusal:
+        reason = one_line(refusal)
+    try:
+        nibabel = require("nibabel")
+    except InputError as missing:
+        raise InputError(f"{reason}; {missing}") from None
+    return from_nibabel(nibabel.load(path, mmap=False))[0]
+
+
+def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
+    """Tell whether all values of a NIfTI-1 file are finite."""
+    form = {16: "f4", 64: "f8"}.get(int(header["datatype"]))
+    if form is None:
+        return True
+    dtype = np.dtype(form).newbyteorder(header["dim"].dtype.byteorder)
+    remaining = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    with _opened(path) as file:
+        file.read(int(header["vox_offset"]))
+        while remaining > 0 and (block := file.read(min(remaining, 1 << 24))):
+            remaining -= len(block)
+            if not np.isfinite(np.frombuffer(block, dtype)).all():
+                return False
+    return True
+
+
+# The fields of NIfTI-1 that place the voxels (nifti1.h). ITK's metadata has them, too, but as text with
+# six digits: an offset of -123.45678 mm would come back as -123.457.
+_NIFTI1_FIELDS = {
+    "sizeof_hdr": ("i4", 0),
+    "dim": ("8i2", 40),
+    "datatype": ("i2", 70),
+    "bitpix": ("i2", 72),
+    "pixdim": ("8f4", 76),
+    "vox_offset": ("f4", 108),
+    "scl_slope": ("f4", 112),
+    "scl_inter": ("f4", 116),
+    "xyzt_units": ("u1", 123),
+    "qform_code": ("i2", 252),
+    "sform_code": ("i2", 254),
+    "quatern": ("3f4", 256),
+    "qoffset": ("3f4", 268),
+    "srow": ("(3,4)f4", 280),
+    "magic": ("S4", 344),
+}
+_NIFTI1 = np.dtype(
+    {
+        "names": list(_NIFTI1_FIELDS),
+        "formats": [form for form, _ in _NIFTI1_FIELDS.values()],
+        "offsets": [offset for _, offset in _NIFTI1_FIELDS.values()],
+        "itemsize": 348,
+    }
+)
+_NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
+
+
+def _nifti_header(head: bytes) -> np.void:
+    """Return the fields of a NIfTI-1 header of either byte order."""
+    for order in ("<", ">"):
+        if len(head) < _NIFTI1.itemsize:
+            break
+        header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
+        if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
+            _check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
+            return header
+    raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
+
+
+def _nifti_affine(header: np.void, shape: tuple[int, ...]) -> Affine:
+    """Return the affine to RAS+ mm that nibabel would choose: sform, else qform, else pixdim."""
+    affine = np.eye(4)
+    if header["sform_code"] != 0:
+        affine[:3] = header["srow"]
+        return affine
+    sizes = header["pixdim"][1:4].astype(np.float64)
+    if not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise InputError(f"pixdim {sizes.tolist()} must be positive, finite mm: repair the header")
+    if header["qform_code"] != 0:
+        sizes[2] *= -1 if header["pixdim"][0] == -1 else 1
+        affine[:3, :3] = _rotation(header["quatern"].astype(np.float64)) * sizes
+        affine[:3, 3] = header["qoffset"]
+        return affine
+    sizes[0] *= -1  # nibabel's choice for a file without a place: radiological order, the centre as origin
+    affine[:3, :3] = np.diag(sizes)
+    affine[:3, 3] = -sizes * (np.array(shape[:3]) - 1) / 2
+    return affine
+
+
+def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation of a unit quaternion with a real part >= 0, given its three other parts."""
+    b, c, d = imaginary
+    square = 1 - imaginary @ imaginary
+    if not square > -3 * np.finfo(np.float32).eps:
+        raise InputError(f"qform quaternion {imaginary.tolist()} is longer than 1: repair the header")
+    # within the rounding of the header's float32 a half turn is meant
+    a = np.sqrt(square) if square >= 3 * np.finfo(np.float32).eps else 0.0
+    return np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ]
+    ) / (a * a + imaginary @ imaginary)
+
+
+def _read_nrrd(path: Path) -> Read:
+    with path.open("rb") as file:
+        head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
+    for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
+        for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
+            _check_unit(unit)
+    if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
+        raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
+    return from_itk(_load_itk(path))
+
+
+def _read_metaimage(path: Path) -> Read:
+    content = path.read_bytes()
+    end = re.search(rb"(?m)^ElementDataFile *= *(.*?) *\r?\n", content)
+    if end is None:
+        raise InputError("is no MetaImage: does its ending name its format?")
+    head = content[: end.start()]
+    if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
+        _check_unit(unit[1].decode("latin1"))
+    if re.search(rb"(?mi)^CompressedData *= *(True|1)", head):
+        separate = path.parent / end[1].decode("utf-8", "replace")
+        if end[1] == b"LOCAL":
+            _check_deflated(content[end.end() :])
+        elif separate.is_file():
+            _check_deflated(separate.read_bytes())
+    return from_itk(_load_itk(path))
+
+
+def _check_deflated(packed: bytes) -> None:
+    """Decompress to compare the checksum: ITK returns what it could decompress as if it were whole."""
+    stream = zlib.decompressobj(wbits=47)  # zlib or gzip
+    stream.decompress(packed)
+    if not stream.eof:
+        raise InputError("ends too early: copy or download it again")
+
+
+def _check_unit(unit: str) -> None:
+    """Refuse lengths that the header says are not mm."""
+    if unit not in ("", "mm", "?", "???", "unknown"):
+        raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
+
+
+def _opened(path: Path) -> Any:
+    """Open a file that may be gzipped, for reading bytes."""
+    opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
+    return opener(path, "rb")
+
+
+def _uncompressed(path: Path) -> tuple[bytes, int]:
+    """Return the first 348 bytes and the full length of a file that may be gzipped.
+
+    It is read to its end, so that the checksum is compared: nibabel stops before it.
+    """
+    with _opened(path) as file:
+        head: bytes = file.read(_NIFTI1.itemsize)
+        size = len(head)
+        while block := file.read(1 << 20):
+            size += len(block)
+    return head, size
+
+
+# --------------------------------------------------------------------------------- images of packages
+
+
+def from_nibabel(image: Any) -> Read:
+    """Return voxels and affine of a nibabel image."""
+    volume_shape(image.shape, np.dtype(np.uint8))
+    if hasattr(image.header, "get_xyzt_units"):
+        _check_unit(image.header.get_xyzt_units()[0])
+    voxels = np.asarray(image.dataobj)
+    if voxels.dtype.names is not None:  # RGB24, RGBA32
+        voxels = np.stack([voxels[name] for name in voxels.dtype.names], axis=-1)
+    return voxels, check_affine(image.affine)
+
+
+def from_itk(image: Any) -> Read:
+    """Return voxels and affine of an ITK image, whose axes are (k, j, i) and whose world is LPS."""
+    itk = require("itk")
+    view = as_array(itk.array_view_from_image(image))
+    dimension = image.GetImageDimension()
+    voxels = view.transpose(*reversed(range(dimension)), *range(dimension, view.ndim))
+    if dimension != 3:
+        return voxels, None  # no volume, unless NIfTI with an affine of its own
+    affine = np.eye(4)
+    affine[:3, :3] = itk.array_from_matrix(image.GetDirection()) * np.array(image.GetSpacing())
+    start = np.array(image.GetBufferedRegion().GetIndex())  # not 0 in a region cut from an image
+    affine[:3, 3] = np.array(image.GetOrigin()) + affine[:3, :3] @ start
+    return voxels, LPS_TO_RAS @ affine
+
+
+def _load_itk(path: Path) -> Any:
+    """Read an image by ITK, without its warnings on NIfTI placements, which are not taken from it."""
+    itk = require("itk")
+    before = itk.Object.GetGlobalWarningDisplay()
+    itk.Object.SetGlobalWarningDisplay(False)
+    try:
+        return itk.imread(str(path))
+    except TypeError as error:  # 30 lines on templates, of which the first names the type
+        known = ", ".join(ITK_TYPES)
+        raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
+    finally:
+        itk.Object.SetGlobalWarningDisplay(before)
+
+
+# -------------------------------------------------------------------------------------------- helpers
+
+READERS: dict[str, Callable[[Path], Read]] = {
+    ".nii": _read_nifti,
+    ".nii.gz": _read_nifti,
+    ".nrrd": _read_nrrd,
+    ".nhdr": _read_nrrd,
+    ".mha": _read_metaimage,
+    ".mhd": _read_metaimage,
+    ".mgh": _read_mgh,
+    ".mgz": _read_mgh,
+    ".npy": _read_npy,
+    ".npz": _read_npz,
+}
+
+
+def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
+    """Return the entry of a table whose key ends the file's name."""
+    for ending, entry in table.items():
+        if path.name.lower().endswith(ending):
+            return entry
+    raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
+
+
+def require(module: str) -> Any:
+    """Import an optional package, which has the name of its extra."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(f"needs {module}: pip install 'voxflat[{module}]'") from error
+
+
+def one_line(error: Exception) -> str:
+    """Shorten a message, above all ITK's: lines of C++ places and addresses."""
+    if isinstance(error, InputError):
+        return str(error)
+    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", str(error))
+    return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
+
+
+@contextmanager
+def naming(name: object, remedy: str) -> Iterator[None]:
+    """Turn whatever goes wrong with a file or object into one line that begins with its name."""
+    try:
+        yield
+    except (FileNotFoundError, PermissionError, MemoryError):
+        raise
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    except Exception as error:
+        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error

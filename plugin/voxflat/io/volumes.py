@@ -1,0 +1,306 @@
+"""Volumes in and out: voxels in the order (i, j, k) and an affine to RAS+ mm.
+
+`as_volume` takes whatever holds voxels (an array, a path, an image object), `read_volume` a file, `write_volume` writes
+one. All of them end in a `Volume`, which is checked once, where it is made.
+"""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
+from voxflat.io.readers import (
+    ITK_TYPES,
+    LPS_TO_RAS,
+    READERS,
+    REMEDY,
+    as_array,
+    by_ending,
+    from_itk,
+    from_nibabel,
+    naming,
+    read,
+    require,
+)
+
+__all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "atomic_path", "check_affine", "read_volume", "write_volume"]
+
+VOLUME_ENDINGS = tuple(READERS)
+"""How the names of files end that hold volumes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Voxels and where they lie. Making one checks it; a bad array or affine is an `InputError`.
+
+    Parameters
+    ----------
+    data : ndarray, shape (I, J, K), or (I, J, K, 3) or (I, J, K, 4) for uint8 colours
+        Values in the index order i, j, k, as nibabel gives them; native byte order.
+    affine : ndarray, shape (4, 4), float64
+        Takes the voxel index (i, j, k, 1) to RAS+ mm; a voxel's centre has integer indices.
+    path : Path or None
+        The file it came from.
+    is_placed : bool
+        Whether its place was given; otherwise the affine is the identity for want of a better one.
+    """
+
+    data: NDArray[Any]
+    affine: Affine
+    path: Path | None = None
+    is_placed: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "data", _check_data(self.data))
+        object.__setattr__(self, "affine", check_affine(self.affine))
+
+    @property
+    def spacing(self) -> Affine:
+        """Distance between the centres of neighbouring voxels along i, j, k, shape (3,), in mm."""
+        return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
+
+    @property
+    def orientation(self) -> str:
+        """The way each index grows, one of R/L, A/P, S/I each, such as ``'RAS'``."""
+        cosines = self.affine[:3, :3] / self.spacing
+        codes = [""] * 3
+        # the best aligned index chooses first, so that no two share a direction
+        for index in np.argsort(-np.abs(cosines).max(axis=0), kind="stable"):
+            world = int(np.abs(cosines[:, index]).argmax())
+            codes[index] = ("LR", "PA", "IS")[world][int(cosines[world, index] > 0)]
+            cosines[world] = 0
+        return "".join(codes)
+
+
+def read_volume(path: str | os.PathLike[str]) -> Volume:
+    """Read a volume from a file.
+
+    Parameters
+    ----------
+    path : path
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd``, ``.mgh``, ``.mgz``, ``.npy``, or
+        ``.npz`` with one array, or with ``data`` and perhaps ``affine``. Arrays without an affine get
+        the identity: 1 mm voxels.
+
+    Returns
+    -------
+    Volume
+        Voxels (I, J, K) and their affine to RAS+ mm.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, of another format, no single volume, sheared, or not in mm.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    return as_volume(Path(path))
+
+
+def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
+    """Take anything that holds voxels as a `Volume`, without a copy where possible.
+
+    Parameters
+    ----------
+    obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
+        The voxels, in the order (i, j, k) if it is an array.
+    spacing : sequence of 3 floats, optional
+        Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
+    affine : array_like, shape (4, 4), optional
+        Voxel index to RAS+ mm. Neither this nor `spacing` may be given for something with an affine of
+        its own. Without any, the identity.
+
+    Returns
+    -------
+    Volume
+        The same voxels with their affine.
+
+    Raises
+    ------
+    InputError
+        The object is no volume, or its place is given twice.
+    """
+    given = given_affine(spacing, affine)
+    is_file = isinstance(obj, str | os.PathLike)
+    remedy = REMEDY if is_file else "give an array, a path or an image"
+    with naming(obj if is_file else type(obj).__name__, remedy):
+        data, own, path = _parts(obj)
+        if given is not None and own is not None:
+            raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
+        placed = own if given is None else given
+        return Volume(data, np.eye(4) if placed is None else placed, path, is_placed=placed is not None)
+
+
+def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLike) -> None:
+    """Write a volume to a file, all of it or nothing.
+
+    Parameters
+    ----------
+    path : path
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.mha``, ``.mgh``, ``.mgz``, ``.npz``, or ``.npy``, which has
+        no place for an affine other than the identity.
+    data : array_like, shape (I, J, K), or (I, J, K, 3|4) uint8 for colours
+        Values; the type is kept, except that bool becomes uint8 in image formats.
+    affine : array_like, shape (4, 4)
+        Voxel index to RAS+ mm.
+
+    Raises
+    ------
+    InputError
+        The format cannot hold the volume, or the file cannot be written.
+    """
+    path = Path(path)
+    with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
+        write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
+        write(temporary, Volume(np.asarray(data), check_affine(affine)))
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Write a file beside its place, and move it there once it is complete.
+
+    Parameters
+    ----------
+    path : path
+        The file to make or replace.
+
+    Yields
+    ------
+    Path
+        A new empty file in the same directory whose name has the same ending. It takes the place of
+        `path` when the block ends, and is deleted when the block raises.
+
+    Raises
+    ------
+    InputError
+        Nothing can be written at `path`.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a directory")
+        temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    try:
+        yield temporary
+        try:
+            temporary.replace(path)
+        except OSError as error:
+            raise InputError(f"cannot replace {path}: {error.strerror}; is it in use?") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _check_data(data: NDArray[Any]) -> NDArray[Any]:
+    """Check type and shape, drop trailing axes of length 1, and take the native byte order."""
+    if data.dtype.kind not in "biuf":
+        raise InputError(f"values of type {data.dtype} are no bool, integer or float: convert them")
+    shape = volume_shape(data.shape, data.dtype)
+    data = data if data.shape == shape else data.reshape(shape)
+    return data.astype(data.dtype.newbyteorder("="), copy=False)
+
+
+def _parts(obj: object) -> tuple[NDArray[Any], NDArray[Any] | None, Path | None]:
+    """Return the voxels of anything, its own affine or None, and its file or None."""
+    if isinstance(obj, Volume):
+        return obj.data, obj.affine if obj.is_placed else None, obj.path
+    if isinstance(obj, str | os.PathLike):
+        return *read(Path(obj)), Path(obj)
+    if hasattr(obj, "dataobj") and hasattr(obj, "affine"):
+        return *from_nibabel(obj), None
+    if hasattr(obj, "GetBufferedRegion") and hasattr(obj, "TransformIndexToPhysicalPoint"):
+        return *from_itk(obj), None
+    if isinstance(obj, np.ma.MaskedArray):
+        raise InputError("has a mask, which would be lost: fill it first, say with .filled(0)")
+    return as_array(obj), None, None
+
+
+# ------------------------------------------------------------------------------------------- writing
+
+
+def _write_npy(path: Path, volume: Volume) -> None:
+    if not np.array_equal(volume.affine, np.eye(4)):
+        raise InputError("a .npy file keeps no affine: use .npz or an image format")
+    np.save(path, volume.data, allow_pickle=False)
+
+
+def _write_npz(path: Path, volume: Volume) -> None:
+    np.savez_compressed(path, data=volume.data, affine=volume.affine)
+
+
+def _write_mgh(path: Path, volume: Volume) -> None:
+    nibabel = require("nibabel")
+    data = _storable(volume.data)
+    if data.ndim != 3:
+        raise InputError("an MGH file holds no colours: use .nii.gz or .nrrd")
+    nibabel.save(nibabel.MGHImage(data, volume.affine), path)
+
+
+def _write_nifti(path: Path, volume: Volume) -> None:
+    try:
+        nibabel = require("nibabel")
+    except InputError:
+        return _write_itk(path, volume)
+    data = _storable(volume.data)
+    if data.ndim == 4:
+        colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
+        data = np.ascontiguousarray(data).view(colour)[..., 0]
+    if max(data.shape) > np.iinfo(np.int16).max:  # nibabel would write what only FreeSurfer reads
+        raise InputError(f"shape {data.shape} is too long for NIfTI-1: use .nrrd or .npz")
+    image = nibabel.Nifti1Image(data, volume.affine, dtype=data.dtype)
+    image.set_sform(volume.affine, "scanner")
+    image.set_qform(volume.affine, "scanner")
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, path)
+    return None
+
+
+def _write_metaimage(path: Path, volume: Volume) -> None:
+    if volume.data.ndim != 3:
+        raise InputError("a MetaImage does not say that its channels are colours: use .nii.gz or .nrrd")
+    _write_itk(path, volume)
+
+
+def _write_itk(path: Path, volume: Volume) -> None:
+    itk = require("itk")
+    data = _storable(volume.data)
+    if data.dtype.name not in ITK_TYPES:
+        raise InputError(f"ITK writes no {data.dtype}: convert to one of {', '.join(ITK_TYPES)}")
+    kji = np.ascontiguousarray(data.transpose(2, 1, 0, *range(3, data.ndim)))
+    pixel = {3: itk.RGBPixel, 4: itk.RGBAPixel}.get(data.shape[3] if data.ndim == 4 else 0)
+    image = itk.image_view_from_array(kji, ttype=pixel and itk.Image[pixel[itk.UC], 3])
+    lps = LPS_TO_RAS @ volume.affine
+    image.SetSpacing(volume.spacing.tolist())
+    image.SetOrigin(lps[:3, 3].tolist())
+    image.SetDirection(itk.matrix_from_array(np.ascontiguousarray(lps[:3, :3] / volume.spacing)))
+    itk.imwrite(image, str(path), compression=True)
+
+
+def _storable(data: NDArray[Any]) -> NDArray[Any]:
+    """Take the types that no image format knows as the next one that keeps their values."""
+    wider = {"bool": np.uint8, "float16": np.float32}.get(data.dtype.name)
+    return data if wider is None else data.astype(wider)
+
+
+_WRITERS: dict[str, Callable[[Path, Volume], None]] = {
+    ".nii": _write_nifti,
+    ".nii.gz": _write_nifti,
+    ".nrrd": _write_itk,
+    ".mha": _write_metaimage,
+    ".mgh": _write_mgh,
+    ".mgz": _write_mgh,
+    ".npy": _write_npy,
+    ".npz": _write_npz,
+}

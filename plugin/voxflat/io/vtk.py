@@ -1,0 +1,170 @@
+"""VTK's own formats: ``.vtk`` and ``.vtp``.
+
+VTK reads them, but trusts their headers: on some damaged files it ends the process, of others it returns what it has.
+So sizes and counts are taken here first.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import re
+import warnings
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io import gifti
+from voxflat.io.graphics import TRIANGULATE, refuse_corners
+from voxflat.io.readers import require
+
+
+def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
+    """Read VTK's older format; of a file cut short VTK returns what it has, so the counts are taken here."""
+    head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*\n.*\r?\n(ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
+    if head is None:
+        raise InputError("has a damaged header: copy or download it again")
+    if head[3].upper() != b"POLYDATA":
+        raise InputError(f"holds {head[3].decode('latin1')}: extract its surface, and write it as POLYDATA")
+    points = re.search(rb"(?mi)^POINTS\s+(\d+)", data)
+    has_offsets, faces = int(head[1]) >= 5, 0  # from 5.1 on, with the number of offsets, one more than that of faces
+    for cells in re.finditer(rb"(?mi)^(LINES|TRIANGLE_STRIPS|POLYGONS|VERTICES)\s+(\d+) +(\d+)\s*?\n(OFF)?", data):
+        number = int(cells[2]) - has_offsets
+        if bool(cells[4]) != has_offsets:
+            raise InputError("has cells of another version than its header says: copy or download it again")
+        if not has_offsets:
+            _check_cells(data[cells.end() :], number, int(cells[3]), head[2].upper() == b"BINARY")
+        faces += number if cells[1].upper() == b"POLYGONS" else 0
+    return _read_polydata(path, "vtkmodules.vtkIOLegacy", "vtkPolyDataReader", int(points[1]) if points else 0, faces)
+
+
+def _check_cells(data: bytes, number: int, size: int, is_binary: bool) -> None:
+    """Walk from cell to cell (number of corners, corners) as VTK does, which ends the process if one is damaged."""
+    cells = np.frombuffer(data[: 4 * size], ">i4") if is_binary else np.array(data.split(None, size)[:size], np.int64)
+    place = 0
+    if len(cells) == size == 4 * number and (cells[::4] == 3).all():
+        return
+    for _ in range(number):
+        place += max(int(cells[place]), 0) + 1 if place < len(cells) else 1
+    if place != size or len(cells) < size:
+        raise InputError(f"has {number} cells of {size} numbers by its header, and not by their own: copy it again")
+
+
+_VTP_COUNTS = (b"NumberOfPoints", b"NumberOfPolys", b"NumberOfVerts", b"NumberOfLines", b"NumberOfStrips")
+
+
+def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
+    """Read VTK's XML format."""
+    _check_blocks(data)
+    counts = {name: [int(count) for count in re.findall(rb'%s="([^"]*)"' % name, data)] for name in _VTP_COUNTS}
+    if min(min(numbers, default=0) for numbers in counts.values()) < 0:
+        raise InputError("has a negative number of points or cells by its header: copy or download it again")
+    points, faces = (sum(counts[name]) for name in (b"NumberOfPoints", b"NumberOfPolys"))
+    return _read_polydata(path, "vtkmodules.vtkIOXML", "vtkXMLPolyDataReader", points, faces)
+
+
+def _check_blocks(data: bytes) -> None:
+    """Check the sizes in a file's data: VTK reserves memory for them unseen, and ends the process if there is none."""
+    _, head = gifti.xml_root(data)
+    order = ">" if head.get("byte_order") == "BigEndian" else "<"
+    size = np.dtype(order + ("u8" if head.get("header_type") == "UInt64" else "u4"))
+    appended = re.search(rb'<AppendedData\s+encoding="(\w+)"\s*>\s*_', data)
+    for array in re.finditer(rb"<(?:Data)?Array\b([^>]*)>\s*", data):
+        offset = re.search(rb'offset="(\d+)"', array[1])
+        if appended and offset:
+            stored, is_raw = data[appended.end() + int(offset[1]) :], appended[1] == b"raw"
+        elif b'format="binary"' in array[1]:
+            stored, is_raw = data[array.end() :], False
+        else:
+            continue
+        if "compressor" in head:  # number of blocks, size of one, of the last, and of each when packed
+            number = int(_numbers(stored, is_raw, size, 1)[0])
+            packed = _numbers(stored, is_raw, size, 3 + min(number, len(stored))).tolist()
+            total = number * packed[1] if number else 0
+            is_bad = number and (
+                len(packed) < 3 + number or not 0 < packed[1] >= packed[2] or max(packed[3:]) > len(data)
+            )
+        else:
+            total = int(_numbers(stored, is_raw, size, 1)[0])
+            is_bad = total > len(data)
+            if b'"offsets"' in array[1] and not is_bad:
+                kind = np.dtype(order + ("i8" if b'"Int64"' in array[1] else "i4"))
+                corners = _numbers(stored, is_raw, kind, total // kind.itemsize, start=size.itemsize)
+                is_bad = max(corners.tolist(), default=0) > len(data)
+        if is_bad or total > psutil.virtual_memory().available // 4:
+            raise InputError(f"has an array of {total} bytes by its header, which is damaged: copy it again")
+
+
+def _numbers(stored: bytes, is_raw: bool, kind: np.dtype[Any], count: int, start: int = 0) -> NDArray[Any]:
+    """Return the first numbers, or as many as there are, of data that may be in base64."""
+    end = start + count * kind.itemsize
+    found = (stored[:end] if is_raw else base64.b64decode(stored[: 4 * -(-end // 3)]))[start:end]
+    return np.frombuffer(found, kind, len(found) // kind.itemsize)
+
+
+def _read_polydata(path: Path, module: str, reader: str, points: int, faces: int) -> dict[str, Any]:
+    """Read by a class of VTK; what it would print becomes an error."""
+    if 24 * (points + faces) > psutil.virtual_memory().available // 4:  # VTK would end the process
+        raise InputError(f"has {points} points and {faces} faces by its header, more than memory may hold")
+    pv = require("pyvista")
+    messages: list[str] = []
+
+    def listen(_source: object, event: str, message: str) -> None:
+        messages.append(message if event == "WarningEvent" else f"error: {message}")
+
+    listen.CallDataType = "string0"  # type: ignore[attr-defined]
+    with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as printed, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PyVista's, on what is refused below
+        source = getattr(importlib.import_module(module), reader)()
+        source.AddObserver("ErrorEvent", listen)
+        source.AddObserver("WarningEvent", listen)
+        source.SetFileName(str(path))
+        source.Update()
+        mesh = pv.wrap(source.GetOutput())
+    messages += [event.alert for event in printed.events]
+    if errors := [message for message in messages if "error" in message.lower()]:
+        raise InputError(f"VTK says: {errors[0].strip().splitlines()[-1]}: copy or download it again")
+    return _polydata_parts(mesh, points, faces)
+
+
+def _polydata_parts(mesh: Any, points: int, faces: int) -> dict[str, Any]:
+    """Return what a mesh of PyVista holds, after a check against its file's header."""
+    for found, named, what in ((mesh.n_points, points, "points"), (mesh.GetPolys().GetNumberOfCells(), faces, "faces")):
+        if found != named:
+            raise InputError(f"has {found} {what}, by its header {named}: copy or download it again")
+    if mesh.n_lines or mesh.n_strips:
+        raise InputError(f"has {mesh.n_lines} lines and {mesh.n_strips} triangle strips; {TRIANGULATE}, or remove them")
+    if not mesh.is_all_triangles:
+        refuse_corners(Counter(map(len, mesh.irregular_faces)))
+    texture = mesh.active_texture_coordinates
+    point_data = {name: np.asarray(array) for name, array in mesh.point_data.items()}
+    return {
+        "points": np.array(mesh.points),
+        "faces": np.array(mesh.regular_faces).reshape(-1, 3),
+        "point_data": {name: array for name, array in point_data.items() if array.dtype.kind in "biuf"},
+        "texture_coordinates": None if texture is None else np.array(texture),
+    }
+
+
+def write_vtp(
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    point_data: Mapping[str, NDArray[Any]],
+) -> None:
+    """Write a ``.vtp`` file."""
+    pv = require("pyvista")
+    with pv.VtkErrorCatcher(raise_errors=True, send_to_logging=False):
+        polydata = pv.PolyData.from_regular_faces(points, faces)
+        for name, array in point_data.items():
+            polydata.point_data[name] = array
+        if texture is not None:
+            polydata.active_texture_coordinates = texture
+        polydata.save(path)

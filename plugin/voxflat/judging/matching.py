@@ -1,0 +1,218 @@
+"""Which vertices of a surface a flat map, ours or another tool's, puts where."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import log
+from voxflat.errors import InputError
+from voxflat.io.graphics import read_obj_texture
+from voxflat.io.meshes import Mesh, is_patch, read_patch
+from voxflat.io.readers import REMEDY, naming
+from voxflat.maps.flat_map import FlatMap, load
+from voxflat.surfaces.surface import Surface, as_mesh
+
+__all__ = ["Matched", "match"]
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A surface as a map cuts it, and the map.
+
+    Parameters
+    ----------
+    core : _core.Surface
+        The triangles over which the map is defined.
+    vertices : ndarray of int64, shape (N,)
+        The vertex of the whole surface that each of its vertices is; the sides of a cut share one.
+    uv : ndarray of float64, shape (N, 2)
+        Their places in the map.
+    """
+
+    core: _core.Surface
+    vertices: NDArray[np.int64]
+    uv: NDArray[np.float64]
+
+    def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
+        """Find for each vertex the other's, if both have the same triangles and the same cuts.
+
+        Parameters
+        ----------
+        other : Matched
+            Another map of the same whole surface.
+
+        Returns
+        -------
+        ndarray of int64, shape (N,), or None
+        """
+        corners, ids = _sorted_corners(self)
+        others, other_ids = _sorted_corners(other)
+        if not np.array_equal(ids, other_ids):
+            return None
+        found = np.full(len(self.uv), -1, dtype=np.int64)
+        found[corners] = others
+        is_same = (found[corners] == others).all() and len(np.unique(found)) == len(found) == len(other.uv)
+        return found if is_same else None
+
+
+def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners of all triangles, and their vertices, in an order of the vertices alone."""
+    faces = of.core.faces.astype(np.int64)
+    faces = np.take_along_axis(faces, np.argsort(of.vertices[faces], axis=1), axis=1)
+    ids = of.vertices[faces]
+    order = np.lexsort(ids.T[::-1])
+    return faces[order], ids[order]
+
+
+def match(whole: Surface, flat: object) -> Matched:
+    """Match a map to its surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    flat : path, FlatMap, Mesh, (places, faces), or array_like of shape (V, 2) or (V, 3)
+        The map, as in `voxflat.measure`.
+
+    Returns
+    -------
+    Matched
+
+    Raises
+    ------
+    InputError
+        If the map does not belong to the surface, or is not flat.
+    """
+    if isinstance(flat, str | os.PathLike):
+        name = os.fspath(flat).lower()
+        if name.endswith(".npz"):
+            flat = load(flat)
+        elif is_patch(flat):
+            return _of_patch(whole, flat)
+    if isinstance(flat, FlatMap):
+        return _of_map(whole, flat)
+    if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
+        flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
+    mesh = as_mesh(flat)
+    if mesh is None:
+        places = np.asarray(flat)
+        if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
+            raise InputError(
+                f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2), or a file"
+            )
+        return _of_places(whole, places.astype(np.float64), None)
+    if mesh.texture_coordinates is None or _is_flat(mesh.points):
+        return _of_places(whole, mesh.points, mesh)
+    if mesh.path is not None and mesh.path.name.lower().endswith(".obj"):
+        return _of_texture(whole, mesh, mesh.path)
+    return _of_places(whole, mesh.texture_coordinates, mesh)
+
+
+def _check_count(whole: Surface, count: int) -> None:
+    if count != whole.count:
+        raise InputError(
+            f"the map has {count} points, the surface {whole.count} vertices; they must correspond one by one"
+        )
+
+
+def _of_places(whole: Surface, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
+    _check_count(whole, len(places))
+    is_placed = np.asarray(np.isfinite(places).all(axis=1))
+    faces = whole.vertices[whole.faces] if mesh is None else mesh.faces
+    return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
+
+
+def _of_patch(whole: Surface, path: Any) -> Matched:
+    patch = read_patch(path)
+    faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
+    places = np.full((whole.count, 3), np.nan)
+    places[patch.vertices] = patch.points
+    return _matched(whole, faces, places)
+
+
+def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
+    """Take an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
+    _check_count(whole, len(mesh.points))
+    with naming(path, REMEDY):
+        faces, coordinates, _ = read_obj_texture(path.read_bytes())
+    is_placed = np.isfinite(coordinates).all(axis=(1, 2))
+    faces, coordinates = faces[is_placed], coordinates[is_placed]
+    _check_triangles(whole, faces)
+    corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # + 0.0, so that −0 is 0
+    rows, numbers = np.unique(corners, axis=0, return_inverse=True)
+    vertices = rows[:, 0].astype(np.int64)
+    core, _, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3))
+    return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
+
+
+def _of_map(whole: Surface, flat: FlatMap) -> Matched:
+    """Return the map's own triangles, cut as they are, on the surface."""
+    vertices = _vertices_of(whole, flat)
+    core, _, _ = _core.Surface.from_triangles(whole.points[vertices], flat.faces.astype(np.int64))
+    return Matched(core, whole.vertices[vertices][core.ids], flat.uv[core.ids])
+
+
+def _vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
+    """Find the map's points; where a voxel has several vertices, one for each side of a sheet, the nearest."""
+    found = whole.find(flat.ids, "the map's points").astype(np.int64)
+    _, kind, counts = np.unique(whole.ids, axis=0, return_inverse=True, return_counts=True)
+    kind = kind.ravel()
+    order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
+    for point in np.flatnonzero(counts[kind[found]] > 1):
+        end = ends[kind[found[point]]]
+        candidates = order[end - counts[kind[found[point]]] : end]
+        apart = np.linalg.norm(whole.points[candidates] - flat.points[point], axis=1)
+        found[point] = candidates[apart.argmin()]
+    return found
+
+
+def _matched(whole: Surface, faces: NDArray[np.int64], places: NDArray[np.float64]) -> Matched:
+    _check_triangles(whole, faces)
+    is_mapped = whole.has_triangles(faces)
+    if is_mapped is not None:
+        core = whole.core.part_of_faces(is_mapped)
+    else:  # the map's triangles are others than the surface's
+        core, _, _ = _core.Surface.from_triangles(_places_of(whole), faces)
+    used = places[core.ids]
+    if not _is_flat(used):
+        depth = float(np.ptp(used[:, 2]))
+        raise InputError(f"the map is not flat: its third coordinate varies by {depth:.3g} mm; give a flat surface")
+    return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
+
+
+def _check_triangles(whole: Surface, faces: NDArray[np.int64]) -> None:
+    """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
+    if len(faces) == 0:
+        raise InputError(
+            "no triangle of the surface has a place for all its corners in the map: is it of this surface?"
+        )
+    is_there = np.zeros(whole.count, dtype=np.bool_)
+    is_there[whole.vertices] = True
+    strange = faces[~is_there[faces]]
+    if len(strange):
+        raise InputError(
+            f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has: is it of this one?"
+        )
+    if whole.has_triangles(faces) is None:
+        log.warning("the map has triangles that the surface does not have; the map's own are judged")
+
+
+def _places_of(whole: Surface) -> NDArray[np.float64]:
+    """Return the places of all vertices of the whole surface; 0 for those that no triangle has."""
+    points = np.zeros((whole.count, 3))
+    points[whole.vertices] = whole.points
+    return points
+
+
+def _is_flat(places: NDArray[np.float64]) -> bool:
+    if places.shape[1] == 2:
+        return True
+    extent = np.ptp(places, axis=0)
+    return bool(extent[2] <= 1e-4 * extent.max())

@@ -1,0 +1,236 @@
+"""The judge: what flat maps, ours or other tools', do to a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_seed, checked_threads
+from voxflat.distortion.figures import Distortion
+from voxflat.distortion.tables import table_of_several
+from voxflat.errors import InputError
+from voxflat.judging.matching import Matched, match
+from voxflat.surfaces.surface import surface as _surface
+
+__all__ = ["Comparison", "JudgedMap", "compare", "measure"]
+
+_LEAST_KEPT = 256 << 20  # bytes of rows
+_KEPT_SHARE = 4  # a quarter of the free memory
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedMap:
+    """A flat map beside the surface that it was judged on.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        Places in the plane, mm.
+    vertices : ndarray of int64, shape (N,)
+        The vertex of the surface's input that each one is; for voxels the vertex of the surface.
+    faces : ndarray of uint32, shape (F, 3)
+        Triangles.
+    distortion : Distortion
+        What the map does to the surface.
+    """
+
+    uv: NDArray[np.float64]
+    vertices: NDArray[np.int64]
+    faces: NDArray[np.uint32]
+    distortion: Distortion
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Several flat maps of one surface, judged from the same sources.
+
+    Parameters
+    ----------
+    maps : dict of str to JudgedMap
+        By the names that they were given.
+    """
+
+    maps: dict[str, JudgedMap]
+
+    def __getitem__(self, name: str) -> Distortion:
+        """Return what a map does to the surface."""
+        return self.maps[name].distortion
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures of each map by its name, ready for JSON: undefined ones are None."""
+        return {name: judged.distortion.figures() for name, judged in self.maps.items()}
+
+    def table(self) -> str:
+        """Return the figures as a table of text, a map a column."""
+        return table_of_several({name: judged.distortion for name, judged in self.maps.items()})
+
+
+def measure(
+    surface: object,
+    flat: object,
+    *,
+    sources: int = 300,
+    reference: str | None = None,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Distortion:
+    """Measure a flat map of a surface, whoever made it.
+
+    Distances are measured on the surface as it was cut for the map: over the map's triangles, and not across its seams.
+
+    Parameters
+    ----------
+    surface, label, threshold, spacing, affine, seed, threads, progress
+        The surface, as in `flatten`.
+    flat : path, FlatMap, Mesh, (places, faces), or array_like of shape (V, 2) or (V, 3)
+        The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
+        the same order, a map of voxflat (.npz), the texture coordinates of an .obj, .ply or .vtp, or places in the
+        plane, mm. Its triangles, or those of the surface with a place for all corners, are judged; a third coordinate
+        must be constant. Where an .obj has several texture coordinates at a vertex the surface is cut.
+    sources : int
+        How many random points distances are measured from.
+    reference : {"exact", "graph"}, optional
+        How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
+        for surfaces of voxels, whose triangles are an estimate themselves.
+
+    Returns
+    -------
+    Distortion
+
+    Raises
+    ------
+    InputError
+        If the map does not belong to the surface, or is not flat.
+    Cancelled
+        If `progress` returned False.
+    """
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "threads": threads}
+    return compare(surface, {"": flat}, **place, **how, progress=progress)[""]
+
+
+def compare(
+    surface: object,
+    maps: Mapping[str, object],
+    *,
+    sources: int = 300,
+    reference: str | None = None,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Measure several flat maps of a surface from the same sources.
+
+    The sources are random vertices that all maps have. Maps of the same triangles with the same cuts share their
+    distances, which are measured once.
+
+    Parameters
+    ----------
+    maps : dict of str to map
+        The maps, each as in `measure`, by their names.
+    surface, sources, reference, label, threshold, spacing, affine, seed, threads, progress
+        As in `measure`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        As in `measure`, or if no vertex is in all maps.
+    Cancelled
+        If `progress` returned False.
+    """
+    threads, seed = checked_threads(threads), checked_seed(seed)
+    if not isinstance(sources, Integral) or sources < 1:
+        raise InputError(f"sources is {sources!r}; give a whole number, at least 1")
+    if reference not in (None, "exact", "graph"):
+        raise InputError(f"reference is {reference!r}; give 'exact' or 'graph'")
+    if not maps:
+        raise InputError("there is no map to measure; give at least one")
+    whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
+    reference = reference or ("graph" if whole.is_voxels else "exact")
+    matched = {name: match(whole, flat) for name, flat in maps.items()}
+    topologies = {name: _topology(name, one) for name, one in matched.items()}
+    groups = _grouped(list(matched.values()))
+    distances: dict[int, dict[str, Any]] = {}
+    for group, chosen in zip(groups, _sources(groups, int(sources), seed), strict=True):
+        first = group[0][0]
+        places = [one.uv[order] for one, order in group]
+        found = first.core.judge(places, chosen, reference, _kept(), seed, threads, progress)
+        for (one, order), measured in zip(group, found, strict=True):
+            per_point = np.empty_like(measured["per_point"])
+            per_point[order] = measured["per_point"]
+            distances[id(one)] = measured | {"per_point": per_point}
+    judged = {}
+    for name, one in matched.items():
+        more = {"topology": topologies[name], "voxel_size": whole.voxel_size}
+        distortion = Distortion.of(distances[id(one)], one.core.measure(one.uv, progress), reference, **more)
+        judged[name] = JudgedMap(one.uv, one.vertices, one.core.faces, distortion)
+    return Comparison(judged)
+
+
+def _grouped(matched: list[Matched]) -> list[list[tuple[Matched, NDArray[np.int64]]]]:
+    """Put maps of the same triangles and cuts together, each with which of its vertices the first map's are."""
+    groups: list[list[tuple[Matched, NDArray[np.int64]]]] = []
+    for one in matched:
+        for group in groups:
+            order = group[0][0].correspondence(one)
+            if order is not None:
+                group.append((one, order))
+                break
+        else:
+            groups.append([(one, np.arange(len(one.uv)))])
+    return groups
+
+
+def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, seed: int) -> list[NDArray[np.uint32]]:
+    """Choose sources that all maps have, as vertices of each group's surface."""
+    firsts = [group[0][0] for group in groups]
+    if len(firsts) == 1:
+        return [_core.reference_sources(len(firsts[0].uv), count, seed)]
+    known = [np.unique(one.vertices, return_index=True) for one in firsts]
+    common = known[0][0]
+    for vertices, _ in known[1:]:
+        common = np.intersect1d(common, vertices)
+    if len(common) == 0:
+        raise InputError("no vertex is in all maps; measure them one by one")
+    chosen = common[_core.reference_sources(len(common), count, seed)]
+    return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
+
+
+def _kept() -> int:
+    """Return how many bytes of rows may be kept; others are computed twice."""
+    return int(max(_LEAST_KEPT, psutil.virtual_memory().available // _KEPT_SHARE))
+
+
+def _topology(name: str, one: Matched) -> dict[str, int]:
+    """Return what the surface is like as the map cuts it; it is a manifold, or would have been refused."""
+    found = one.core.topology()
+    components = len(found["components"])
+    if components > 1:
+        called = f"the map {name}" if name else "the map"
+        raise InputError(f"{called} has {components} pieces, between which there are no distances; give one of them")
+    return {
+        "components": components,
+        "euler": found["euler"],
+        "loops": len(found["loops"]),
+        "handles": found["handles"],
+    }

@@ -1,0 +1,1 @@
+"""Flat maps: pixels and what they show, the way back to the surface, textures, and map files."""

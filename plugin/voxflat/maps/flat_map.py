@@ -1,0 +1,440 @@
+"""Flat maps: what `voxflat.flatten` returns."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import log
+from voxflat.distortion.figures import Distortion, undefined_as_nan
+from voxflat.errors import InputError
+from voxflat.io import meshes
+from voxflat.io.volumes import atomic_path
+from voxflat.maps.look_up import Places, TriangleFinder
+from voxflat.maps.raster import FlatImage, Raster, draw
+from voxflat.maps.sampler import Sampler, usual_spacing
+from voxflat.maps.texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
+
+__all__ = ["FlatMap", "load"]
+
+MAP_ENDINGS = (".npz", ".surf.gii", ".patch.flat", ".vtp", ".ply", ".obj")
+
+_FORMAT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class FlatMap:
+    """A flattened surface.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        The points' places in the plane, mm. The surface is seen from outside, superior up.
+    points : ndarray of float64, shape (N, 3)
+        The points on the surface, RAS+ mm.
+    normals : ndarray of float64, shape (N, 3)
+        Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Their voxel indices (i, j, k), or vertex numbers in the mesh; the two sides of a cut share one.
+    faces : ndarray of uint32, shape (F, 3)
+        Triangles of points that cover the map, counterclockwise but for those that are turned over.
+    torn : ndarray of bool, shape (F,)
+        Triangles whose corners are neighbours in the plane but not on the surface: there the map is squeezed or folded.
+        Only maps over the 26-neighbour graph can have them, whose triangles are made in the plane.
+    sources : ndarray of int64, shape (m,)
+        The points from which distances were measured, as numbers into the rows above.
+    eigenvalues : ndarray of float64, shape (K,)
+        The scaling's eigenvalues of the largest magnitude, mm²; two that stand out mean a planar surface.
+    distortion : Distortion
+        What flattening did to the distances.
+    metadata : dict
+        Parameters, affine, versions, checksum of the input, topology.
+    rows : ndarray of float32, shape (m, N), or None
+        Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
+        there: `save` leaves them out.
+    """
+
+    uv: NDArray[np.float64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    ids: NDArray[np.int64]
+    faces: NDArray[np.uint32]
+    torn: NDArray[np.bool_]
+    sources: NDArray[np.int64]
+    eigenvalues: NDArray[np.float64]
+    distortion: Distortion
+    metadata: dict[str, Any]
+    rows: NDArray[np.float32] | None = None
+    _rasters: dict[float, Raster] = field(default_factory=dict, init=False, repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.uv)
+
+    def __repr__(self) -> str:
+        width, height = np.ptp(self.uv, axis=0)
+        error = 100 * self.distortion.raw.relative_error
+        return f"<FlatMap: {len(self)} points, {width:.0f} x {height:.0f} mm, relative error {error:.1f} %>"
+
+    @property
+    def is_voxels(self) -> bool:
+        """Whether a volume was flattened."""
+        return bool(self.metadata["kind"] == "voxels")
+
+    @cached_property
+    def _sampler(self) -> Sampler:
+        return Sampler(self.points, self.normals, self.ids, self.metadata)
+
+    @property
+    def affine(self) -> NDArray[np.float64]:
+        """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
+        return self._sampler.affine
+
+    @property
+    def volume_shape(self) -> tuple[int, int, int]:
+        """Shape of the volume that was flattened."""
+        return self._sampler.volume_shape
+
+    @cached_property
+    def spacing(self) -> float:
+        """Typical distance of neighbouring points, mm: of voxels the geometric mean of the three spacings."""
+        return usual_spacing(self.metadata, self.uv, self.faces)
+
+    def raster(self, pixel_size: float | None = None) -> Raster:
+        """Return the map's pixels, with the inverse look-up to the surface.
+
+        Parameters
+        ----------
+        pixel_size : float, optional
+            Side of a pixel, mm; by default half of `spacing`.
+
+        Returns
+        -------
+        Raster
+        """
+        size = self.spacing / 2 if pixel_size is None else float(pixel_size)
+        if size not in self._rasters:
+            self._rasters[size] = draw(self.uv, self.faces, self.torn, size)
+        return self._rasters[size]
+
+    def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Look up which place on the surface each pixel shows.
+
+        Parameters
+        ----------
+        pixel_size : float, optional
+            As in `raster`.
+
+        Returns
+        -------
+        ids : ndarray of int64, shape (H, W, 3) or (H, W)
+            The nearest surface voxel or vertex; −1 outside the map.
+        points : ndarray of float64, shape (H, W, 3)
+            RAS+ mm, linear between surface voxels; NaN outside the map.
+        """
+        return self._sampler.locate(self.raster(pixel_size))
+
+    def look_up(self, places: ArrayLike) -> Places:
+        """Look up places on the map: which triangle lies there, where in it, and where that is in space.
+
+        Parameters
+        ----------
+        places : array_like, shape (..., 2)
+            (u, v), mm.
+
+        Returns
+        -------
+        Places
+            −1 and NaN for what lies beside the map. In a torn triangle, between whose corners there is no surface, the
+            nearest corner is taken; where triangles overlap, the first.
+        """
+        return self._finder.look_up(places, self.points[self.faces], torn=self.torn)
+
+    @cached_property
+    def _finder(self) -> TriangleFinder:
+        return TriangleFinder(self.uv[self.faces])
+
+    def image(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatImage:
+        """Sample a volume onto the flat map.
+
+        Parameters
+        ----------
+        volume : path, ndarray, image object or Volume
+            Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
+            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
+            that lies. For maps of meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
+            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
+            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
+        pixel_size : float, optional
+            Side of a pixel, mm; by default half of `spacing`.
+        depth : float
+            How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
+        interpolation : {"linear", "nearest"}, optional
+            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+            volumes and colours.
+        name : str, optional
+            What the image shows.
+
+        Returns
+        -------
+        FlatImage
+            NaN (colours: alpha 0) outside the map and where the volume has no value.
+
+        Raises
+        ------
+        InputError
+            If the volume does not fit or cannot be read.
+        """
+        return self._sampler.image(self.raster(pixel_size), volume, depth=depth, interpolation=interpolation, name=name)
+
+    def heat_map(self, pixel_size: float | None = None) -> FlatImage:
+        """Return the distortion of each point as an image on the same pixels as `image`.
+
+        Parameters
+        ----------
+        pixel_size : float, optional
+            Side of a pixel, mm; by default half of `spacing`.
+
+        Returns
+        -------
+        FlatImage
+            Mean relative error of the distances from each place, as a fraction; NaN outside the map.
+        """
+        raster = self.raster(pixel_size)
+        data = raster.interpolate(self.distortion.per_point)
+        return FlatImage(data, raster.pixel_size, raster.origin, "distortion: mean relative error of distances")
+
+    def texture(self, picture: ArrayLike) -> NDArray[Any]:
+        """Carry a picture back to the surface (Grossmann et al. 2002, figures 11 to 13).
+
+        Parameters
+        ----------
+        picture : array_like, shape (H, W) or (H, W, C)
+            Laid over the map: centred, in its proportions, just covering the map's bounding box.
+
+        Returns
+        -------
+        ndarray, shape (N,) or (N, C)
+            The picture's value at each surface voxel, of the picture's type.
+        """
+        values = check_values(picture)
+        found = look_up(values, place(self.uv, values.shape))
+        return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
+
+    def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
+        """Map a picture onto the surface (Zigelman et al. 2002, section V).
+
+        It is laid over the map as in `texture`, and by the map onto the surface, which keeps its triangles; those that
+        are torn are left out.
+
+        Parameters
+        ----------
+        picture : path, ndarray or PIL.Image.Image
+            Grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of
+            floats from 0 to 1.
+        texel_size : float, optional
+            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+        repeat : bool
+            Whether the picture goes on beyond its borders.
+
+        Returns
+        -------
+        TexturedSurface
+            To be saved as ``.obj``, ``.vtp``, ``.glb`` or ``.ply``.
+
+        Raises
+        ------
+        InputError
+            If it is no picture, or does not cover the map and is not to be repeated.
+        FileNotFoundError, PermissionError
+            If the file cannot be opened.
+        """
+        colours, source = as_picture(picture)
+        coordinates = place(self.uv, colours.shape, texel_size)
+        if texel_size is not None and not repeat:
+            check_cover(coordinates, colours.shape, texel_size)
+        faces = self.faces[~self.torn].astype(np.int64)
+        return TexturedSurface(self.points, faces, coordinates, colours, repeat, source)
+
+    def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
+        """Put values of the points into a volume of the flattened volume's shape.
+
+        Parameters
+        ----------
+        values : array_like, shape (N,) or (N, C)
+            One value, or one row, a point.
+        background : float, optional
+            Value of all other voxels.
+
+        Returns
+        -------
+        ndarray, shape (I, J, K) or (I, J, K, C)
+
+        Raises
+        ------
+        InputError
+            If there is not one value a point.
+        """
+        values = np.asarray(values)
+        if values.ndim not in (1, 2) or len(values) != len(self):
+            raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
+        self._sampler.need_volume("has no voxels to paint")
+        volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
+        volume[tuple(self.ids.T)] = values
+        return volume
+
+    def description(self) -> dict[str, Any]:
+        """Return the metadata with the distortion figures, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``metadata``, and ``distortion`` as from `Distortion.figures`.
+        """
+        return {**self.metadata, "distortion": self.distortion.figures()}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the map to a file, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            Its ending says what is saved: .npz everything, to be loaded again; .vtp, .ply and .obj the triangles in the
+            plane; .surf.gii a flat surface for Connectome Workbench, and .patch.flat a FreeSurfer patch. The latter two
+            have the mesh's own vertex numbers, so where a cut doubles a vertex only one side of it is kept.
+
+        Raises
+        ------
+        InputError
+            If the path has another ending or cannot be written.
+        """
+        path = Path(path)
+        name = path.name.lower()
+        if name.endswith(".npz"):
+            self._save_all(path)
+        elif name.endswith(".patch.flat"):
+            meshes.write_patch(path, self._patch())
+        elif name.endswith(".surf.gii"):
+            meshes.write_mesh(path, self._mesh(whole=not self.is_voxels))
+        elif name.endswith((".vtp", ".ply", ".obj")):
+            meshes.write_mesh(path, self._mesh(whole=False))
+        else:
+            endings = " or ".join(MAP_ENDINGS)
+            raise InputError(f"cannot save a map as {path.name}; give a name that ends in {endings}")
+
+    def _save_all(self, path: Path) -> None:
+        arrays: dict[str, Any] = {
+            "uv": self.uv,
+            "points": self.points,
+            "normals": self.normals,
+            "ids": self.ids,
+            "faces": self.faces,
+            "torn": self.torn,
+            "sources": self.sources,
+            "eigenvalues": self.eigenvalues,
+            "distortion_per_point": self.distortion.per_point,
+            "distortion_scatter": self.distortion.scatter,
+        }
+        if self.distortion.triangles is not None:
+            arrays["distortion_areal"] = self.distortion.triangles.areal
+            arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
+        if self.rows is not None and "store" not in self.metadata:
+            arrays["rows"] = self.rows
+        text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, metadata=np.array(text), **arrays)
+
+    def _mesh(self, *, whole: bool) -> meshes.Mesh:
+        """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
+        points = np.column_stack([self.uv, np.zeros(len(self))])
+        structure = self.metadata.get("structure")
+        if not whole:
+            data = {"distortion": self.distortion.per_point}
+            return meshes.Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
+        first, faces = self._unique_vertices()
+        placed = np.zeros((self.metadata["vertices"], 3))
+        placed[self.ids[first]] = points[first]
+        return meshes.Mesh(placed, self.ids[faces], structure=structure)
+
+    def _patch(self) -> meshes.Patch:
+        """Return the map as a FreeSurfer patch."""
+        if self.is_voxels:
+            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+        first, faces = self._unique_vertices()
+        points = np.column_stack([self.uv, np.zeros(len(self))])[first]
+        border = meshes.patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
+        return meshes.Patch(self.ids[first], points, border)
+
+    def _unique_vertices(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return one point for each vertex number, by ascending number, and the triangles among them."""
+        _, first = np.unique(self.ids, return_index=True)
+        is_first = np.zeros(len(self), dtype=np.bool_)
+        is_first[first] = True
+        faces = self.faces[is_first[self.faces].all(axis=1)].astype(np.int64)
+        if len(faces) < len(self.faces):
+            log.warning(
+                "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+                len(self.faces) - len(faces),
+                len(self.faces),
+            )
+        return first, faces
+
+
+def load(path: str | os.PathLike[str]) -> FlatMap:
+    """Load a flat map that was saved with `FlatMap.save`.
+
+    Parameters
+    ----------
+    path : path
+        An .npz file.
+
+    Returns
+    -------
+    FlatMap
+
+    Raises
+    ------
+    InputError
+        If the file is damaged or is no flat map.
+    FileNotFoundError
+        If there is no such file.
+    """
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        metadata = json.loads(str(arrays.pop("metadata")))
+        if metadata.pop("format") != _FORMAT:
+            raise InputError(f"{path} was written by another version of voxflat; flatten again")
+        distortion = metadata.pop("distortion")
+        more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
+        triangles = more.pop("triangles")
+        if triangles is not None:
+            triangles = undefined_as_nan(triangles)
+            triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
+        distances = undefined_as_nan(distortion)
+        distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)
+    except InputError:
+        raise
+    except (FileNotFoundError, IsADirectoryError, PermissionError):
+        raise
+    except MemoryError:
+        raise
+    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
+        raise InputError(f"{path} is not a flat map of voxflat or is damaged ({type(error).__name__})") from error

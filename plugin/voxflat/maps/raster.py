@@ -1,0 +1,226 @@
+"""The flat map as an image: pixels in mm, what they show, and where they come from."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from voxflat import _core
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+
+_OUTSIDE = np.uint32(2**32 - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """The pixels of a flat map and the inverse look-up: pixel → surface voxel → RAS+ mm.
+
+    Row 0 is at the top of the map (largest v), column 0 at its left (smallest u).
+
+    Parameters
+    ----------
+    corners : ndarray of uint32, shape (H, W, 3)
+        The points (numbers into the map's rows) whose triangle covers the pixel's centre; 2³² − 1 outside the map.
+    weights : ndarray of float32, shape (H, W, 3)
+        Barycentric coordinates of the pixel's centre in that triangle; NaN outside the map.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    pixel_size : float
+        Side of a pixel, mm.
+    """
+
+    corners: NDArray[np.uint32]
+    weights: NDArray[np.float32]
+    origin: tuple[float, float]
+    pixel_size: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return (self.corners.shape[0], self.corners.shape[1])
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Pixels that lie on the map, shape (H, W)."""
+        return np.asarray(self.corners[..., 0] != _OUTSIDE)
+
+    @property
+    def nearest(self) -> NDArray[np.int64]:
+        """For each pixel the number of the map's point nearest to it, shape (H, W); −1 outside the map."""
+        best = np.nan_to_num(self.weights, nan=-1.0).argmax(axis=2)
+        nearest = np.take_along_axis(self.corners, best[..., None], axis=2)[..., 0].astype(np.int64)
+        return np.where(self.inside, nearest, -1)
+
+    def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Carry values of the map's points to the pixels, linearly within each triangle.
+
+        Parameters
+        ----------
+        values : ndarray, shape (N,) or (N, C)
+            One value, or one row, a point.
+
+        Returns
+        -------
+        ndarray of float64, shape (H, W) or (H, W, C)
+            NaN outside the map.
+        """
+        inside = self.inside
+        image = np.full((*self.shape, *values.shape[1:]), np.nan)
+        corners = np.asarray(values, dtype=np.float64)[self.corners[inside]]
+        image[inside] = np.einsum("pc,pc...->p...", self.weights[inside].astype(np.float64), corners)
+        return image
+
+
+@dataclass(frozen=True, eq=False)
+class FlatImage:
+    """An image on the flat map.
+
+    Parameters
+    ----------
+    data : ndarray, shape (H, W), or (H, W, 4) uint8 for colours
+        Values, NaN outside the map; colours have alpha 0 there. Row 0 is at the top.
+    pixel_size : float
+        Side of a pixel, mm.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    name : str
+        What it shows, with its unit.
+    """
+
+    data: NDArray[Any]
+    pixel_size: float
+    origin: tuple[float, float]
+    name: str
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether the data are colours."""
+        return self.data.ndim == 3
+
+    @property
+    def affine(self) -> NDArray[np.float64]:
+        """From (row, column, 0, 1) to (u, v, 0, 1) in mm, shape (4, 4)."""
+        step = self.pixel_size
+        u, v = self.origin
+        return np.array([[0, step, 0, u], [-step, 0, 0, v], [0, 0, step, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top edge in mm, as matplotlib's imshow takes them."""
+        height, width = self.data.shape[:2]
+        left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
+        return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the image, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            ``.png`` to look at; ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` (float32, NaN outside the map) or ``.npy``
+            to measure.
+
+        Raises
+        ------
+        InputError
+            If the ending is another, the values do not fit, or the file cannot be written.
+        """
+        from voxflat.maps.image_files import write_image  # brings in Pillow
+
+        write_image(self, path)
+
+
+def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
+    """Carry an overlay's values to the pixels: whole numbers, which may be labels, from the nearest point."""
+    way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
+    if way == "linear":
+        return raster.interpolate(values)
+    if way != "nearest":
+        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    nearest = raster.nearest
+    return np.where(nearest >= 0, values[nearest], np.nan)
+
+
+def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
+    """Draw a flat map's faces.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (N, 2)
+        Places in the plane, mm.
+    faces : ndarray of uint32, shape (F, 3)
+        Triangles of points.
+    torn : ndarray of bool, shape (F,)
+        Triangles without a surface in between: their pixels show the nearest corner.
+    pixel_size : float
+        Side of a pixel, mm.
+
+    Returns
+    -------
+    Raster
+
+    Raises
+    ------
+    InputError
+        If the pixel size is not positive, or so small that the image would be too large.
+    """
+    corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
+    return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))
+
+
+def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
+    """Sample a volume at places in the world.
+
+    Parameters
+    ----------
+    volume : Volume
+        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
+    points : ndarray, shape (..., 3)
+        RAS+ mm; NaN rows give NaN.
+    interpolation : {"linear", "nearest"}, optional
+        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+        volumes and colours.
+
+    Returns
+    -------
+    ndarray, shape (...), float64; or (..., 4), uint8 for colours
+        NaN, or alpha 0, where a point lies outside the volume.
+
+    Raises
+    ------
+    InputError
+        If `interpolation` is unknown.
+    """
+    data = volume.data
+    colour = data.ndim == 4
+    if interpolation is None:
+        interpolation = "linear" if colour or data.dtype.kind == "f" else "nearest"
+    if interpolation not in ("linear", "nearest"):
+        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    inverse = np.linalg.inv(volume.affine)
+    where = points @ inverse[:3, :3].T + inverse[:3, 3]
+    # a voxel reaches half a voxel beyond its centre
+    size = np.asarray(data.shape[:3])
+    inside = np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
+    order = 1 if interpolation == "linear" else 0
+    at = where[inside].T
+
+    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
+        image = np.full(points.shape[:-1], np.nan)
+        image[inside] = map_coordinates(values, at, output=np.float64, order=order, mode="nearest")
+        return image
+
+    if not colour:
+        return channel(data)
+    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
+    for c in range(data.shape[3]):
+        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
+    if data.shape[3] == 3:
+        rgba[inside, 3] = 255
+    return rgba

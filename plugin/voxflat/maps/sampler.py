@@ -1,0 +1,177 @@
+"""What the pixels of a flat image show: a volume, an overlay or a texture, looked up where they lie on the surface."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io import meshes
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
+from voxflat.maps.raster import FlatImage, Raster, sample, show
+from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
+
+__all__ = ["Sampler", "usual_spacing"]
+
+
+def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
+    """Return the typical distance of neighbouring points, mm.
+
+    Parameters
+    ----------
+    metadata : dict
+        Of a map or an atlas.
+    uv : ndarray, shape (N, 2)
+        Places in the plane, mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of them.
+
+    Returns
+    -------
+    float
+        Of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
+    """
+    if metadata["kind"] == "voxels":
+        affine = np.asarray(metadata["affine"], dtype=np.float64)
+        return float(np.cbrt(np.prod(np.linalg.norm(affine[:3, :3], axis=0))))
+    sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
+    return float(np.median(np.linalg.norm(sides, axis=2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Sampler:
+    """The points whose numbers a raster's corners are, on the surface.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        RAS+ mm.
+    normals : ndarray of float64, shape (N, 3)
+        Unit vectors that point outside; NaN for a sheet, which has no outside.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Voxel indices, or vertex numbers in the mesh.
+    metadata : dict
+        What the surface was made of: its ``kind``, and of voxels ``affine`` and ``shape``, of a mesh ``vertices``.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    ids: NDArray[np.int64]
+    metadata: dict[str, Any]
+
+    @property
+    def is_voxels(self) -> bool:
+        """Whether the surface was made of a volume."""
+        return bool(self.metadata["kind"] == "voxels")
+
+    @cached_property
+    def affine(self) -> NDArray[np.float64]:
+        """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
+        self.need_volume("has no voxels and so no affine")
+        return np.asarray(self.metadata["affine"], dtype=np.float64)
+
+    @property
+    def volume_shape(self) -> tuple[int, int, int]:
+        """Shape of the volume that was flattened."""
+        self.need_volume("has no volume's shape")
+        i, j, k = self.metadata["shape"]
+        return (i, j, k)
+
+    def need_volume(self, what: str) -> None:
+        """Refuse what only the map of a volume has.
+
+        Parameters
+        ----------
+        what : str
+            What the map of a mesh lacks.
+
+        Raises
+        ------
+        InputError
+            If the surface was made of a mesh.
+        """
+        if not self.is_voxels:
+            raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
+
+    def locate(self, raster: Raster) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Look up which place on the surface each pixel shows: as `FlatMap.locate`."""
+        nearest = raster.nearest
+        inside = (nearest >= 0)[..., None] if self.is_voxels else nearest >= 0
+        ids = np.where(inside, self.ids[nearest], -1)
+        return ids, raster.interpolate(self.points)
+
+    def image(
+        self, raster: Raster, volume: object, *, depth: float = 0.0, interpolation: str | None = None, name: str = ""
+    ) -> FlatImage:
+        """Sample a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+        title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
+        texture = None if self.is_voxels else self._surface_texture(volume)
+        if texture is not None:
+            if depth != 0 or interpolation is not None:
+                raise InputError(
+                    "depth and interpolation are for volumes and overlays, not for textures; leave them out"
+                )
+            colours = paint(texture, raster, self.ids)
+            return FlatImage(colours, raster.pixel_size, raster.origin, title)
+        overlay = None if self.is_voxels else self._overlay(volume)
+        if overlay is not None:
+            data = show(raster, overlay[self.ids], interpolation)
+            return FlatImage(data, raster.pixel_size, raster.origin, title)
+        placed = self._placed(volume)
+        data = sample(placed, self._at_depth(raster, depth), interpolation)
+        return FlatImage(
+            data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
+        )
+
+    def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
+        """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
+        count = self.metadata["vertices"]
+        if isinstance(volume, str | os.PathLike):
+            path = Path(volume)
+            is_textured = path.name.lower().endswith(TEXTURE_ENDINGS)
+            return read_texture(path, count) if is_textured else None
+        return np.asarray(volume) if are_colours(volume, count) else None
+
+    def _overlay(self, volume: object) -> NDArray[Any] | None:
+        """Return values at the mesh's vertices, if that is what was given."""
+        count = self.metadata["vertices"]
+        if isinstance(volume, str | os.PathLike):
+            if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
+                return None
+            return meshes.read_overlay(volume, count)
+        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
+            values = np.asarray(volume)
+            if len(values) != count:
+                raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
+            return values
+        return None
+
+    def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
+        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
+        points = raster.interpolate(self.points)
+        if depth == 0:
+            return points
+        if not np.isfinite(depth):
+            raise InputError(f"the depth is {depth}; give a finite number of mm")
+        if np.isnan(self.normals).all():
+            raise InputError(f"depth is {depth} mm, but this sheet has background on both sides and so no outside")
+        normals = raster.interpolate(self.normals)
+        return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+
+    def _placed(self, volume: object) -> Volume:
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
+        given = as_volume(volume)
+        if given.is_placed:
+            return given
+        if given.data.shape[:3] != self.volume_shape:
+            raise InputError(
+                f"the volume has shape {given.data.shape} and no affine, the flattened volume {self.volume_shape}; "
+                "give a volume of that shape, or one with its affine"
+            )
+        return replace(given, affine=self.affine)

@@ -1,0 +1,145 @@
+"""Selective subdivision: triangles are split where colours at their corners cannot carry a texture.
+
+Zigelman, Kimmel, Kiryati (2002), section IV, subdivide large triangles against aliasing, and take the colours of new
+vertices from the same subdivision in the texture's plane. Here a triangle is bisected at its longest side, and with it
+those that share the side (Rivara 1984), so that the surface stays without cracks and triangles without needles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.maps.texture import TexturedSurface, look_up
+
+__all__ = ["subdivide"]
+
+_MOST_FACES = 5_000_000  # some 1 GB while they are split
+_LONGEST = 1024  # texels; triangles with a longer side are split unseen
+_SAMPLES = 1_000_000  # looked up at a time
+
+_Corners = NDArray[np.int64]
+
+
+def subdivide(surface: TexturedSurface, tolerance: float) -> TexturedSurface:
+    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise InputError(f"the tolerance is {tolerance}; give a positive number of 255 grey levels")
+    points, faces, coordinates = surface.points, surface.faces, surface.texture_coordinates
+    size = np.array(surface.picture.shape[1::-1], dtype=np.float64)
+    open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good
+    while True:
+        rough = open_.copy()
+        rough[open_] = _deviation(surface, coordinates[faces[open_]]) > tolerance
+        if not rough.any():
+            return replace(surface, points=points, faces=faces, texture_coordinates=coordinates)
+        sides, faces, is_new = _bisect(faces, coordinates * size, rough)
+        if len(faces) > _MOST_FACES:
+            raise InputError(
+                f"the picture's {surface.picture.shape[1]} x {surface.picture.shape[0]} texels need more than "
+                f"{_MOST_FACES} triangles; give a greater tolerance or a coarser picture, or save it with the picture "
+                "itself, as .obj, .vtp or .glb"
+            )
+        points = np.concatenate([points, points[sides].mean(axis=1)])
+        coordinates = np.concatenate([coordinates, coordinates[sides].mean(axis=1)])
+        open_ = is_new
+
+
+# --------------------------------------------------------------------------------------------- where
+
+
+def _deviation(surface: TexturedSurface, corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far the texture differs in each triangle from what is linear between its corners, at most.
+
+    It is compared at places no further apart than a texel; triangles no longer than one differ by 0.
+    """
+    size = np.array(surface.picture.shape[1::-1], dtype=np.float64)
+    sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
+    steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
+    worst = np.where(steps > _LONGEST, np.inf, 0.0)
+    for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
+        weights = _lattice(step)
+        for some in _batches(np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))):
+            ends = look_up(surface.picture, corners[some], surface.repeat)
+            within = look_up(surface.picture, weights @ corners[some], surface.repeat)
+            worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
+    return worst
+
+
+def _lattice(steps: int) -> NDArray[np.float64]:
+    """Return barycentric coordinates of a triangular lattice with so many steps along each side, shape (P, 3)."""
+    a, b = np.divmod(np.arange((steps + 1) ** 2), steps + 1)
+    inside = a + b <= steps
+    a, b = a[inside], b[inside]
+    return np.column_stack([a, b, steps - a - b]) / steps
+
+
+def _batches(numbers: NDArray[np.int64], count: int) -> Iterator[NDArray[np.int64]]:
+    for start in range(0, len(numbers), count):
+        yield numbers[start : start + count]
+
+
+# ----------------------------------------------------------------------------------------------- how
+
+
+def _bisect(
+    faces: _Corners, places: NDArray[np.float64], rough: NDArray[np.bool_]
+) -> tuple[_Corners, _Corners, NDArray[np.bool_]]:
+    """Bisect triangles, and others as far as is needed to stay without cracks.
+
+    Returns
+    -------
+    sides : ndarray, shape (K, 2)
+        The sides whose midpoints become the points N, N + 1, ...
+    faces : ndarray, shape (F', 3)
+        First those that stay, then the new ones.
+    is_new : ndarray of bool, shape (F',)
+    """
+    pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)  # side k leads from corner k to k + 1
+    low, high = pairs.min(axis=2), pairs.max(axis=2)
+    keys, side_of = np.unique(low * len(places) + high, return_inverse=True)
+    side_of = side_of.reshape(faces.shape)
+    ends = np.column_stack(np.divmod(keys, len(places)))
+    marked, longest = _marked(side_of, np.linalg.norm(places[ends[:, 0]] - places[ends[:, 1]], axis=1), rough)
+    middle = np.full(len(keys), -1)
+    middle[marked] = len(places) + np.arange(np.count_nonzero(marked))
+    split = marked[side_of].any(axis=1)
+    turn = (longest[split, None] + np.arange(3)) % 3  # so that the longest side is the first
+    new = _pieces(np.take_along_axis(faces[split], turn, 1), middle[np.take_along_axis(side_of[split], turn, 1)])
+    is_new = np.arange(np.count_nonzero(~split) + len(new)) >= np.count_nonzero(~split)
+    return ends[marked], np.concatenate([faces[~split], new]), is_new
+
+
+def _marked(
+    side_of: _Corners, lengths: NDArray[np.float64], rough: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Mark the longest sides of rough triangles, and those of any triangle that has a marked one."""
+    rank = np.empty(len(lengths), dtype=np.int64)
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(lengths))  # neighbours agree on equal lengths, too
+    longest = rank[side_of].argmax(axis=1)
+    longest_side = np.take_along_axis(side_of, longest[:, None], axis=1)[:, 0]
+    marked = np.zeros(len(lengths), dtype=np.bool_)
+    wanted = longest_side[rough]
+    while not marked[wanted].all():
+        marked[wanted] = True
+        wanted = longest_side[marked[side_of].any(axis=1)]
+    return marked, longest
+
+
+def _pieces(corners: _Corners, middles: _Corners) -> _Corners:
+    """Cut triangles (a, b, c) at the middle of ab, and their halves at the middles of bc and ca if these are not −1."""
+    (a, b, c), (ab, bc, ca) = corners.T, middles.T
+    left, right = ca >= 0, bc >= 0
+    whole = [
+        np.column_stack([a, ab, c])[~left],
+        np.column_stack([ab, b, c])[~right],
+        np.column_stack([a, ab, ca])[left],
+        np.column_stack([ca, ab, c])[left],
+        np.column_stack([ab, b, bc])[right],
+        np.column_stack([ab, bc, c])[right],
+    ]
+    return np.concatenate(whole)

@@ -1,0 +1,217 @@
+"""The texture that a surface has of its own, on its flat map: the flat texture image of Zigelman et al. (2002), fig. 3.
+
+Each pixel of the map lies in a triangle of the surface; its place there, in barycentric coordinates, gives its texture
+coordinates, and these its colour. Colours at the vertices go the same way without a picture in between.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io import graphics, meshes
+from voxflat.io.readers import REMEDY, naming
+from voxflat.maps.raster import Raster
+from voxflat.maps.texture import as_picture, look_up
+
+__all__ = ["TEXTURE_ENDINGS", "SurfaceTexture", "are_colours", "paint", "read_texture"]
+
+TEXTURE_ENDINGS = (".obj", ".vtp", ".ply")
+"""Endings of files of surfaces that may have a texture, or colours at their vertices."""
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTexture:
+    """A picture, and where each triangle of a surface lies in it.
+
+    Parameters
+    ----------
+    faces : ndarray of int64, shape (F, 3)
+        Triangles of the surface's vertices.
+    coordinates : ndarray of float64, shape (F, 3, 2)
+        Texture coordinates of their corners; NaN for none. At a seam a vertex has several.
+    picture : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
+        Row 0 is the top.
+    """
+
+    faces: NDArray[np.int64]
+    coordinates: NDArray[np.float64]
+    picture: NDArray[np.uint8]
+
+
+def are_colours(values: object, count: int) -> bool:
+    """Tell whether an array holds a colour for each of so many vertices."""
+    return isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.shape in ((count, 3), (count, 4))
+
+
+# ------------------------------------------------------------------------------------------- reading
+
+
+def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
+    """Read the texture of a surface.
+
+    Parameters
+    ----------
+    path : path
+        ``.obj`` with a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` with texture coordinates and a picture,
+        of the same name beside it or named in PLY's comment TextureFile, or with colours at the vertices.
+    count : int
+        How many vertices the surface has.
+
+    Returns
+    -------
+    SurfaceTexture, or ndarray of uint8, shape (count, 3) or (count, 4)
+
+    Raises
+    ------
+    InputError
+        If it has no texture or several, or another number of vertices.
+    FileNotFoundError, PermissionError
+        If the file, or what it names, cannot be opened.
+    """
+    with naming(path, REMEDY):
+        mesh = meshes.read_mesh(path)
+        if len(mesh.points) != count:
+            raise InputError(f"has {len(mesh.points)} vertices, the flattened mesh {count}: is it the same surface?")
+        if path.suffix.lower() == ".obj":
+            return _obj_texture(path)
+        picture = _picture_beside(path)
+        if mesh.texture_coordinates is not None and picture is not None:
+            coordinates = mesh.texture_coordinates[mesh.faces]
+            return SurfaceTexture(mesh.faces, coordinates, as_picture(picture)[0])
+        return _vertex_colours(mesh)
+
+
+def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
+    names = [name for name in ("red", "green", "blue", "alpha") if name in mesh.point_data]
+    if names[:3] == ["red", "green", "blue"] and all(mesh.point_data[name].dtype == np.uint8 for name in names):
+        return np.column_stack([mesh.point_data[name] for name in names])
+    found = {name: values for name, values in mesh.point_data.items() if are_colours(values, len(mesh.points))}
+    if len(found) == 1:
+        return next(iter(found.values()))
+    several = f"several colours at its vertices ({', '.join(found)}): give one as an array" if found else ""
+    raise InputError(
+        f"has {several or 'no texture: neither texture coordinates with a picture beside, nor colours at its vertices'}"
+    )
+
+
+def _picture_beside(path: Path) -> Path | None:
+    """Return the picture that belongs to a file: of its own name, or named by a PLY file's header."""
+    from voxflat.maps.texture_files import beside  # brings in Pillow
+
+    named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", path.read_bytes()[:4096])
+    if named and path.suffix.lower() == ".ply":
+        return path.with_name(named[1].decode("utf-8", "replace"))
+    names = [path.with_suffix(ending) for ending in _PICTURES] + [beside(path, ending) for ending in _PICTURES]
+    return next((name for name in names if name.is_file()), None)
+
+
+def _obj_texture(path: Path) -> SurfaceTexture:
+    faces, coordinates, names = graphics.read_obj_texture(path.read_bytes())
+    found: dict[str, str] = {}
+    for library in sorted(names["mtllib"]):
+        found |= _material_pictures(path.parent / library)
+    pictures = {path.parent / found[material] for material in names["usemtl"] if material in found}
+    if np.isnan(coordinates).all() or not pictures:
+        raise InputError("has no texture: it needs texture coordinates (vt) and a material (mtllib) with map_Kd")
+    if len(pictures) > 1:
+        shown = ", ".join(sorted(picture.name for picture in pictures))
+        raise InputError(f"has {len(pictures)} pictures ({shown}): bake them into one")
+    if plain := sorted(names["usemtl"] - set(found)):
+        raise InputError(f"has a picture, but its material {plain[0]!r} has none: bake all of them into one")
+    return SurfaceTexture(faces, coordinates, as_picture(pictures.pop())[0])
+
+
+def _material_pictures(library: Path) -> dict[str, str]:
+    """Return of each material of an .mtl file the picture of its colour."""
+    found: dict[str, str] = {}
+    material = ""
+    for line in library.read_text(encoding="utf-8", errors="replace").splitlines():
+        key, _, rest = line.strip().partition(" ")
+        if key == "newmtl":
+            material = rest.strip()
+        elif key == "map_Kd":  # options, which begin with a dash, come before the name
+            name = rest.split()[-1] if rest.strip().startswith("-") else rest.strip()
+            found[material] = name.replace("\\", "/")
+    return found
+
+
+# ------------------------------------------------------------------------------------------ painting
+
+
+def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Carry a surface's texture to the pixels of its flat map.
+
+    Parameters
+    ----------
+    texture : SurfaceTexture, or ndarray of uint8, shape (V, 3) or (V, 4)
+        A picture on the surface, or colours at its vertices.
+    raster : Raster
+        The map's pixels.
+    ids : ndarray of int64, shape (N,)
+        The vertex that each point of the map is.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 4)
+        Opacity 0 outside the map, and in triangles that have no texture.
+    """
+    values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
+    seen = np.isfinite(values[..., 0])
+    image = np.zeros((*raster.shape, 4), dtype=np.uint8)
+    image[seen, 3] = 255
+    image[seen, : values.shape[2]] = np.round(values[seen])
+    return image
+
+
+def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.float64]:
+    inside = raster.inside
+    vertices, weights = ids[raster.corners[inside]], raster.weights[inside].astype(np.float64)
+    face, order = _faces_of(vertices, texture.faces)
+    corners = np.take_along_axis(texture.coordinates[face], order[..., None], axis=1)
+    corners[face < 0] = np.nan
+    coordinates = np.full((*raster.shape, 2), np.nan)
+    coordinates[inside] = np.einsum("pc,pcx->px", weights, corners)
+    seen = np.isfinite(coordinates[..., 0])
+    values = np.full((*raster.shape, texture.picture.shape[2]), np.nan)
+    # coordinates beyond the picture's borders repeat it, as is the rule of OBJ and VTK
+    is_beyond = bool((np.abs(texture.coordinates - 0.5) > 0.5 + 1e-6).any())
+    values[seen] = look_up(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
+    return values
+
+
+def _faces_of(triples: NDArray[np.int64], faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find triangles by their corners in any order: their numbers, −1 for none, and which corner is which."""
+    rows = [("a", np.int64), ("b", np.int64), ("c", np.int64)]
+    sorting, wanted_sorting = faces.argsort(axis=1), triples.argsort(axis=1)
+    known = np.ascontiguousarray(np.take_along_axis(faces, sorting, 1)).view(rows).ravel()
+    wanted = np.ascontiguousarray(np.take_along_axis(triples, wanted_sorting, 1)).view(rows).ravel()
+    keys, first = np.unique(known, return_index=True)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    face = np.where(keys[place] == wanted, first[place], -1)
+    order = np.empty_like(triples)
+    np.put_along_axis(order, wanted_sorting, sorting[face], axis=1)
+    return face, order
+
+
+def _reduced(picture: NDArray[np.uint8], coordinates: NDArray[np.float64]) -> NDArray[Any]:
+    """Average a picture over as many texels as a pixel of the map covers, against aliasing."""
+    from PIL import Image
+
+    height, width = picture.shape[:2]
+    steps = np.diff(coordinates, axis=1) * [width, height]
+    apart = np.linalg.norm(steps, axis=2)
+    known = np.isfinite(apart)
+    texels = int(np.median(apart[known])) if known.any() else 1
+    if texels < 2:
+        return picture
+    size = (max(1, width // texels), max(1, height // texels))
+    return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))

@@ -1,0 +1,1 @@
+"""The methods: `flatten` makes a map by any of them."""

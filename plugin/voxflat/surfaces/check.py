@@ -1,0 +1,321 @@
+"""What an input holds, whether its surface can be flattened, and what each remedy would change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from voxflat import _core
+from voxflat.arguments import Progress, check_scalar
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh
+from voxflat.io.volumes import Volume, as_volume
+from voxflat.surfaces.foreground import foreground, labels_in
+from voxflat.surfaces.region import Cutout, cut_out
+from voxflat.surfaces.surface import Surface, as_mesh, surface
+
+__all__ = ["Check", "check"]
+
+_SHOWN = 5  # handles, holes and loops that a table names one by one
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was read, and whether its surface can be flattened.
+
+    Parameters
+    ----------
+    path : str or None
+        The file.
+    kind : {"volume", "mesh"}
+        What it is.
+    contents : dict
+        What it holds. Of a volume ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"), ``affine``,
+        ``labels`` (numbers of voxels by label; None for intensities), ``range``; of a mesh ``vertices``, ``triangles``,
+        ``size`` (mm) and ``structure``.
+    defects : dict of str to list
+        What keeps a mesh from being a surface, and where: numbers of triangles or vertices.
+    foreground : int or None
+        Number of foreground voxels; None for meshes, and if label or threshold are still to be chosen.
+    surface_points : int or None
+        Number of the surface's vertices.
+    sheet : bool or None
+        Whether the foreground is a sheet one voxel thick, of which one surface is made.
+    split_vertices : int or None
+        Vertices that were added because a voxel carries several sheets.
+    components : tuple of int
+        Numbers of vertices of the surface's components, the one of the largest area first.
+    used : int or None
+        Number of vertices of the part that would be flattened.
+    euler_characteristic : int or None
+        χ of that part before it is cut open: 1 is a disk, 2 a closed sphere.
+    closed : bool or None
+        Whether it has no boundary.
+    boundary : tuple of float
+        Lengths of its boundary loops, mm, longest first; all but one are holes.
+    handles : tuple of dict
+        Its handles: ``length`` (mm) of a short loop around each, and its ``centre`` (RAS+ mm).
+    thin : dict or None
+        Places where the solid is thinner than ``thickness`` (1.2 voxels; of a mesh its median edge), mm: how many
+        ``points`` lie there, and the ``worst`` thickness and its ``place`` (RAS+ mm).
+    automatic_cuts : tuple of dict
+        What it would be cut open along: ``length`` (mm), ``reason``, ``ids``.
+    can_flatten : bool
+        The verdict.
+    advice : tuple of str
+        What to know and what to do.
+    """
+
+    path: str | None
+    kind: str
+    contents: dict[str, Any]
+    defects: dict[str, list[Any]] = field(default_factory=dict)
+    foreground: int | None = None
+    surface_points: int | None = None
+    sheet: bool | None = None
+    split_vertices: int | None = None
+    components: tuple[int, ...] = ()
+    used: int | None = None
+    euler_characteristic: int | None = None
+    closed: bool | None = None
+    boundary: tuple[float, ...] = ()
+    handles: tuple[dict[str, Any], ...] = ()
+    thin: dict[str, Any] | None = None
+    automatic_cuts: tuple[dict[str, Any], ...] = ()
+    can_flatten: bool = False
+    advice: tuple[str, ...] = ()
+
+    def table(self) -> str:
+        """Return the findings as a table of text."""
+        rows = [("input", self.path or "array"), *self._contents()]
+        rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
+        if self.surface_points is not None:
+            rows += self._surface()
+        rows.append(("can be flattened", "yes" if self.can_flatten else "no"))
+        width = max(len(name) for name, _ in rows) + 2
+        text = [f"{name:{width}}{value}" for name, value in rows]
+        return "\n".join(text + [f"- {advice}" for advice in self.advice])
+
+    def _contents(self) -> list[tuple[str, str]]:
+        of = self.contents
+        if self.kind == "mesh":
+            size = " x ".join(f"{side:.4g}" for side in of["size"])
+            rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"), ("size", f"{size} mm")]
+            return rows + ([("structure", of["structure"])] if of["structure"] else [])
+        labels = of["labels"]
+        return [
+            ("shape", " x ".join(str(n) for n in of["shape"]) + f", {of['dtype']}"),
+            ("spacing", " x ".join(f"{h:g}" for h in of["spacing"]) + " mm"),
+            ("orientation", of["orientation"]),
+            ("values", f"{of['range'][0]:g} to {of['range'][1]:g}"),
+            (
+                "labels (voxels)",
+                "intensities" if labels is None else _shortened([f"{k} ({n})" for k, n in labels.items()], 12),
+            ),
+        ]
+
+    def _surface(self) -> list[tuple[str, str]]:
+        rows = []
+        if self.foreground is not None:
+            rows.append(("foreground", f"{self.foreground} voxels" + (", a sheet" if self.sheet else "")))
+        split = f", {self.split_vertices} of them split" if self.split_vertices else ""
+        rows += [
+            ("surface", f"{self.surface_points} vertices{split}"),
+            ("components", f"{len(self.components)}: {_shortened(self.components)}"),
+            ("used", f"{self.used} vertices"),
+            ("Euler characteristic", f"{self.euler_characteristic} (disk: 1, closed sphere: 2)"),
+            ("boundary loops", f"{len(self.boundary)}: {_shortened([f'{mm:.0f} mm' for mm in self.boundary])}"),
+            ("handles", f"{len(self.handles)}: {_shortened([_place(handle) for handle in self.handles])}"),
+        ]
+        if self.thin is not None and self.thin["points"]:
+            rows.append(("thin places", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
+        return [(name, value.removesuffix(": ")) for name, value in rows]
+
+
+def _place(handle: dict[str, Any]) -> str:
+    x, y, z = handle["centre"]
+    return f"{handle['length']:.1f} mm around ({x:.0f}, {y:.0f}, {z:.0f})"
+
+
+def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(str(item) for item in items[:most]) + more
+
+
+def check(
+    surface: object,
+    *,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    keep: object | None = None,
+    drop: object | None = None,
+    seed_point: Sequence[int] | int | None = None,
+    radius: float | None = None,
+    polygon: ArrayLike | None = None,
+    cuts: object | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> Check:
+    """Say what an input holds, whether its surface can be flattened, and what each remedy would change.
+
+    Parameters
+    ----------
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, memory_limit, \
+progress
+        As in `flatten`.
+
+    Returns
+    -------
+    Check
+
+    Raises
+    ------
+    InputError
+        If the input cannot be read, or a label, threshold or patch was given that does not fit.
+    """
+    place: dict[str, Any] = {"label": label, "threshold": threshold}
+    patch: dict[str, Any] = {
+        "keep": keep,
+        "drop": drop,
+        "seed_point": seed_point,
+        "radius": radius,
+        "polygon": polygon,
+        "cuts": cuts,
+    }
+    if isinstance(surface, Surface):
+        return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, progress)
+    mesh = as_mesh(surface)
+    if mesh is not None:
+        return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, progress)
+    volume = as_volume(surface, spacing=spacing, affine=affine)
+    check_scalar(volume)
+    path = None if volume.path is None else str(volume.path)
+    found = Check(path, "volume", _volume_contents(volume))
+    if label is None and threshold is None:
+        try:
+            foreground(volume.data)
+        except InputError as error:
+            return _and(found, advice=(str(error),))
+    whole = _made(volume, **place, memory_limit=memory_limit, progress=progress)
+    return _check_surface(whole, found, patch, progress, volume)
+
+
+def _made(source: object, **options: Any) -> Surface:
+    return surface(source, **options)
+
+
+def _and(found: Check, **values: Any) -> Check:
+    return Check(**{**found.__dict__, **values})
+
+
+def _volume_contents(volume: Volume) -> dict[str, Any]:
+    return {
+        "shape": volume.data.shape,
+        "dtype": str(volume.data.dtype),
+        "spacing": tuple(float(h) for h in volume.spacing),
+        "orientation": volume.orientation,
+        "affine": volume.affine.tolist(),
+        "labels": labels_in(volume.data),
+        "range": (float(volume.data.min()), float(volume.data.max())),
+    }
+
+
+def _mesh_contents(points: Any, triangles: int, structure: str | None) -> dict[str, Any]:
+    size = tuple(float(side) for side in np.ptp(points, axis=0))
+    return {"vertices": len(points), "triangles": triangles, "size": size, "structure": structure}
+
+
+def _of_surface(whole: Surface) -> tuple[str, dict[str, Any]]:
+    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"))
+
+
+def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], progress: Progress | None) -> Check:
+    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure)
+    defects = _core.defects(mesh.points, mesh.faces)
+    found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
+    try:
+        whole = _made(mesh, **place)
+    except InputError as error:
+        return _and(found, advice=(*mesh.remarks, str(error)))
+    return _check_surface(whole, found, patch, progress)
+
+
+def _check_surface(
+    whole: Surface, found: Check, patch: dict[str, Any], progress: Progress | None, volume: Volume | None = None
+) -> Check:
+    topology = whole.core.topology()
+    found = _and(
+        found,
+        foreground=whole.metadata.get("foreground"),
+        surface_points=len(whole),
+        sheet=whole.metadata.get("sheet"),
+        split_vertices=whole.metadata.get("split_vertices"),
+        components=tuple(component["vertices"] for component in topology["components"]),
+    )
+    try:
+        cut = cut_out(whole, **patch, progress=progress, to_disk=False)
+    except InputError as error:
+        return _and(found, advice=(*whole.remarks, str(error)))
+    part = cut.part.core.topology()
+    advice = list(cut.remarks)
+    handles = tuple(cut.part.core.handles(progress)) if part["handles"] else ()
+    if handles:
+        advice.append(_cutting_changes(handles))
+    if volume is not None and part["handles"] and not any(value is not None for value in patch.values()):
+        advice.append(_repair_changes(whole, volume, progress))
+    try:
+        opened: Cutout | None = cut_out(whole, **patch, progress=progress)
+    except InputError as error:
+        opened = None
+        advice.append(str(error))
+    if opened is not None:
+        advice += [remark for remark in opened.remarks if remark not in advice]
+        if len(opened.part) < 3:
+            advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
+    return _and(
+        found,
+        used=len(cut.part),
+        euler_characteristic=part["euler"],
+        closed=not part["loops"],
+        boundary=tuple(sorted((loop["length"] for loop in part["loops"]), reverse=True)),
+        handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
+        thin=_thin(cut.part, progress),
+        automatic_cuts=() if opened is None else tuple(opened.metadata["automatic_cuts"]),
+        can_flatten=opened is not None and len(opened.part) >= 3,
+        advice=tuple(advice),
+    )
+
+
+def _thin(part: Surface, progress: Progress | None) -> dict[str, Any]:
+    """Return where the solid is thin."""
+    if part.is_voxels:
+        thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    else:
+        corners = part.points[part.faces]
+        thickness = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+    count, worst = part.core.thin_places(thickness, progress)
+    found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
+    if worst is not None:
+        found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}
+    return found
+
+
+def _cutting_changes(handles: Sequence[dict[str, Any]]) -> str:
+    total = sum(handle["length"] for handle in handles)
+    return f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel"
+
+
+def _repair_changes(whole: Surface, volume: Volume, progress: Progress | None) -> str:
+    """Say what the repair by voxels would change."""
+    given = {name: whole.metadata[name] for name in ("label", "threshold")}
+    mask = foreground(volume.data, **given)
+    _, report = _core.repair(mask, volume.spacing.tolist(), None, progress)
+    removed, added = (len(report[name]) for name in ("cut", "filled"))
+    share = 100 * (removed + added) / np.count_nonzero(mask)
+    return f"repair='voxels' would remove {removed} voxels and add {added} ({share:.2f} %), and leave no handle"

@@ -1,0 +1,230 @@
+"""Cuts: those that are given, as paths or in a file, those that make a disk, and those that relieve the map."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from itertools import pairwise
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.surfaces.surface import Surface
+
+_SMALL_HOLE = 15.0  # mm around, that is closed for measuring
+_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels
+
+
+# ----------------------------------------------------------------------------------------- cuts that are given
+
+
+def read_cuts(whole: Surface, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
+    """Take what is given as cuts as paths, each of neighbours, and what a file of cuts leaves out.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface that is to be cut.
+    cuts : list of paths, one path, path of a file, or None
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    paths : list of array_like, or None
+        By what the vertices are in the input.
+    left_out : ndarray of int64, or None
+        Vertices in the same way.
+    """
+    if cuts is None:
+        return None, None
+    if isinstance(cuts, str | os.PathLike):
+        paths, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
+        return [_filled(whole, path, number) for number, path in enumerate(paths)], left_out
+    if isinstance(cuts, np.ndarray | list | tuple) and len(cuts) and isinstance(cuts[0], Integral):
+        cuts = [cuts]
+    if not isinstance(cuts, list | tuple):
+        raise InputError(
+            f"cuts are {type(cuts).__name__}; give a list of paths, each a list of vertices one after another, or the "
+            "path of a file of cuts"
+        )
+    return list(cuts), None
+
+
+def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
+    """Read a file of cuts: lists of vertices, and those that are left out."""
+    try:
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"cannot read the cuts {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no file of cuts: {error}") from error
+    if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):
+        raise InputError(f'{path} is no file of cuts; give {{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}}')
+    lists = [_vertices(path, values, indices) for values in content["cuts"]]
+    left_out = _vertices(path, content.get("drop", []), indices)
+    return [cut for cut in lists if len(cut)], left_out if len(left_out) else None
+
+
+def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int64]:
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        array = np.empty((0, 0, 0))
+    if array.size == 0 and array.ndim == 1:
+        return np.empty((0,) if indices is None else (0, indices), dtype=np.int64)
+    if array.dtype.kind not in "iu" or array.shape[1:] != (() if indices is None else (indices,)):
+        what = "vertex numbers" if indices is None else "voxel indices"
+        raise InputError(f"{path} lists {array.dtype} of shape {array.shape}; give lists of {what}")
+    return array.astype(np.int64)
+
+
+def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+    """Fill in what lies between vertices that are no neighbours, the shortest way along edges."""
+    vertices = whole.find(path, f"cut {number}").tolist()
+    passed = vertices[:1]
+    for a, b in pairwise(vertices):
+        try:
+            steps, _ = whole.core.edge_path(a, b)
+        except InputError:
+            ends = [whole.ids[end].tolist() for end in (a, b)]
+            raise InputError(f"cut {number}: no path leads from {ends[0]} to {ends[1]}") from None
+        passed += steps[1:].tolist()
+    return np.asarray(whole.ids[passed])
+
+
+def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any], float]:
+    """Cut along paths.
+
+    Parameters
+    ----------
+    part : Surface
+        What is cut.
+    paths : list of array_like, or None
+        Neighbouring vertices, by what they are in the input.
+
+    Returns
+    -------
+    part : Surface
+    paths : list
+        As lists of numbers.
+    length : float
+        Of all of them, mm.
+    """
+    found = [part.find(path, f"cut {number}") for number, path in enumerate(paths or [])]
+    length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
+    if found:
+        part = part.with_core(part.core.cut(found))
+    return part, [np.asarray(path).tolist() for path in paths or []], length
+
+
+# ------------------------------------------------------------------------------------------- holes and automatic cuts
+
+
+def check_relax(relax: float | bool | None) -> None:
+    """Refuse what says not how far to relax.
+
+    Parameters
+    ----------
+    relax : bool, float or None
+        As in `voxflat.flatten`.
+    """
+    if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
+        raise InputError(f"relax is {relax!r}; give True, False, or the length of the cuts in mm")
+
+
+def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDArray[np.uint32], list[str]]:
+    """Close small holes, so that distances lead across them; the map's faces stay those of the input.
+
+    Parameters
+    ----------
+    part : Surface
+        What is measured.
+    progress : callable, optional
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    part : Surface
+    faces : ndarray of uint32
+        Those of the input, which come first.
+    remarks : list of str
+    """
+    longest = _SMALL_HOLE
+    if part.is_voxels:
+        longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    core, filled, _ = part.core.fill_holes(longest, progress)
+    if not filled:
+        return part, part.faces, []
+    return (
+        part.with_core(core),
+        part.faces,
+        [f"{filled} hole(s) up to {longest:g} mm around were closed for measuring"],
+    )
+
+
+def opened(
+    part: Surface,
+    relax: float | bool | None,
+    given: float,
+    threads: int | None,
+    progress: Progress | None,
+    *,
+    is_fixed: bool = False,
+) -> tuple[Surface, list[dict[str, Any]], list[str]]:
+    """Cut open what is no disk, and further where that relieves the map.
+
+    Parameters
+    ----------
+    part : Surface
+        In one piece.
+    relax, threads, progress
+        As in `voxflat.flatten`.
+    given : float
+        Length of the cuts that were given, mm, which count.
+    is_fixed : bool
+        Whether what is no disk is left as it is.
+
+    Returns
+    -------
+    part : Surface
+    cuts : list of dict
+        ``ids``, ``length`` (mm), ``reason``.
+    remarks : list of str
+    """
+    topology = part.core.topology()["components"][0]
+    cuts: list[dict[str, Any]] = []
+    remarks = []
+    if topology["euler"] != 1 and not is_fixed:
+        core, cuts = part.core.open_to_disk(progress)
+        paths, total = _counted(cuts, "path")
+        remarks.append(
+            f"the surface is no disk ({topology['handles']} handles, {topology['loops']} boundary loops): it was cut "
+            f"open along {paths}, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
+        )
+        _name(part, cuts)
+        part = part.with_core(core)
+    was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
+    if relax is False or (relax is None and not was_closed):
+        return part, cuts, remarks
+    length = None if relax is None or relax is True else max(0.0, float(relax) - given)
+    core, further, _ = part.core.relax(length, threads, progress)
+    if further:
+        paths, total = _counted(further, "relaxation cut")
+        remarks.append(f"{paths}, {total:.0f} mm in all, relieve the map; relax=False leaves them out")
+    _name(part, further)
+    return part.with_core(core), cuts + further, remarks
+
+
+def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:
+    return f"{len(cuts)} {name}" + ("" if len(cuts) == 1 else "s"), sum(cut["length"] for cut in cuts)
+
+
+def _name(part: Surface, cuts: list[dict[str, Any]]) -> None:
+    for cut in cuts:
+        cut["ids"] = part.ids[cut.pop("vertices")].tolist()

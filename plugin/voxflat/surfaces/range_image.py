@@ -1,0 +1,191 @@
+"""Range images: depths on a grid, as scanners give them, and the surface that they are."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat import _core
+from voxflat.errors import InputError
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["pixels_of", "range_image"]
+
+_JUMP = 8.0  # pixels: a slope of 83 degrees
+_LARGEST = 1e9  # mm; beyond, triangles have no area in floating point
+
+
+def range_image(
+    depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
+) -> Surface:
+    """Make a surface of a range image: every pixel with a depth is a vertex.
+
+    Parameters
+    ----------
+    depth : array_like, shape (H, W)
+        Height towards the viewer, mm; of distances from a camera give the negative. NaN where there is no surface.
+    spacing : float or sequence of 2 floats
+        Distance of rows and of columns, mm.
+    mask : array_like of bool, shape (H, W), optional
+        Where the surface is.
+    jump : float, optional
+        Greatest difference of depth within a triangle, mm: across more the surface is cut, for there one thing hides
+        another. By default 8 times the larger spacing, a slope of 83 degrees.
+
+    Returns
+    -------
+    Surface
+        Columns run along x, rows down along −y, depth along z; it is seen from +z. The pixel of each vertex is
+        ``np.unravel_index(s.ids, depth.shape)``, in maps ``m.ids``. ``metadata["range_image"]`` has the grid, the limit
+        ``jump`` (None for none) and how many triangles it ``cut``; that is said, too.
+
+    Raises
+    ------
+    InputError
+        If the depths are no image, not finite, or leave no triangle; the message names the pixel.
+    """
+    heights = _heights(depth, mask)
+    steps = _steps(spacing)
+    limit = _JUMP * max(steps) if jump is None else jump
+    if not isinstance(limit, Real) or not limit > 0:
+        raise InputError(f"the jump is {jump!r} mm; give a positive difference of depth, or np.inf to cut nowhere")
+    is_there = np.isfinite(heights)
+    faces = _faces(heights)
+    inside = is_there.ravel()[faces].all(axis=1)
+    if not inside.any():
+        raise InputError(
+            f"no triangle of the range image has a depth at all corners ({int(is_there.sum())} of {heights.size} "
+            "pixels have one): pixels must touch"
+        )
+    corners = np.where(is_there, heights, 0.0).ravel()[faces]
+    kept = inside & (np.ptp(corners, axis=1) <= limit)
+    cut = int(inside.sum() - kept.sum())
+    if not kept.any():
+        raise InputError(
+            f"every triangle spans more than {limit:g} mm of depth; give a greater jump, or check the units"
+        )
+    remarks = []
+    if cut:
+        remarks.append(
+            f"{cut} of {int(inside.sum())} triangles span more than {limit:g} mm of depth: the surface is cut "
+            "there; give jump for another limit"
+        )
+    points = _points(np.where(is_there, heights, 0.0), steps)
+    core, _, _ = _core.Surface.from_triangles(points, faces)
+    digest = hashlib.sha256(np.ascontiguousarray(heights).tobytes() + repr((heights.shape, steps, limit)).encode())
+    metadata: dict[str, Any] = {
+        "kind": "mesh",
+        "input": None,
+        "input_sha256": digest.hexdigest(),
+        "vertices": heights.size,
+        "structure": None,
+        "measured_on": "the given range image",
+        "range_image": {
+            "shape": list(heights.shape),
+            "spacing": list(steps),
+            "jump": float(limit) if np.isfinite(limit) else None,
+            "cut": cut,
+        },
+    }
+    return Surface(core.part_of_faces(kept), None, metadata, tuple(remarks))
+
+
+def pixels_of(part: Surface) -> tuple[NDArray[np.uint32], list[float]]:
+    """Find the pixels that the vertices of a range image are.
+
+    Parameters
+    ----------
+    part : Surface
+        A range image, or a part of one.
+
+    Returns
+    -------
+    pixels : ndarray of uint32, shape (N, 2)
+        Row and column.
+    spacing : list of 2 floats
+        Distance of rows and of columns, mm.
+
+    Raises
+    ------
+    InputError
+        If it is none, or if a pixel belongs to two vertices.
+    """
+    grid = part.metadata.get("range_image")
+    if grid is None:
+        raise InputError(
+            "sampling is 'grid', but the surface is no range image; make one by voxflat.range_image, or give "
+            "sampling='decimation'"
+        )
+    ids = part.ids
+    unique, counts = np.unique(ids, return_counts=True)
+    if len(unique) < len(ids):
+        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
+        raise InputError(
+            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides, and a grid knows "
+            "one; give sampling='decimation'"
+        )
+    return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])
+
+
+def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
+    """Return depths as numbers, NaN where there is no surface."""
+    if isinstance(depth, np.ma.MaskedArray):
+        depth = np.ma.filled(depth.astype(np.float64), np.nan)
+    try:
+        given = np.asarray(depth)
+    except ValueError:
+        raise InputError("the depth is no array: its rows have different lengths") from None
+    if given.ndim != 2 or min(given.shape) < 2:
+        raise InputError(f"the depth has shape {given.shape}; give an image (H, W) of at least 2 x 2 pixels")
+    if given.dtype.kind not in "uif":
+        raise InputError(f"the depth is {given.dtype}; give real numbers, mm")
+    heights = given.astype(np.float64)
+    if mask is not None:
+        there = np.asarray(mask)
+        if there.shape != heights.shape:
+            raise InputError(f"the mask has shape {there.shape}, the depth {heights.shape}; they must agree")
+        if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
+            raise InputError(f"the mask is {there.dtype} with values other than 0 and 1; give where the surface is")
+        heights[there == 0] = np.nan
+    bad = np.abs(heights) > _LARGEST  # NaN is not
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"the depth at row {row}, column {column} is {heights[row, column]:g} mm; give NaN where there is no "
+            f"surface, and depths up to {_LARGEST:g} mm"
+        )
+    return heights
+
+
+def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
+    """Return the distances of rows and of columns."""
+    steps = np.asarray(spacing)
+    if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
+        raise InputError(f"the spacing is {spacing!r}; give one number, or those of rows and columns, mm")
+    rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
+    if not (min(rows, columns) >= 1 / _LARGEST and max(rows, columns) <= _LARGEST):  # NaN is neither
+        raise InputError(f"the spacing is {spacing!r} mm; give positive, finite numbers")
+    return rows, columns
+
+
+def _faces(heights: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Cut each square of pixels along the shorter diagonal; one that leads to a pixel without a depth is longer."""
+    reached = np.where(np.isnan(heights), np.inf, heights)
+    a, b, c, d = reached[:-1, :-1], reached[1:, :-1], reached[1:, 1:], reached[:-1, 1:]  # counterclockwise from +z
+    with np.errstate(invalid="ignore"):
+        along_ac = ~(np.abs(a - c) > np.abs(b - d))
+    number = np.arange(heights.size).reshape(heights.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    first = np.where(along_ac[..., None], np.stack([a, b, c], axis=-1), np.stack([a, b, d], axis=-1))
+    second = np.where(along_ac[..., None], np.stack([a, c, d], axis=-1), np.stack([b, c, d], axis=-1))
+    return np.stack([first, second], axis=2).reshape(-1, 3)
+
+
+def _points(heights: NDArray[np.float64], steps: tuple[float, float]) -> NDArray[np.float64]:
+    row, column = np.indices(heights.shape)
+    return np.stack([column * steps[1], -row * steps[0], heights], axis=-1).reshape(-1, 3)

@@ -1,0 +1,251 @@
+"""From a surface to the disk that is flattened: patch, cuts, holes, and what the user should know of each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import Progress, keep_mask
+from voxflat.errors import InputError
+from voxflat.io.meshes import Patch, holds_mesh, is_patch, read_patch, read_region
+from voxflat.io.volumes import Volume
+from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
+from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
+from voxflat.surfaces.surface import Surface, as_mesh
+
+_STRAY_SHARE = 0.05  # of a patch's area, that may lie in stray pieces
+_FAR_SEED = 2.0  # voxels between a seed point and the surface that need no remark
+
+
+@dataclass(frozen=True)
+class Cutout:
+    """What is flattened, what it was cut from, and what was done."""
+
+    whole: Surface
+    part: Surface
+    faces: NDArray[np.uint32]
+    metadata: dict[str, Any]
+    remarks: tuple[str, ...]
+
+
+def cut_out(
+    whole: Surface,
+    *,
+    keep: object | None = None,
+    drop: object | None = None,
+    seed_point: Sequence[int] | int | None = None,
+    radius: float | None = None,
+    polygon: ArrayLike | None = None,
+    cuts: object | None = None,
+    relax: float | bool | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    to_disk: bool = True,
+) -> Cutout:
+    """Cut the part to work on out of a surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    keep, drop, seed_point, radius, polygon, cuts, relax, threads, progress
+        As in `voxflat.flatten`.
+    to_disk : bool
+        Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
+
+    Returns
+    -------
+    Cutout
+    """
+    if (seed_point is None) != (radius is None):
+        given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
+        raise InputError(f"{given} is given without {missing}; give both or neither")
+    if radius is not None and not isinstance(radius, Real):
+        raise InputError(f"the radius is {radius!r}; give a number")
+    if polygon is not None and seed_point is not None:
+        raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
+    check_relax(relax)
+    remarks = list(whole.remarks)
+    part = whole
+    paths, left_out = read_cuts(whole, cuts)
+    region = _region(whole, keep, drop, left_out)
+    if region is not None:
+        part = part.with_core(part.core.part_of_faces(region))
+    seed_id = None
+    if seed_point is not None and radius is not None:
+        seed, told = _seed(part, seed_point)
+        seed_id = part.ids[seed].tolist()
+        remarks += told
+        core, filled = part.core.disk(seed, float(radius), progress)
+        part = part.with_core(core)
+        if filled:
+            remarks.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
+    if polygon is not None:
+        core, _ = part.core.polygon(part.find(polygon, "the polygon's corners"), progress)
+        part = part.with_core(core)
+    part, told = _one_piece(part, region is not None or seed_id is not None or polygon is not None)
+    remarks += told
+    part, cut_paths, length = cut_along(part, paths)
+    faces = part.faces
+    automatic: list[dict[str, Any]] = []
+    if to_disk:
+        part, faces, told = close_holes(part, progress)
+        remarks += told
+        if paths is None or cut_paths or relax:
+            is_fixed = paths is not None and not cut_paths
+            part, automatic, told = opened(part, relax, length, threads, progress, is_fixed=is_fixed)
+            faces = part.faces[: len(faces)]
+            remarks += told
+    metadata = {
+        **whole.metadata,
+        "keep": keep is not None,
+        "drop": drop is not None,
+        "seed_point": None if seed_point is None else np.asarray(seed_point).tolist(),
+        "seed_found": seed_id,
+        "radius": None if radius is None else float(radius),
+        "polygon": None if polygon is None else np.asarray(polygon).tolist(),
+        "cuts": cut_paths,
+        "automatic_cuts": automatic,
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
+    }
+    return Cutout(whole, part, faces, metadata, tuple(remarks))
+
+
+# --------------------------------------------------------------------------------------------- regions
+
+
+def _region(
+    whole: Surface, keep: object | None, drop: object | None, left_out: NDArray[np.int64] | None
+) -> NDArray[np.bool_] | None:
+    """Return which triangles belong to the patch: those given, or those all of whose corners are to be kept."""
+    if keep is None and drop is None and left_out is None:
+        return None
+    for name, region in (("keep", keep), ("drop", drop)):
+        is_name = name == "drop" and is_medial_wall(region)
+        if not is_name and isinstance(region, str | os.PathLike) and not os.path.exists(region):
+            raise InputError(f"the region to {name}: there is no file {os.fspath(region)}")
+    faces = whole.faces
+    kept: NDArray[np.bool_] = np.ones(len(faces), dtype=np.bool_)
+    if keep is not None:
+        of_mesh = None if whole.is_voxels else _triangles(whole, keep)
+        kept = _all_corners(_vertices(whole, keep, "the region to keep"), faces) if of_mesh is None else of_mesh
+    if drop is not None:
+        dropped = medial_wall_of(whole) if is_medial_wall(drop) else _vertices(whole, drop, "the region to drop")
+        kept &= _all_corners(~dropped, faces)
+    if left_out is not None:
+        kept &= _all_corners(~_vertices(whole, left_out, "what the cuts leave out"), faces)
+    if not kept.any():
+        raise InputError(f"the patch holds no triangle of the surface ({len(whole)} vertices): does it belong to it?")
+    return kept
+
+
+def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    return np.asarray(np.asarray(chosen[faces]).all(axis=1))
+
+
+def _triangles(whole: Surface, keep: object) -> NDArray[np.bool_] | None:
+    """Return which triangles another mesh of the same vertices has, if that is what was given."""
+    if isinstance(keep, str | os.PathLike):
+        if is_patch(keep):
+            keep = read_patch(keep)
+        elif not holds_mesh(keep):
+            return None
+    if isinstance(keep, Patch):
+        return whole.in_patch(keep)
+    mesh = as_mesh(keep)
+    if mesh is None:
+        return None
+    if len(mesh.points) != whole.metadata["vertices"]:
+        raise InputError(
+            f"the surface to keep has {len(mesh.points)} vertices, the surface {whole.metadata['vertices']}; they must "
+            "correspond one by one"
+        )
+    found = whole.has_triangles(mesh.faces)
+    if found is None:
+        raise InputError("the surface to keep has triangles that the surface does not have: is it of this one?")
+    return found
+
+
+def _vertices(whole: Surface, region: object, name: str) -> NDArray[np.bool_]:
+    if whole.is_voxels and not _is_vertex_list(region):
+        place = Volume(
+            np.empty(whole.metadata["shape"], dtype=np.bool_), np.asarray(whole.metadata["affine"]), is_placed=True
+        )
+        return np.asarray(keep_mask(region, place)[tuple(whole.ids.T)])
+    if whole.is_voxels:
+        chosen = np.zeros(len(whole), dtype=np.bool_)
+        chosen[whole.find(np.asarray(region), name)] = True
+        return chosen
+    count = whole.metadata["vertices"]
+    if isinstance(region, str | os.PathLike):
+        chosen = read_region(region, count)
+    else:
+        chosen = _as_mask(np.asarray(region), count, name)
+    return np.asarray(chosen[whole.vertices])
+
+
+def _is_vertex_list(region: object) -> bool:
+    return isinstance(region, np.ndarray | list) and np.ndim(np.asarray(region)) == 2
+
+
+def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
+    """Take a mask of the vertices, or their numbers, as a mask."""
+    if region.shape == (count,) and (region.dtype.kind == "b" or not region.any() or region.max() <= 1):
+        return np.asarray(region != 0)
+    if region.ndim != 1 or region.dtype.kind not in "ui":
+        raise InputError(
+            f"{name} is {region.dtype} of shape {region.shape}; give a mask of shape ({count},), "
+            "vertex numbers, or a file"
+        )
+    bad = region[(region < 0) | (region >= count)]
+    if len(bad):
+        raise InputError(f"{name} names vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
+    chosen = np.zeros(count, dtype=np.bool_)
+    chosen[region] = True
+    return chosen
+
+
+def _seed(part: Surface, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
+    """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
+    place = np.asarray(seed_point)
+    if not part.is_voxels:
+        if place.ndim != 0 or place.dtype.kind not in "ui":
+            raise InputError(f"the seed point is {seed_point!r}; for a mesh give the number of a vertex")
+        return int(part.find(place[None], "the seed point")[0]), []
+    if place.shape != (3,) or place.dtype.kind not in "ui":
+        raise InputError(
+            f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"
+        )
+    vertex, distance = part.nearest(place.tolist())
+    voxel = part.ids[vertex].tolist()
+    size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    if distance <= _FAR_SEED * size:
+        return vertex, []
+    return vertex, [
+        f"the seed point {place.tolist()} is {distance:.1f} mm away from the surface; "
+        f"its nearest voxel {voxel} is taken"
+    ]
+
+
+def _one_piece(part: Surface, is_chosen: bool) -> tuple[Surface, list[str]]:
+    """Return the piece with the largest area, if that is what the user can have meant."""
+    areas = [piece["area"] for piece in part.core.topology()["components"]]
+    if len(areas) == 1:
+        return part, []
+    share = areas[0] / sum(areas)
+    if is_chosen and 1 - share > _STRAY_SHARE:
+        shown = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
+        raise InputError(
+            f"the patch falls into {len(areas)} pieces that do not touch (of {shown} mm²): keep one piece, or "
+            "give a seed point and a radius"
+        )
+    what = "the patch" if is_chosen else "the surface"
+    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
+    return part.with_core(part.core.largest_piece()), [remark]
