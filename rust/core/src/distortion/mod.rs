@@ -10,6 +10,7 @@
 pub mod bootstrap;
 pub mod faces;
 pub mod judge;
+pub mod links;
 pub mod overlap;
 mod scale;
 pub mod sums;

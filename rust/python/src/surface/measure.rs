@@ -69,5 +69,5 @@ impl Surface {
 /// The reference sources among so many points, as flattening chooses them.
 #[pyfunction]
 pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Bound<'_, PyArray1<u32>> {
-    judge::reference_sources(points, count, seed).into_pyarray(py)
+    py.detach(|| judge::reference_sources(points, count, seed)).into_pyarray(py)
 }
