@@ -28,7 +28,7 @@ def limit(widget, name, value):
 
 def same_atlas(layer, expected):
     atlas = layer.metadata["voxflat"]
-    for name in ("points", "faces", "labels", "uv", "stretch"):
+    for name in ("points", "faces", "piece_ids", "uv", "stretch"):
         assert_array_equal(getattr(atlas, name), getattr(expected, name))
 
 
