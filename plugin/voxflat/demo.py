@@ -16,7 +16,7 @@ from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.flatten import flatten
-from voxflat.surfaces.surface import surface
+from voxflat.surfaces.making import surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

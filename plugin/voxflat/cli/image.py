@@ -8,13 +8,14 @@ from typing import Any
 import click
 import numpy as np
 
-from voxflat.atlases.certified import FlatAtlas
-from voxflat.atlases.glued import GluedAtlas, load_atlas
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import load_atlas
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.image_files import IMAGE_ENDINGS
 
 
 @click.command(
@@ -73,13 +74,11 @@ def command(
     labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
     figure with a colour bar. The other formats hold the values, NaN outside the map.
     """
-    from voxflat.maps.image_files import ENDINGS, write_image  # brings in Pillow
-
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or depth is not None):
         raise click.UsageError("--interpolation and --depth are for --volume.")
-    check_output(output, ENDINGS, (map_, volume))
+    check_output(output, IMAGE_ENDINGS, (map_, volume))
     flat_map = _load(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
@@ -95,7 +94,7 @@ def command(
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
         figures.save(drawn, output)
     else:
-        write_image(picture, output)
+        picture.save(output)
     height, width = picture.data.shape[:2]
     click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
@@ -105,11 +104,11 @@ def _check_overlap(covered: Any, volume: Path) -> None:
         raise InputError(f"{volume} shows nothing on the map: it lies elsewhere; compare the affines by voxflat check")
 
 
-def _load(path: Path) -> FlatMap | FlatAtlas | GluedAtlas:
+def _load(path: Path) -> FlatMap | Atlas:
     """Load a flat map or an atlas, whichever a file holds."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            is_atlas = "corners" in file.files
+            is_atlas = "uv_faces" in file.files
     except Exception:  # what is wrong, `load` says
         is_atlas = False
     return load_atlas(path) if is_atlas else load(path)

@@ -8,7 +8,8 @@ from typing import Any
 from voxflat.cli.console import Bars
 from voxflat.cli.options import MAKING, VOLUME
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import Surface, surface
+from voxflat.surfaces.making import surface
+from voxflat.surfaces.surface import Surface
 
 __all__ = ["source_of", "surface_of"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from voxflat.atlases.certified import FlatAtlas, patches
-from voxflat.atlases.glued import GluedAtlas
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import patches
 from voxflat.atlases.layout import PACKINGS
 from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
@@ -16,6 +16,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.maps.texture import TEXTURED_ENDINGS
 
 
 @click.command(
@@ -108,8 +109,6 @@ def command(
 
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
-    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
-
     check_output(output, (".npz", *TEXTURED_ENDINGS), (surface_, volume))
     is_textured = output.suffix.lower() != ".npz"
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)
@@ -154,13 +153,13 @@ def _save_textured(
     elif volume is not None:
         textured = page.textured(page.image(volume, pixel_size, depth=depth))
     else:
-        textured = page.textured(page.numbers(pixel_size))
+        textured = page.textured(page.label_image(pixel_size))
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
     textured.save(output)
 
 
-def _draw(atlas: FlatAtlas | GluedAtlas, page: Path | None, picture: Path | None, packing: str) -> None:
+def _draw(atlas: Atlas, page: Path | None, picture: Path | None, packing: str) -> None:
     from voxflat import figures  # brings in matplotlib
 
     if page is not None:

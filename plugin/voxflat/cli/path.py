@@ -14,7 +14,7 @@ from voxflat.cli.input import source_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.distances.path import path
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path
 
 
 @click.command(

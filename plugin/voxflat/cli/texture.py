@@ -10,6 +10,7 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
 from voxflat.maps.flat_map import load
+from voxflat.maps.texture import TEXTURED_ENDINGS
 
 
 @click.command(
@@ -41,8 +42,6 @@ def command(map_: Path, picture: Path, output: Path, texel_size: float | None, r
     MAP is a file that voxflat flatten made; PICTURE is laid over it in its proportions, centred, and by it onto the
     surface. For .ply triangles are split where colours at their corners could not carry the picture.
     """
-    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
-
     check_output(output, TEXTURED_ENDINGS, (map_, picture))
     textured = load(map_).textured(picture, texel_size, repeat=repeat)
     if output.suffix.lower() == ".ply":

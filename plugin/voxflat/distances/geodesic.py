@@ -10,24 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import (
-    Progress,
-    amount,
-    check_memory,
-    checked_seed,
-    checked_threads,
-    choose_sources,
-    log,
-    prepare,
-    sources_on,
-)
+from voxflat.arguments import Progress, amount, check_memory, checked_seed, checked_threads, log, refuse, workers
 from voxflat.distances.rows import DistanceRows, open_rows
+from voxflat.distances.sources import choose_sources
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
+from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
-from voxflat.surfaces.surface import surface as _surface
+from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.voxel_graph import VoxelGraph, voxel_graph
 
-LANDMARKS = 400  # more change no map that we measured
 SOLVERS = ("graph", "marching", "exact")
 
 __all__ = ["geodesic"]
@@ -87,33 +79,27 @@ seed, threads, memory_limit, progress
     seed, threads = checked_seed(seed), checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
+    over_triangles: dict[str, Any] = {"drop": drop, "polygon": polygon, "cuts": cuts}
+    part: Surface | VoxelGraph
     if geodesic == "chain":
-        refuse(geodesic, drop=drop, polygon=polygon, cuts=cuts)
-        prepared = prepare(
-            surface,
-            **place,
-            **patch,
-            link_lengths=link_lengths or "chain-code",
-            memory_limit=memory_limit,
-            progress=progress,
+        refuse(geodesic, **over_triangles)
+        part = voxel_graph(
+            surface, **place, **patch, link_lengths=link_lengths, memory_limit=memory_limit, progress=progress
         )
-        voxels = prepared.part
-        chosen = choose_sources(prepared, sources, sampling, seed, progress, fewest=1)
-        what = {"geodesic": geodesic, "link_lengths": prepared.metadata["link_lengths"]}
-        return _rows(voxels, voxels.voxels.astype(np.int64), chosen, what, store, threads, memory_limit, progress)
-    if geodesic not in SOLVERS:
+        what = {"geodesic": geodesic, "link_lengths": part.metadata["link_lengths"]}
+    elif geodesic in SOLVERS:
+        refuse(geodesic, link_lengths=link_lengths)
+        whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
+        part = cut_out(whole, **patch, **over_triangles, progress=progress, to_disk=False).part
+        what = {"geodesic": geodesic}
+    else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
-    refuse(geodesic, link_lengths=link_lengths)
-    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-    patch |= {"drop": drop, "polygon": polygon, "cuts": cuts}
-    part = cut_out(whole, **patch, progress=progress, to_disk=False).part
-    chosen = sources_on(part, sources, sampling, seed, progress, fewest=1, usual=LANDMARKS)
-    return _rows(part.core, part.ids, chosen, {"geodesic": geodesic}, store, threads, memory_limit, progress)
+    chosen = choose_sources(part, sources, sampling, seed, progress, fewest=1)
+    return _rows(part, chosen, what, store, threads, memory_limit, progress)
 
 
 def _rows(
-    core: _core.Surface | _core.VoxelSurface,
-    ids: NDArray[np.int64],
+    part: Surface | VoxelGraph,
     chosen: NDArray[np.uint32],
     what: dict[str, Any],
     store: str | os.PathLike[str] | None,
@@ -122,16 +108,16 @@ def _rows(
     progress: Progress | None,
 ) -> DistanceRows:
     """Compute rows in memory, or in a store."""
-    few = "take fewer sources or a smaller patch"
+    core, few = part.core, "take fewer sources or a smaller patch"
     if store is None:
         check_memory(4 * len(chosen) * len(core), memory_limit, few + ", or give a store")
         named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
-        return DistanceRows(rows, ids, core.points, chosen.astype(np.int64))
-    need = _core.store_memory_need(len(core), len(chosen), threads or os.cpu_count() or 1)
+        return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
+    need = _core.store_memory_need(len(core), len(chosen), workers(threads))
     check_memory(need, memory_limit, "take fewer threads")
     log.info("up to %s of memory are needed for rows in the making", amount(need))
-    prepared = prepare_store(store, core, ids, chosen, **what, progress=progress)
+    prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
     return stored_rows(prepared, core, chosen, threads, progress)
 
 
@@ -146,10 +132,3 @@ def stored_rows(
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": store.geodesic}
     store.tell(core.store_rows(*store.key, chosen, **named, threads=threads, progress=progress))
     return open_rows(store.path)
-
-
-def refuse(method: str, **options: object) -> None:
-    """Refuse options that a method, or a kind of distances, does not know."""
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(f"{name} is given, but the method {method!r} knows no {name}; leave it out")

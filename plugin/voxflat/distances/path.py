@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import prepare, voxel_indices
+from voxflat.arguments import voxel_indices
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import surface as _surface
+from voxflat.surfaces.making import surface as _surface
+from voxflat.surfaces.voxel_graph import voxel_graph
 
 __all__ = ["Path", "path"]
 
@@ -76,9 +77,7 @@ def path(
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     stops = [a, b, *further]
     if geodesic == "chain":
-        core: Any = prepare(
-            surface, **place, link_lengths=link_lengths or "chain-code", memory_limit=memory_limit
-        ).whole
+        core: Any = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit).whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find = core.voxels, core.path
     elif geodesic in ("graph", "marching", "exact", "edges"):

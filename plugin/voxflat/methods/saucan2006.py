@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import _core
 from voxflat.arguments import Progress
 from voxflat.atlases.certified import patches
 from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.common import How, map_over_triangles
+from voxflat.surfaces.region import Cutout
 from voxflat.surfaces.surface import Surface
 
-BOUND = 1.5
+__all__ = ["checked", "flatten"]
+
+_REFERENCES = 200  # random points from which a map is judged, as the core does
 _ANGLE = 10.0  # of the patches, degrees, as in the paper's first figures
 
 
-def checked_bound(bound: float | None) -> float:
-    """Return the bound on C, or its default."""
-    bound = BOUND if bound is None else bound
+def checked(bound: float) -> dict[str, float]:
+    """Return the bound on C, if it can be used."""
     if not (isinstance(bound, Real) and not isinstance(bound, bool) and 1 < bound <= 10):
         raise InputError(f"bound is {bound!r}; give a number above 1, up to 10: how much lengths may change at most")
-    return float(bound)
+    return {"bound": float(bound)}
 
 
-def glued_whole(
+def _glued_whole(
     part: Surface, bound: float, threads: int | None, progress: Progress | None
 ) -> tuple[Surface, NDArray[np.float64], dict[str, Any]]:
     """Flatten a surface in patches, and glue them to one piece.
@@ -64,7 +70,27 @@ def glued_whole(
         )
     opened = part.with_core(part.core.cut(glued.cuts.tolist())) if len(glued.cuts) else part
     uv = np.empty((len(opened), 2))
-    uv[opened.faces] = glued.uv[glued.corners]
-    assert np.array_equal(uv[opened.faces], glued.uv[glued.corners]), "the surface is cut where the piece is"
+    uv[opened.faces] = glued.uv[glued.uv_faces]
+    assert np.array_equal(uv[opened.faces], glued.uv[glued.uv_faces]), "the surface is cut where the piece is"
     figures = glued.figures()
     return opened, uv, {name: figures[name] for name in ("patches", "seams", "before", "measured")}
+
+
+def flatten(cut: Cutout, how: How, *, bound: float) -> FlatMap:
+    """Flatten a disk in patches that are glued to one piece."""
+    part, uv, told = _glued_whole(cut.part, bound, how.threads, how.progress)
+    referred = _core.reference_sources(len(part), _REFERENCES, how.seed)
+    judged = part.core.judge([uv], referred, "graph", 4 * _REFERENCES * len(part), how.seed, how.threads, how.progress)
+    result = {
+        "uv": uv,
+        "normals": part.core.normals,
+        "sources": np.empty(0, dtype=np.uint32),
+        "eigenvalues": np.empty(0),
+        "planarity": None,
+        "distortion": judged[0],
+    }
+    faces = part.faces[: len(cut.faces)]  # holes that were closed come last
+    cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
+    seams = told["seams"]
+    doubts = [f"{seams['cuts']:.0f} mm of seams between patches stay cut"] if seams["cuts"] > 0 else []
+    return map_over_triangles("saucan2006", cut, how, result, 0, None, {"bound": bound, **told}, doubts)

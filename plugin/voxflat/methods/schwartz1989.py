@@ -1,55 +1,34 @@
-"""What only the method "schwartz1989" knows: neighbourhoods and random starts (Schwartz, Shaw, Wolfson 1989)."""
+"""The method "schwartz1989": exact distances, and from random starts Newton steps to the least of Sammon's stress.
+
+Schwartz, Shaw, Wolfson (1989): distances within a neighbourhood of each point are kept, and those from some sources.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from voxflat.arguments import Progress
+from voxflat.distances.sources import choose_sources
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import Surface
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.common import How, map_over_triangles
+from voxflat.methods.options import default
+from voxflat.surfaces.region import Cutout
 
-__all__ = ["Mapmaker", "doubts"]
+__all__ = ["checked", "flatten"]
 
-_STARTS = 3  # as in the paper
 _SAME_STRESS = 1.01  # starts that end in the same map differ by a smaller factor,
 _NO_STRESS = 1e-9  # or by less than this: distances are right to 0.003 %
 _MOST = 2**31  # more than any surface has
 
 
-@dataclass(frozen=True)
-class Mapmaker:
-    """Which distances are kept, and from how many random starts descent begins.
-
-    Parameters
-    ----------
-    neighbourhood : int, "all" or None
-        Rings; None for as many as hold a tenth of the points.
-    starts : int
-        Random starts.
-    """
-
-    neighbourhood: int | str | None
-    starts: int
-
-    @classmethod
-    def checked(cls, neighbourhood: object, starts: object) -> Mapmaker:
-        """Return the options if they can be used."""
-        rings: int | str | None = None
-        if isinstance(neighbourhood, str) and neighbourhood == "all":
-            rings = "all"
-        elif neighbourhood is not None:
-            rings = _whole(neighbourhood, "the neighbourhood", "a number of rings, 1 or more, or 'all'")
-        wanted = "a number of random starts, 1 or more"
-        return cls(rings, _STARTS if starts is None else _whole(starts, "starts", wanted))
-
-    def rings(self, part: Surface, progress: Progress | None) -> int | None:
-        """Return the rings of a neighbourhood; None for all pairs."""
-        if isinstance(self.neighbourhood, str):
-            return None
-        return self.neighbourhood or part.core.schwartz1989_rings(progress)
+def checked(neighbourhood: object, starts: object) -> dict[str, Any]:
+    """Return the neighbourhood (rings, "all", or None) and the number of random starts, if they can be used."""
+    if neighbourhood is not None and neighbourhood != "all":
+        neighbourhood = _whole(neighbourhood, "the neighbourhood", "a number of rings, 1 or more, or 'all'")
+    return {"neighbourhood": neighbourhood, "starts": _whole(starts, "starts", "a number of random starts, 1 or more")}
 
 
 def _whole(value: object, name: str, wanted: str) -> int:
@@ -58,7 +37,7 @@ def _whole(value: object, name: str, wanted: str) -> int:
     return int(value)
 
 
-def doubts(stresses: Sequence[float]) -> list[str]:
+def _doubts(stresses: Sequence[float]) -> list[str]:
     """Return what the user should know of the stresses that random starts ended with."""
     least, *others = sorted(stresses)
     if not others or others[0] <= _SAME_STRESS * least + _NO_STRESS:
@@ -67,3 +46,34 @@ def doubts(stresses: Sequence[float]) -> list[str]:
         f"the least stress of {len(stresses)} random starts, {least:.3g}, was reached by one of them only (then "
         f"{others[0]:.3g}): a better map may exist; give more starts, more sources or a larger neighbourhood"
     ]
+
+
+def flatten(cut: Cutout, how: How, *, neighbourhood: int | str | None, starts: int) -> FlatMap:
+    """Flatten a disk of triangles."""
+    part = cut.part
+    if isinstance(how.sources, int | np.integer) and how.sources == 0:
+        if how.keep_rows:
+            raise InputError("sources is 0, so there are no rows to keep; give sources, or leave out keep_rows")
+        chosen = np.empty(0, dtype=np.uint32)
+    else:
+        usual = default("sources", "schwartz1989")
+        chosen = choose_sources(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
+    rings: int | None = None  # all pairs
+    if not isinstance(neighbourhood, str):
+        rings = neighbourhood or part.core.schwartz1989_rings(how.progress)
+    need = part.core.schwartz1989_memory_need(rings, len(chosen), how.workers, how.progress)
+    kept = "among all" if rings is None else f"within {rings} rings of each"
+    remedy = "give a smaller neighbourhood or patch, or take the method 'voxflat'"
+    need = how.check_memory(need, len(chosen), len(part), f"distances {kept} of {len(part)} points are kept: {remedy}")
+    result = part.core.schwartz1989(rings, chosen, starts, how.seed, how.threads, how.progress)
+    if np.isnan(result["planarity"]):
+        result["planarity"] = None  # there were no sources
+    rows = part.core.rows(chosen, "exact", how.threads, how.progress) if how.keep_rows else None
+    energies, converged = result["convergence"]
+    told: dict[str, Any] = {
+        "neighbourhood": rings or "all",
+        "pairs": result["pairs"],
+        "starts": result["stresses"],
+        "descent": {"converged": converged, "energies": energies},
+    }
+    return map_over_triangles("schwartz1989", cut, how, result, need, rows, told, _doubts(result["stresses"]))

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from voxflat import _core
-from voxflat.arguments import Progress, check_scalar
+from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
 from voxflat.io.volumes import Volume, as_volume
-from voxflat.surfaces.foreground import foreground, labels_in
+from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
+from voxflat.surfaces.making import surface as _surface
+from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.region import Cutout, cut_out
-from voxflat.surfaces.surface import Surface, as_mesh, surface
+from voxflat.surfaces.surface import Surface
 
 __all__ = ["Check", "check"]
 
@@ -48,7 +50,7 @@ class Check:
     split_vertices : int or None
         Vertices that were added because a voxel carries several sheets.
     components : tuple of int
-        Numbers of vertices of the surface's components, largest first.
+        Numbers of vertices of the surface's components, the one of the largest area first.
     used : int or None
         Number of vertices of the part that would be flattened.
     euler_characteristic : int or None
@@ -202,12 +204,8 @@ progress
             foreground(volume.data)
         except InputError as error:
             return _and(found, advice=(str(error),))
-    whole = _made(volume, **place, memory_limit=memory_limit, progress=progress)
+    whole = _surface(volume, **place, memory_limit=memory_limit, progress=progress)
     return _check_surface(whole, found, patch, progress, volume)
-
-
-def _made(source: object, **options: Any) -> Surface:
-    return surface(source, **options)
 
 
 def _and(found: Check, **values: Any) -> Check:
@@ -240,7 +238,7 @@ def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], progre
     defects = _core.defects(mesh.points, mesh.faces)
     found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
     try:
-        whole = _made(mesh, **place)
+        whole = _surface(mesh, **place)
     except InputError as error:
         return _and(found, advice=(*mesh.remarks, str(error)))
     return _check_surface(whole, found, patch, progress)

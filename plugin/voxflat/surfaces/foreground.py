@@ -2,15 +2,110 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import check_memory, checked_number
 from voxflat.errors import InputError
+from voxflat.io.volumes import Volume, as_volume
 
 _SHOWN = 20  # labels named in a message
 _WIDEST = 2**16  # range of integers that are counted one by one
+_BYTES_PER_VOXEL = 12  # mask, its copy, and the grids of vertices and of cavities
+
+
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """A volume and which of its voxels are foreground.
+
+    Parameters
+    ----------
+    volume : Volume
+        What was given.
+    mask : ndarray of bool, shape (I, J, K)
+        Its foreground.
+    metadata : dict
+        What was given, and how the foreground was chosen.
+    """
+
+    volume: Volume
+    mask: NDArray[np.bool_]
+    metadata: dict[str, Any]
+
+
+def foreground_of(
+    source: object,
+    *,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    memory_limit: int | None = None,
+) -> Foreground:
+    """Take whatever holds voxels, check it, and choose its foreground: where every way from a volume begins.
+
+    Parameters
+    ----------
+    source, label, threshold, spacing, affine, memory_limit
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Foreground
+
+    Raises
+    ------
+    InputError
+        If it is no volume of one value a voxel, its foreground is ambiguous or empty, or there is not enough memory.
+    """
+    threshold = checked_number(threshold, "threshold")
+    if label is not None and not isinstance(label, Integral):
+        raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
+    volume = as_volume(source, spacing=spacing, affine=affine)
+    check_scalar(volume)
+    check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
+    mask = foreground(volume.data, label=label, threshold=threshold)
+    metadata = {
+        "kind": "voxels",
+        "input": None if volume.path is None else str(volume.path),
+        "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
+        "shape": [int(n) for n in volume.data.shape],
+        "affine": volume.affine.tolist(),
+        "label": None if label is None else int(label),
+        "threshold": threshold,
+        "foreground": int(np.count_nonzero(mask)),
+    }
+    return Foreground(volume, mask, metadata)
+
+
+def check_scalar(volume: Volume) -> None:
+    """Refuse what has not one value a voxel."""
+    if volume.data.ndim != 3:
+        raise InputError(f"the volume has shape {volume.data.shape}: colours have no label; give one value a voxel")
+    if volume.data.size == 0:
+        raise InputError(f"the volume has shape {volume.data.shape}: it holds no voxel")
+
+
+def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
+    """Return a mask of what to keep that lies on a volume's grid."""
+    mask = as_volume(keep)
+    if mask.data.shape != volume.data.shape:
+        raise InputError(
+            f"the mask to keep has shape {mask.data.shape}, the volume {volume.data.shape}; they must agree"
+        )
+    if mask.is_placed and not np.allclose(mask.affine, volume.affine, atol=1e-3 * volume.spacing.min()):
+        raise InputError("the mask to keep lies elsewhere than the volume (their affines differ); resample it first")
+    if np.isnan(mask.data).any():
+        raise InputError("the mask to keep has NaN; write 0 where nothing is kept and 1 elsewhere")
+    if not mask.data.any():
+        raise InputError("the mask to keep is empty: every voxel is 0")
+    return np.asarray(mask.data != 0)
 
 
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:

@@ -5,22 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, keep_mask
+from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.meshes import Patch, holds_mesh, is_patch, read_patch, read_region
+from voxflat.io.freesurfer import Patch, is_patch, read_patch
+from voxflat.io.meshes import holds_mesh
+from voxflat.io.overlays import read_region
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
+from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
-from voxflat.surfaces.surface import Surface, as_mesh
+from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.seed import check_disk, found_seed
+from voxflat.surfaces.surface import Surface
 
-_STRAY_SHARE = 0.05  # of a patch's triangles, that may lie in stray pieces
-_FAR_SEED = 2.0  # voxels between a seed point and the surface that need no remark
+_STRAY_SHARE = 0.05  # of a patch's area, that may lie in stray pieces
 
 
 @dataclass(frozen=True)
@@ -63,11 +66,7 @@ def cut_out(
     -------
     Cutout
     """
-    if (seed_point is None) != (radius is None):
-        given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
-        raise InputError(f"{given} is given without {missing}; give both or neither")
-    if radius is not None and not isinstance(radius, Real):
-        raise InputError(f"the radius is {radius!r}; give a number")
+    radius = check_disk(seed_point, radius)
     if polygon is not None and seed_point is not None:
         raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
     check_relax(relax)
@@ -82,7 +81,7 @@ def cut_out(
         seed, told = _seed(part, seed_point)
         seed_id = part.ids[seed].tolist()
         remarks += told
-        core, filled = part.core.disk(seed, float(radius), progress)
+        core, filled = part.core.disk(seed, radius, progress)
         part = part.with_core(core)
         if filled:
             remarks.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
@@ -108,7 +107,7 @@ def cut_out(
         "drop": drop is not None,
         "seed_point": None if seed_point is None else np.asarray(seed_point).tolist(),
         "seed_found": seed_id,
-        "radius": None if radius is None else float(radius),
+        "radius": radius,
         "polygon": None if polygon is None else np.asarray(polygon).tolist(),
         "cuts": cut_paths,
         "automatic_cuts": automatic,
@@ -226,27 +225,21 @@ def _seed(part: Surface, seed_point: Sequence[int] | int) -> tuple[int, list[str
     vertex, distance = part.nearest(place.tolist())
     voxel = part.ids[vertex].tolist()
     size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    if distance <= _FAR_SEED * size:
-        return vertex, []
-    return vertex, [
-        f"the seed point {place.tolist()} is {distance:.1f} mm away from the surface; "
-        f"its nearest voxel {voxel} is taken"
-    ]
+    return vertex, found_seed(place.tolist(), voxel, distance, size)
 
 
 def _one_piece(part: Surface, is_chosen: bool) -> tuple[Surface, list[str]]:
-    """Return the largest piece, if that is what the user can have meant."""
-    pieces = part.core.topology()["components"]
-    if len(pieces) == 1:
+    """Return the piece with the largest area, if that is what the user can have meant."""
+    areas = [piece["area"] for piece in part.core.topology()["components"]]
+    if len(areas) == 1:
         return part, []
-    sizes = [piece["faces"] for piece in pieces]
-    rest = 1 - sizes[0] / sum(sizes)
-    if is_chosen and rest > _STRAY_SHARE:
-        shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
+    share = areas[0] / sum(areas)
+    if is_chosen and 1 - share > _STRAY_SHARE:
+        shown = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
-            f"the patch falls into {len(sizes)} pieces that do not touch (of {shown} triangles): keep one piece, or "
+            f"the patch falls into {len(areas)} pieces that do not touch (of {shown} mm²): keep one piece, or "
             "give a seed point and a radius"
         )
     what = "the patch" if is_chosen else "the surface"
-    remark = f"{what} has {len(sizes)} components: the largest, {100 * (1 - rest):.1f} % of its triangles, is used"
+    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
     return part.with_core(part.core.largest_piece()), [remark]

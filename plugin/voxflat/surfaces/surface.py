@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Integral, Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import BYTES_PER_VOXEL, Progress, check_memory, check_scalar
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, Patch, is_mesh_name, read_mesh, suspicious_units, write_mesh
-from voxflat.io.volumes import Volume, as_volume
-from voxflat.surfaces.foreground import foreground
+from voxflat.io.freesurfer import Patch
+from voxflat.io.meshes import Mesh, write_mesh
 
-__all__ = ["Surface", "as_mesh", "surface"]
-
-_SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
+__all__ = ["Surface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,13 +188,13 @@ class Surface:
         InputError
             If it names vertices that the surface does not have.
         """
-        if len(patch.vertices) and patch.vertices.max() >= self.count:
+        if len(patch.vertex_ids) and patch.vertex_ids.max() >= self.count:
             raise InputError(
-                f"the patch names vertex {patch.vertices.max()}, but the surface has {self.count} vertices: is it of "
+                f"the patch names vertex {patch.vertex_ids.max()}, but the surface has {self.count} vertices: is it of "
                 "this one?"
             )
         place = np.zeros(self.count, dtype=np.int8)  # 1 inside, 2 on the border
-        place[patch.vertices] = np.where(patch.border, 2, 1)
+        place[patch.vertex_ids] = np.where(patch.border, 2, 1)
         corners = place[self.vertices[self.faces]]
         return np.asarray((corners > 0).all(axis=1) & (corners == 1).any(axis=1))
 
@@ -265,296 +258,3 @@ def _row_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
 
 def _key(item: Any) -> Any:
     return tuple(item) if isinstance(item, list) else item
-
-
-def surface(
-    source: object,
-    *,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    probability: object | None = None,
-    sheet: bool | None = None,
-    pial: object | None = None,
-    repair: bool | str = False,
-    memory_limit: int | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> Surface:
-    """Make a surface of a label volume or of a mesh.
-
-    The surface of a volume has a vertex for each surface voxel and side: surfels, the faces between foreground and
-    background voxels, are glued along their edges, so that thin blades keep two sides and touching banks stay apart,
-    and drawn together voxel by voxel. No iso-surface is made: every vertex is a voxel, placed finer than the grid.
-
-    Parameters
-    ----------
-    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
-        A label or intensity volume (I, J, K), or a mesh of triangles in RAS+ mm.
-    label, threshold, spacing, affine
-        What of a volume is foreground, and where it lies: as in `flatten`.
-    probability : ndarray, path, image object or Volume, optional
-        An image of the volume's shape whose value is `threshold`, or 0.5, on the surface: points are placed there. By
-        default they are placed by the volume itself where `threshold` is given and its values change smoothly, and else
-        by a fit to the voxels.
-    sheet : bool, optional
-        Whether the foreground is a sheet one voxel thick, of which one surface is made instead of two sides. By default
-        this is recognised.
-    pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
-    repair : {False, True, "voxels", "cuts"}
-        Make the surface of a volume a sphere: by the fewest voxels taken away or added that leave no handle
-        ("voxels" or True), or by cutting handles open ("cuts", also for meshes).
-    memory_limit : int, optional
-        Bytes that may be used; by default what is free.
-    threads : int, optional
-        By default one a core.
-    progress : callable, optional
-        As in `flatten`.
-
-    Returns
-    -------
-    Surface
-
-    Raises
-    ------
-    InputError
-        If the input is no surface; the message names the place and the remedy.
-    Cancelled
-        If `progress` returned False.
-    """
-    if repair not in (False, True, "voxels", "cuts"):
-        raise InputError(f"repair is {repair!r}; give False, True, 'voxels' or 'cuts'")
-    if isinstance(source, Surface):
-        made = source
-        _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
-        _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair or None)
-    elif (mesh := as_mesh(source)) is not None:
-        _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
-        _refuse_options("a mesh", probability=probability, sheet=sheet)
-        if repair in (True, "voxels"):
-            raise InputError(f"repair is {repair!r}, but a mesh has no voxels; give 'cuts'")
-        made = _of_mesh(mesh, pial)
-    else:
-        _refuse_options("a volume", pial=pial)
-        volume = as_volume(source, spacing=spacing, affine=affine)
-        made = _of_volume(volume, label, threshold, probability, sheet, repair, memory_limit, threads, progress)
-    return _cut_handles(made, progress) if repair == "cuts" else made
-
-
-def _refuse_options(what: str, **options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(f"{name} is given, but the input is {what}, for which it means nothing; leave it out")
-
-
-# ------------------------------------------------------------------------------------------ from meshes
-
-
-def as_mesh(source: object) -> Mesh | None:
-    """Take what is a mesh as a `Mesh`; None for everything else.
-
-    Parameters
-    ----------
-    source : object
-        A path, (points, faces), a Mesh or a pyvista.PolyData.
-
-    Returns
-    -------
-    Mesh or None
-
-    Raises
-    ------
-    InputError
-        If it is a mesh, but a damaged one.
-    """
-    if isinstance(source, Mesh):
-        return source
-    if isinstance(source, str | os.PathLike):
-        return read_mesh(source) if is_mesh_name(Path(source)) else None
-    if isinstance(source, tuple) and len(source) == 2:
-        points, faces = (np.asarray(part) for part in source)
-        return Mesh(points, faces)
-    if type(source).__name__ == "PolyData" and hasattr(source, "regular_faces"):
-        return _of_polydata(source)
-    return None
-
-
-def _of_polydata(mesh: Any) -> Mesh:
-    if mesh.n_lines:  # which triangulate() leaves where all faces are triangles already
-        raise InputError(
-            f"the PolyData has {mesh.n_lines} lines; triangulate it and remove them: mesh = mesh.triangulate(); "
-            "mesh.SetLines(None)"
-        )
-    if not mesh.is_all_triangles:
-        raise InputError("the PolyData has faces that are no triangles, or none; triangulate it: mesh.triangulate()")
-    return Mesh(np.asarray(mesh.points), np.asarray(mesh.regular_faces))
-
-
-def _of_mesh(mesh: Mesh, pial: object | None) -> Surface:
-    core, turned, unused = _core.Surface.from_triangles(mesh.points, mesh.faces)
-    remarks = list(mesh.remarks)
-    if turned:
-        remarks.append(f"{turned} of {len(mesh.faces)} triangles were turned over, so that all face outside")
-    if unused:
-        remarks.append(f"{unused} of {len(mesh.points)} vertices belong to no triangle and are left out")
-    suspicion = suspicious_units(mesh.points)
-    if suspicion and suspicion not in remarks:
-        remarks.append(f"the surface {suspicion}")
-    measured_on = "the given surface"
-    thickness = None
-    if pial is not None:
-        other = as_mesh(pial)
-        if other is None:
-            raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
-        if len(other.points) != len(mesh.points):
-            raise InputError(
-                f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
-                "one subject and correspond vertex by vertex"
-            )
-        thickness = np.linalg.norm(other.points - mesh.points, axis=1)
-        core = core.moved((mesh.points[core.ids] + other.points[core.ids]) / 2)
-        measured_on = "midthickness: halfway to the pial surface"
-    digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
-    metadata = {
-        "kind": "mesh",
-        "input": None if mesh.path is None else str(mesh.path),
-        "input_sha256": digest.hexdigest(),
-        "vertices": len(mesh.points),
-        "structure": mesh.structure,
-        "measured_on": measured_on,
-    }
-    return Surface(core, None, metadata, tuple(remarks), thickness)
-
-
-# ------------------------------------------------------------------------------------------ from volumes
-
-
-def _of_volume(
-    volume: Volume,
-    label: int | None,
-    threshold: float | None,
-    probability: object | None,
-    sheet: bool | None,
-    repair: bool | str,
-    memory_limit: int | None,
-    threads: int | None,
-    progress: Progress | None,
-) -> Surface:
-    if threshold is not None and not isinstance(threshold, Real):
-        raise InputError(f"the threshold is {threshold!r}; give a number")
-    if label is not None and not isinstance(label, Integral):
-        raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
-    check_scalar(volume)
-    check_memory(BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
-    mask = foreground(volume.data, label=label, threshold=threshold)
-    digest = hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest()
-    level, placed_by = _level(volume, mask, threshold, probability)
-    metadata: dict[str, Any] = {
-        "kind": "voxels",
-        "input": None if volume.path is None else str(volume.path),
-        "input_sha256": digest,
-        "shape": [int(n) for n in volume.data.shape],
-        "affine": volume.affine.tolist(),
-        "label": None if label is None else int(label),
-        "threshold": None if threshold is None else float(threshold),
-        "foreground": int(np.count_nonzero(mask)),
-    }
-    remarks: list[str] = []
-    if repair in (True, "voxels"):
-        mask, metadata["repair"], remarks = _repaired(mask, volume, level, progress)
-    core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
-    metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
-    metadata["sheet"] = metadata.pop("kind") == "sheet"
-    metadata["kind"] = "voxels"
-    if metadata["conflicts"]:
-        remarks.append(
-            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or "
-            "has one side only, like a Möbius strip"
-        )
-    if not metadata["sheet"] and (touched := _touched_sides(mask)):
-        remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")
-    return Surface(core, voxels.astype(np.int64), metadata, tuple(remarks))
-
-
-def _touched_sides(mask: NDArray[np.bool_]) -> str:
-    """Name the sides of the volume that the foreground touches."""
-    sides = [
-        f"{'first' if end == 0 else 'last'} layer of axis {axis}"
-        for axis in range(3)
-        for end in (0, -1)
-        if mask.take(end, axis).any()
-    ]
-    return ", ".join(sides)
-
-
-def _level(
-    volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
-) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
-    """Return the image and the value that it has on the surface, and how to call that."""
-    if probability is not None:
-        image = as_volume(probability)
-        if image.data.shape != mask.shape:
-            raise InputError(
-                f"the probability image has shape {image.data.shape}, the volume {mask.shape}; resample it"
-            )
-        if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
-            raise InputError("the probability image lies elsewhere than the volume (their affines differ); resample it")
-        values = image.data.astype(np.float32)
-        if not np.isfinite(values).all():
-            raise InputError("the probability image has values that are not finite; replace them by 0")
-        level = 0.5 if threshold is None else float(threshold)
-        return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
-    if threshold is None or volume.data.dtype.kind != "f":
-        return None, "a fit to the voxels"
-    # a mask stored as numbers has its level halfway between any two voxels, which says nothing
-    values = volume.data.astype(np.float32)
-    border = np.zeros_like(mask)
-    for axis in range(3):
-        low, high = np.moveaxis(mask, axis, 0)[:-1], np.moveaxis(mask, axis, 0)[1:]
-        np.moveaxis(border, axis, 0)[:-1] |= low != high
-        np.moveaxis(border, axis, 0)[1:] |= low != high
-    at_border = values[border]
-    least, most = values.min(), values.max()
-    between = np.mean((at_border > least) & (at_border < most)) if len(at_border) else 0.0
-    if between < _SHARE_BETWEEN:
-        return None, "a fit to the voxels"
-    return (values, float(threshold)), f"the level {float(threshold):g} of the volume"
-
-
-def _repaired(
-    mask: NDArray[np.bool_],
-    volume: Volume,
-    level: tuple[NDArray[np.float32], float] | None,
-    progress: Progress | None,
-) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
-    """Make the foreground's surface a sphere; with what was done."""
-    likely = None
-    if level is not None and level[0].min() >= 0 and level[0].max() <= 1:
-        likely = level[0]
-    repaired, report = _core.repair(mask, volume.spacing.tolist(), likely, progress)
-    told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
-    removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
-    remarks: list[str] = []
-    if removed or added:
-        share = 100 * (removed + added) / np.count_nonzero(mask)
-        remarks.append(
-            f"{report['handles']} handle(s) were repaired: {removed} voxels removed, {added} added ({share:.2f} %)"
-        )
-    if others:
-        remarks.append(
-            f"{len(report['dropped'])} voxels of smaller components were removed, {len(report['cavities'])} voxels of "
-            "enclosed cavities added"
-        )
-    return repaired, told, remarks
-
-
-def _cut_handles(whole: Surface, progress: Progress | None) -> Surface:
-    core, handles = whole.core.cut_handles(progress)
-    if not handles:
-        return whole
-    lengths = [handle["length"] for handle in handles]
-    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
-    metadata = {**whole.metadata, "handles_cut": handles}
-    return Surface(core, whole.voxels, metadata, (*whole.remarks, remark))

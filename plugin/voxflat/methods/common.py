@@ -1,0 +1,119 @@
+"""What the methods share: how to flatten, and the map with what the user should know of it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, amount, check_memory, log, workers
+from voxflat.distortion.distortion import Distortion
+from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.region import Cutout
+
+__all__ = ["How", "map_over_triangles", "told"]
+
+_NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
+
+
+@dataclass(frozen=True)
+class How:
+    """How to flatten, whatever the method."""
+
+    sources: int | ArrayLike | None
+    sampling: str
+    seed: int
+    keep_rows: bool
+    store: str | os.PathLike[str] | None
+    threads: int | None
+    memory_limit: int | None
+    progress: Progress | None
+
+    @property
+    def workers(self) -> int:
+        """How many threads work."""
+        return workers(self.threads)
+
+    def check_memory(
+        self, need: int, sources: int, points: int, remedy: str = "take a smaller patch or fewer sources"
+    ) -> int:
+        """Return the memory needed in all, if it is there."""
+        if self.store is not None:
+            need += _core.store_memory_need(points, sources, self.workers)
+        elif self.keep_rows:
+            need += 4 * sources * points
+        check_memory(need, self.memory_limit, remedy)
+        log.info("up to %s of memory are needed", amount(need))
+        return need
+
+
+def map_over_triangles(
+    method: str,
+    cut: Cutout,
+    how: How,
+    result: dict[str, Any],
+    need: int,
+    rows: NDArray[np.float32] | None,
+    more: dict[str, Any],
+    doubts: Sequence[str] = (),
+) -> FlatMap:
+    """Return the map of a surface of triangles, with what the user should know of it."""
+    part, chosen = cut.part, result["sources"]
+    warnings = [*cut.remarks, *doubts]
+    of_triangles = part.core.measure(result["uv"], how.progress)
+    distortion = Distortion.of(result["distortion"], of_triangles, "graph", voxel_size=part.voxel_size)
+    if not more.get("descent", {"converged": True})["converged"]:
+        steps = len(more["descent"]["energies"])
+        warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
+    error = distortion.best_scale.relative_error
+    if error > _NO_GOOD_MAP:
+        warnings.append(
+            f"distances in the map are {100 * error:.0f} % wrong on average, at any scale: as it is, this surface has "
+            "no good map; relax=True cuts it where that helps, or give cuts, or a smaller patch"
+        )
+    if distortion.triangles is not None and distortion.triangles.crossings:
+        warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
+    elif distortion.triangles is not None and distortion.triangles.covering and not distortion.triangles.flipped:
+        warnings.append(f"the map lies on itself: {distortion.triangles.covering} triangles cover another one")
+    if distortion.triangles is not None and distortion.triangles.flipped:
+        warnings.append(
+            f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
+        )
+    return FlatMap(
+        uv=result["uv"],
+        points=part.points,
+        normals=result["normals"],
+        ids=part.ids,
+        faces=cut.faces,
+        torn=np.zeros(len(cut.faces), dtype=np.bool_),
+        sources=chosen.astype(np.int64),
+        eigenvalues=result["eigenvalues"],
+        distortion=distortion,
+        metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
+        rows=rows,
+    )
+
+
+def told(how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str]) -> dict[str, Any]:
+    """Log what the user should know of a map, and return what its metadata say of how it was made."""
+    for warning in warnings:
+        log.warning(warning)
+    return {
+        "seed": how.seed,
+        "sources": len(chosen),
+        "sampling": how.sampling if how.sources is None or isinstance(how.sources, int | np.integer) else "given",
+        "planarity": result["planarity"],
+        "warnings": warnings,
+        "memory_need_bytes": need,
+        "versions": {
+            "voxflat": _core.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }

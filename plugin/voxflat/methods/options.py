@@ -1,0 +1,107 @@
+"""Which options the methods of `voxflat.flatten` take, and what they are where they are not given.
+
+The command line, the docstrings and napari's form take methods and defaults from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from string import Template
+from typing import Any, TypeVar
+
+from voxflat.arguments import refuse
+from voxflat.errors import InputError
+
+__all__ = ["METHODS", "OPTIONS", "default", "resolved", "telling_defaults"]
+
+METHODS = {
+    "voxflat": "over the triangles of a surface",
+    "grossmann2002": "over a volume's surface voxels",
+    "zigelman2002": "by fast marching",
+    "schwartz1989": "by exact distances from random starts",
+    "saucan2006": "glued of certified patches",
+}
+"""The methods, and what each is."""
+
+_OVER_TRIANGLES = ("voxflat", "zigelman2002", "schwartz1989", "saucan2006")
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "drop": dict.fromkeys(_OVER_TRIANGLES),
+    "polygon": dict.fromkeys(_OVER_TRIANGLES),
+    "cuts": dict.fromkeys(_OVER_TRIANGLES),
+    # None: as long as it pays, of what was closed like a sphere; gluing cuts where it must
+    "relax": {**dict.fromkeys(_OVER_TRIANGLES), "saucan2006": False},
+    # voxflat: more change no map that was measured; the papers': 1,000; 25 x 25; fewer than 50 leave starts in a fold
+    "sources": {"voxflat": 400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50},
+    "sampling": {
+        "voxflat": "farthest",
+        "grossmann2002": "farthest",
+        "zigelman2002": "decimation",
+        "schwartz1989": "farthest",
+    },
+    "geodesic": {"voxflat": "graph"},
+    "weighting": {"voxflat": 0.5},
+    "link_lengths": {"grossmann2002": "chain-code"},
+    # None: as many rings as hold a tenth of the points
+    "neighbourhood": {"schwartz1989": None},
+    "starts": {"schwartz1989": 3},  # as in the paper
+    "bound": {"saucan2006": 1.5},
+    "keep_rows": dict.fromkeys(("voxflat", "grossmann2002", "zigelman2002", "schwartz1989"), False),
+    "store": dict.fromkeys(("voxflat", "grossmann2002")),
+}
+"""Of each option that not every method takes: the methods that do, with its default for each."""
+
+
+def default(option: str, method: str) -> Any:
+    """Return what an option is for a method where it is not given."""
+    return OPTIONS[option][method]
+
+
+def resolved(method: object, **given: Any) -> dict[str, Any]:
+    """Return the options of a method, with its defaults for what is not given.
+
+    Parameters
+    ----------
+    method : str
+        One of `METHODS`.
+    **given
+        By the names in `OPTIONS`; None is not given, nor is what is switched off (False).
+
+    Returns
+    -------
+    dict
+        The options that the method takes.
+
+    Raises
+    ------
+    InputError
+        If there is no such method, or it knows no option that is given.
+    """
+    if not isinstance(method, str) or method not in METHODS:
+        *others, last = map(repr, METHODS)
+        raise InputError(f"method is {method!r}; give {', '.join(others)} or {last}")
+    refuse(
+        method,
+        **{
+            name: value or None if value is False else value
+            for name, value in given.items()
+            if method not in OPTIONS[name]
+        },
+    )
+    return {
+        name: OPTIONS[name][method] if value is None else value
+        for name, value in given.items()
+        if method in OPTIONS[name]
+    }
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def telling_defaults(function: _Function) -> _Function:
+    """Write the defaults into a docstring: ``$option``, or ``$option_method`` where they differ."""
+    told = {f"{option}_{method}": value for option, of in OPTIONS.items() for method, value in of.items()}
+    told |= {option: next(iter(of.values())) for option, of in OPTIONS.items()}
+    if function.__doc__ is not None:  # not under python -OO
+        function.__doc__ = Template(function.__doc__).substitute(told)
+    return function

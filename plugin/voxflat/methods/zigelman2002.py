@@ -1,0 +1,43 @@
+"""The method "zigelman2002": fast marching, classical scaling, re-insertion (Zigelman, Kimmel, Kiryati 2002)."""
+
+from __future__ import annotations
+
+from voxflat.distances.sources import choose_sources, source_count
+from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.common import How, map_over_triangles
+from voxflat.methods.options import default
+from voxflat.surfaces.range_image import pixels_of
+from voxflat.surfaces.region import Cutout
+
+__all__ = ["SAMPLINGS", "checked", "flatten"]
+
+SAMPLINGS = ("decimation", "farthest", "curvature", "random", "grid")
+
+
+def checked() -> dict[str, object]:
+    """Return the options that this method alone knows: there are none."""
+    return {}
+
+
+def flatten(cut: Cutout, how: How) -> FlatMap:
+    """Flatten a disk of triangles, or a range image."""
+    part, usual = cut.part, default("sources", "zigelman2002")
+    if how.sampling not in SAMPLINGS:
+        raise InputError(f"sampling is {how.sampling!r}; give {', '.join(map(repr, SAMPLINGS[:-1]))} or 'grid'")
+    count = source_count(part, how.sources, fewest=3, usual=usual)
+    grid = vertices = None
+    if how.sampling == "grid":
+        if count is None:
+            raise InputError("sampling is 'grid', which chooses the sources itself; give their number, or leave it out")
+        grid = pixels_of(part)
+    elif count is None or how.sampling != "decimation":
+        vertices = choose_sources(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
+        count = len(vertices)
+    need = how.check_memory(part.core.zigelman2002_memory_need(count, how.workers), count, len(part))
+    result = part.core.zigelman2002(count, how.seed, vertices, grid, "circle", how.threads, how.progress)
+    rows = None
+    if how.keep_rows:
+        rows = part.core.rows(result["sources"], "marching", how.threads, how.progress)
+    placed_by = "re-insertion" if grid is None else "bilinear functions between a grid's pixels"
+    return map_over_triangles("zigelman2002", cut, how, result, need, rows, {"placed_by": placed_by})

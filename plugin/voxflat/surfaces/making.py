@@ -1,0 +1,110 @@
+"""The one way to a surface, from whatever the user hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.surfaces.foreground import foreground_of
+from voxflat.surfaces.of_mesh import as_mesh, of_mesh
+from voxflat.surfaces.of_volume import of_volume
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["surface"]
+
+
+def surface(
+    source: object,
+    *,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    probability: object | None = None,
+    sheet: bool | None = None,
+    pial: object | None = None,
+    repair: bool | str = False,
+    memory_limit: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Surface:
+    """Make a surface of a label volume or of a mesh.
+
+    The surface of a volume has a vertex for each surface voxel and side: surfels, the faces between foreground and
+    background voxels, are glued along their edges, so that thin blades keep two sides and touching banks stay apart,
+    and drawn together voxel by voxel. No iso-surface is made: every vertex is a voxel, placed finer than the grid.
+
+    Parameters
+    ----------
+    source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
+        A label or intensity volume (I, J, K), or a mesh of triangles in RAS+ mm.
+    label, threshold, spacing, affine
+        What of a volume is foreground, and where it lies: as in `flatten`.
+    probability : ndarray, path, image object or Volume, optional
+        An image of the volume's shape whose value is `threshold`, or 0.5, on the surface: points are placed there. By
+        default they are placed by the volume itself where `threshold` is given and its values change smoothly, and else
+        by a fit to the voxels.
+    sheet : bool, optional
+        Whether the foreground is a sheet one voxel thick, of which one surface is made instead of two sides. By default
+        this is recognised.
+    pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
+        Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
+    repair : {False, True, "voxels", "cuts"}
+        Make the surface of a volume a sphere: by the fewest voxels taken away or added that leave no handle
+        ("voxels" or True), or by cutting handles open ("cuts", also for meshes).
+    memory_limit : int, optional
+        Bytes that may be used; by default what is free.
+    threads : int, optional
+        By default one a core.
+    progress : callable, optional
+        As in `flatten`.
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    InputError
+        If the input is no surface; the message names the place and the remedy.
+    Cancelled
+        If `progress` returned False.
+    """
+    if repair not in (False, True, "voxels", "cuts"):
+        raise InputError(f"repair is {repair!r}; give False, True, 'voxels' or 'cuts'")
+    if isinstance(source, Surface):
+        made = source
+        _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
+        _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair or None)
+    elif (mesh := as_mesh(source)) is not None:
+        _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
+        _refuse_options("a mesh", probability=probability, sheet=sheet)
+        if repair in (True, "voxels"):
+            raise InputError(f"repair is {repair!r}, but a mesh has no voxels; give 'cuts'")
+        made = of_mesh(mesh, pial)
+    else:
+        _refuse_options("a volume", pial=pial)
+        given = foreground_of(
+            source, label=label, threshold=threshold, spacing=spacing, affine=affine, memory_limit=memory_limit
+        )
+        made = of_volume(given, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress)
+    return _cut_handles(made, progress) if repair == "cuts" else made
+
+
+def _refuse_options(what: str, **options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"{name} is given, but the input is {what}, for which it means nothing; leave it out")
+
+
+def _cut_handles(whole: Surface, progress: Progress | None) -> Surface:
+    core, handles = whole.core.cut_handles(progress)
+    if not handles:
+        return whole
+    lengths = [handle["length"] for handle in handles]
+    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
+    metadata = {**whole.metadata, "handles_cut": handles}
+    return Surface(core, whole.voxels, metadata, (*whole.remarks, remark))

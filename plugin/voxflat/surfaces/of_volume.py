@@ -1,0 +1,138 @@
+"""A surface of a volume: repaired where that is asked for, placed finer than the grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume, as_volume
+from voxflat.surfaces.foreground import Foreground
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["of_volume"]
+
+_SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
+
+
+def of_volume(
+    given: Foreground,
+    *,
+    probability: object | None = None,
+    sheet: bool | None = None,
+    repair: bool | str = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Surface:
+    """Make a surface of a volume's foreground.
+
+    Parameters
+    ----------
+    given : Foreground
+        The volume and which voxels are inside.
+    probability, sheet, repair, threads, progress
+        As in `voxflat.surface`.
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    InputError
+        If the probability image does not fit, or the foreground has no surface.
+    """
+    volume, mask = given.volume, given.mask
+    metadata = dict(given.metadata)
+    level, placed_by = _level(volume, mask, metadata["threshold"], probability)
+    remarks: list[str] = []
+    if repair in (True, "voxels"):
+        mask, metadata["repair"], remarks = _repaired(mask, volume, level, progress)
+    core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
+    metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
+    metadata["sheet"] = metadata.pop("kind") == "sheet"
+    metadata["kind"] = "voxels"
+    if metadata["conflicts"]:
+        remarks.append(
+            f"the sheet's sides do not agree at {metadata['conflicts']} pairs of voxels: it touches itself there, or "
+            "has one side only, like a Möbius strip"
+        )
+    if not metadata["sheet"] and (touched := _touched_sides(mask)):
+        remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")
+    return Surface(core, voxels.astype(np.int64), metadata, tuple(remarks))
+
+
+def _touched_sides(mask: NDArray[np.bool_]) -> str:
+    """Name the sides of the volume that the foreground touches."""
+    sides = [
+        f"{'first' if end == 0 else 'last'} layer of axis {axis}"
+        for axis in range(3)
+        for end in (0, -1)
+        if mask.take(end, axis).any()
+    ]
+    return ", ".join(sides)
+
+
+def _level(
+    volume: Volume, mask: NDArray[np.bool_], threshold: float | None, probability: object | None
+) -> tuple[tuple[NDArray[np.float32], float] | None, str]:
+    """Return the image and the value that it has on the surface, and how to call that."""
+    if probability is not None:
+        image = as_volume(probability)
+        if image.data.shape != mask.shape:
+            raise InputError(
+                f"the probability image has shape {image.data.shape}, the volume {mask.shape}; resample it"
+            )
+        if image.is_placed and volume.is_placed and not np.allclose(image.affine, volume.affine, atol=1e-3):
+            raise InputError("the probability image lies elsewhere than the volume (their affines differ); resample it")
+        values = image.data.astype(np.float32)
+        if not np.isfinite(values).all():
+            raise InputError("the probability image has values that are not finite; replace them by 0")
+        level = 0.5 if threshold is None else float(threshold)
+        return (values, level), f"the level {level:g} of {image.path.name if image.path else 'an image'}"
+    if threshold is None or volume.data.dtype.kind != "f":
+        return None, "a fit to the voxels"
+    # a mask stored as numbers has its level halfway between any two voxels, which says nothing
+    values = volume.data.astype(np.float32)
+    border = np.zeros_like(mask)
+    for axis in range(3):
+        low, high = np.moveaxis(mask, axis, 0)[:-1], np.moveaxis(mask, axis, 0)[1:]
+        np.moveaxis(border, axis, 0)[:-1] |= low != high
+        np.moveaxis(border, axis, 0)[1:] |= low != high
+    at_border = values[border]
+    least, most = values.min(), values.max()
+    between = np.mean((at_border > least) & (at_border < most)) if len(at_border) else 0.0
+    if between < _SHARE_BETWEEN:
+        return None, "a fit to the voxels"
+    return (values, float(threshold)), f"the level {float(threshold):g} of the volume"
+
+
+def _repaired(
+    mask: NDArray[np.bool_],
+    volume: Volume,
+    level: tuple[NDArray[np.float32], float] | None,
+    progress: Progress | None,
+) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
+    """Make the foreground's surface a sphere; with what was done."""
+    likely = None
+    if level is not None and level[0].min() >= 0 and level[0].max() <= 1:
+        likely = level[0]
+    repaired, report = _core.repair(mask, volume.spacing.tolist(), likely, progress)
+    told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
+    removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
+    remarks: list[str] = []
+    if removed or added:
+        share = 100 * (removed + added) / np.count_nonzero(mask)
+        remarks.append(
+            f"{report['handles']} handle(s) were repaired: {removed} voxels removed, {added} added ({share:.2f} %)"
+        )
+    if others:
+        remarks.append(
+            f"{len(report['dropped'])} voxels of smaller components were removed, {len(report['cavities'])} voxels of "
+            "enclosed cavities added"
+        )
+    return repaired, told, remarks

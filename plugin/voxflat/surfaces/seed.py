@@ -1,0 +1,44 @@
+"""Seed points: the middle of a geodesic disk, which users give near the surface rather than on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from voxflat.arguments import checked_number
+from voxflat.errors import InputError
+
+__all__ = ["check_disk", "found_seed"]
+
+_FAR = 2.0  # voxels between a seed point and the surface that need no remark
+
+
+def check_disk(seed_point: object, radius: float | None) -> float | None:
+    """Return the radius of a disk, which needs a seed point, and the other way round."""
+    if (seed_point is None) != (radius is None):
+        given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
+        raise InputError(f"{given} is given without {missing}; give both or neither")
+    return checked_number(radius, "radius")
+
+
+def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
+    """Return what the user should know of the surface voxel that stands for a seed point.
+
+    Parameters
+    ----------
+    seed_point, voxel : list of 3 ints
+        What was given, and the nearest voxel of the surface.
+    distance : float
+        Between their centres, mm.
+    voxel_size : float
+        The longest side of a voxel, mm.
+
+    Returns
+    -------
+    list of str
+        A remark if it lies farther away than two voxels.
+    """
+    if distance <= _FAR * voxel_size:
+        return []
+    return [
+        f"the seed point {seed_point} is {distance:.1f} mm away from the surface; its nearest voxel {voxel} is taken"
+    ]
