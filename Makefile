@@ -23,7 +23,7 @@ demo: setup ## flatten a hemisphere of human cortex into demo/
 test: setup ## all checks and tests
 	@$(TIMED) $(MAKE) --no-print-directory lint test-rust test-python
 
-lint: setup ## formats, lints, types, stubs, docs of the core
+lint: setup ## formats, lints, types, stubs, order of imports, docs of the core
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --quiet -p voxflat
@@ -31,6 +31,7 @@ lint: setup ## formats, lints, types, stubs, docs of the core
 	$(RUN) ruff format --check
 	$(RUN) mypy
 	$(RUN) python -m mypy.stubtest voxflat._core
+	$(RUN) lint-imports --no-cache
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
 test-rust: setup ## tests of the core
