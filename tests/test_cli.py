@@ -538,13 +538,13 @@ def read_terminal(terminal, until=None, seconds=120):
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes differ")
 def test_a_reader_that_leaves_early_is_no_error(shared):
-    with subprocess.Popen([PROGRAM, "check", shared / "surface.nii.gz"], stdout=-1, stderr=-1) as process:
+    with subprocess.Popen([PROGRAM, "check", shared / "surface.npy"], stdout=-1, stderr=-1) as process:
         process.stdout.close()
         assert process.stderr.read() == b""
 
 
 def test_python_m(shared):
-    command = [sys.executable, "-m", "voxflat.cli", "check", shared / "surface.nii.gz"]
+    command = [sys.executable, "-m", "voxflat.cli", "check", shared / "surface.npy"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0
     assert re.search(r"can be flattened +yes", result.stdout)
