@@ -28,7 +28,7 @@ test: setup ## all checks and tests
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow"
 
-lint: lint-rust lint-python ## formats, lints, types, stubs, docs of the core
+lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
 
 lint-rust: setup
 	cargo fmt --all --check
@@ -40,6 +40,7 @@ lint-python: setup
 	$(RUN) ruff format --check
 	$(RUN) mypy
 	$(RUN) python -m mypy.stubtest voxflat._core
+	$(RUN) lint-imports --no-cache
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
 test-rust: setup ## tests of the core

@@ -156,6 +156,21 @@ def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
     assert any("it was cut open along 1 path," in record.getMessage() for record in caplog.records)
 
 
+def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
+    coarse = np.array([10.0, 10.0, 1.0]) * grid(4)[0], grid(4)[1]  # 1,600 mm² in 32 triangles
+    fine = np.array([1.0, 1.0, 1.0]) * grid(20)[0] + [0.0, 0.0, 9.0], grid(20)[1]  # 400 mm² in 800
+    for first, second in ((coarse, fine), (fine, coarse)):
+        both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
+        flat = voxflat.flatten(both, sources=9)
+        assert len(flat) == len(coarse[0])
+        assert flat.metadata["warnings"][0] == "the surface has 2 components: the largest, 80.0 % of its area, is used"
+        found = voxflat.check(both)
+        assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))
+        # what is chosen may have little beside it
+        with pytest.raises(voxflat.InputError, match=r"2 pieces that do not touch \(of 1600, 400 mm²\)"):
+            voxflat.flatten(both, keep=np.ones(len(both[0]), bool))
+
+
 def test_metres_are_suspected():
     points, faces = grid()
     assert any("are they metres?" in remark for remark in voxflat.surface((points / 1000, faces)).remarks)

@@ -18,7 +18,7 @@ import voxflat
 from voxflat import cli
 from voxflat.cli import options as _options
 from voxflat.io.volumes import read_volume, write_volume
-from voxflat.maps import image_files as _picture
+from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 
 nib = pytest.importorskip("nibabel")
@@ -188,7 +188,7 @@ def test_quiet_says_nothing(shared, tmp_path):
 
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
-    result = program("flatten", shared / "surface.nii.gz", "-o", out, "--sources", "60", "--json")
+    result = program("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
     assert result.returncode == 0
     assert "of memory are needed" in result.stderr
     content = json.loads(result.stdout)
@@ -303,7 +303,7 @@ def test_png_of_labels_has_one_colour_each(shared, flat_map, tmp_path):
 
 
 def test_neighbouring_label_numbers_look_different():
-    colours = np.array([_picture._colour(label) for label in range(400)], dtype=float)
+    colours = label_colours(np.arange(400.0)[:, None])[:, 0, :3].astype(float)
     distances = np.linalg.norm(colours[:, None] - colours[None], axis=2) + 1e9 * np.eye(len(colours))
     assert distances.min() > 0
     near = np.abs(np.subtract.outer(np.arange(400), np.arange(400)))
@@ -312,11 +312,11 @@ def test_neighbouring_label_numbers_look_different():
 
 def test_whole_intensities_are_no_labels(shared):
     flat_map = voxflat.flatten(shared / "surface.nii.gz", method="grossmann2002", sources=60)
-    assert _picture.are_labels(flat_map.image(shared / "areas.nii.gz"))
-    assert not _picture.are_labels(flat_map.image(shared / "t1_whole.nii.gz"))
-    assert not _picture.are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1))  # many pixels a voxel
-    assert not _picture.are_labels(flat_map.image(shared / "t1.nii.gz"))
-    assert not _picture.are_labels(flat_map.image(shared / "colours.nii.gz"))
+    assert are_labels(flat_map.image(shared / "areas.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels a voxel
+    assert not are_labels(flat_map.image(shared / "t1.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "colours.nii.gz").data)
 
 
 @pytest.mark.parametrize("ending", [".png", ".tif", ".nii.gz", ".npy"])
@@ -363,15 +363,15 @@ def test_labels_never_change_silently(tmp_path):
     image = FlatImage(np.array([[1.0, 614454277.0], [np.nan, 2.0]]), 0.5, (0.0, 0.0), "Allen atlas")
     for ending in (".tif", ".nii.gz"):
         with pytest.raises(voxflat.InputError, match=r"614454277 are too large for float32.*use \.npy"):
-            _picture.write_image(image, tmp_path / f"atlas{ending}")
+            image.save(tmp_path / f"atlas{ending}")
     assert list(tmp_path.iterdir()) == []
-    _picture.write_image(image, tmp_path / "atlas.npy")
+    image.save(tmp_path / "atlas.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)
 
 
 def test_constant_and_partly_infinite_images_can_be_drawn(tmp_path):
     for data in (np.full((4, 4), 0.5), np.array([[0.5, np.inf], [np.nan, 1.5]]), np.full((4, 4), np.nan)):
-        _picture.write_image(FlatImage(data, 0.5, (0.0, 0.0), "volume"), tmp_path / "image.png")
+        FlatImage(data, 0.5, (0.0, 0.0), "volume").save(tmp_path / "image.png")
         alpha = np.asarray(Image.open(tmp_path / "image.png").convert("RGBA"))[..., 3]
         np.testing.assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
 
@@ -491,7 +491,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     import struct
     import termios
 
-    sheet = np.zeros((500, 500, 3), np.uint8)
+    sheet = np.zeros((300, 300, 3), np.uint8)
     sheet[:, :, 1] = 1
     np.save(tmp_path / "sheet.npy", sheet)
     terminal, stderr = pty.openpty()

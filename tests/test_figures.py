@@ -10,6 +10,7 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
+from voxflat.figures.space import load_pyvista
 from voxflat.io.volumes import Volume
 from voxflat.maps.raster import FlatImage
 
@@ -237,7 +238,7 @@ def _legend(axes):
 def scene():
     """Return the part of a picture left of its colour bar."""
     try:
-        figures._load_pyvista()
+        load_pyvista()
     except InputError as error:
         pytest.skip(str(error))
     return lambda picture: picture[:, : int(0.86 * picture.shape[1])].astype(int)

@@ -40,19 +40,19 @@ def glued(atlas):
 
 def check(atlas, glued):
     """Check what is promised by what is returned alone."""
-    flat = glued.uv[glued.corners]
+    flat = glued.uv[glued.uv_faces]
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
     most, least = singular_values(glued.points[glued.faces], flat).T
     assert np.maximum(most, 1 / least).max() <= glued.bound * (1 + 1e-9)
     np.testing.assert_allclose(glued.stretch, np.stack([most, least], axis=1), rtol=1e-6)
-    assert np.array_equal(glued.vertices[glued.corners], glued.faces)
-    assert np.array_equal(glued.patches, atlas.labels)
+    assert np.array_equal(glued.vertex_ids[glued.uv_faces], glued.faces)
+    assert np.array_equal(glued.patch_ids, atlas.piece_ids)
     for number, piece in enumerate(glued):
-        assert (glued.labels[piece.faces] == number).all()
-        assert np.array_equal(piece.vertices[piece.triangles], glued.faces[piece.faces])
-        whole = voxflat.surface((glued.points, glued.faces[piece.faces]))
-        assert len(whole.faces) == len(piece.faces)
+        assert (glued.piece_ids[piece.face_ids] == number).all()
+        assert np.array_equal(piece.vertex_ids[piece.faces], glued.faces[piece.face_ids])
+        whole = voxflat.surface((glued.points, glued.faces[piece.face_ids]))
+        assert len(whole.faces) == len(piece.face_ids)
     length = np.linalg.norm(np.diff(glued.points[glued.cuts], axis=1)[:, 0], axis=1).sum()
     assert length == pytest.approx(glued.seams.cuts, rel=1e-9, abs=1e-9)
     assert glued.seams.length == pytest.approx(glued.seams.closed + glued.seams.cuts)
@@ -64,8 +64,8 @@ class TestGlue:
         assert isinstance(glued, GluedAtlas)
         assert len(glued) < len(atlas) / 10
         assert glued.seams.closed_share > 0.9
-        assert glued.certified == atlas.certificate.c
-        assert glued.before == pytest.approx(atlas.figures()["measured"]["c"])
+        assert glued.certified_before == atlas.certificate.c
+        assert glued.measured_before == pytest.approx(atlas.figures()["measured"]["c"])
 
     @pytest.mark.parametrize(
         "place",
@@ -110,7 +110,7 @@ class TestGlue:
         for threads in (1, 3):
             other = atlas.glue(1.1, threads=threads)
             assert np.array_equal(glued.uv, other.uv)
-            assert np.array_equal(glued.corners, other.corners)
+            assert np.array_equal(glued.uv_faces, other.uv_faces)
 
     @pytest.mark.parametrize(
         ("bound", "message"),
@@ -186,7 +186,7 @@ class TestGluedAtlas:
 
     def test_the_outline_is_where_pieces_end(self, glued):
         places = glued.uv[glued.outline]
-        boundary = np.linalg.norm(np.diff(glued.points[glued.vertices[glued.outline]], axis=1)[:, 0], axis=1).sum()
+        boundary = np.linalg.norm(np.diff(glued.points[glued.vertex_ids[glued.outline]], axis=1)[:, 0], axis=1).sum()
         edges = np.sort(np.stack([glued.faces, np.roll(glued.faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
         ends, uses = np.unique(edges, axis=0, return_counts=True)
         rim = np.linalg.norm(np.diff(glued.points[ends[uses == 1]], axis=1)[:, 0], axis=1).sum()
@@ -195,7 +195,7 @@ class TestGluedAtlas:
 
     def test_pieces_have_a_page_without_overlap(self, glued, tmp_path):
         places = glued.layout()
-        a, b, c = np.moveaxis(places[glued.corners], 1, 0)
+        a, b, c = np.moveaxis(places[glued.uv_faces], 1, 0)
         drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
         np.testing.assert_allclose(drawn, glued.areal * _areas(glued), rtol=1e-6)
         figures.save(figures.atlas_page(glued), tmp_path / "page.png")
@@ -245,7 +245,7 @@ class TestOneMap:
         flat = voxflat.flatten(mesh, method="saucan2006", bound=1.3)
         glued = voxflat.patches(mesh, 10).glue(1.3)
         assert len(glued) == 1
-        np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.corners])
+        np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.uv_faces])
         np.testing.assert_array_equal(flat.points[flat.faces], glued.points[glued.faces])
         assert flat.distortion.triangles.flipped == flat.distortion.triangles.covering == 0
         assert flat.metadata["method"] == "saucan2006"

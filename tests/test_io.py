@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io import readers as _readers
-from voxflat.io.volumes import Volume, as_volume, atomic_path, check_affine, read_volume, write_volume
+from voxflat.io.files import atomic_path
+from voxflat.io.grid import check_affine
+from voxflat.io.volumes import Volume, as_volume, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")

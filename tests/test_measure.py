@@ -322,7 +322,7 @@ class TestComparison:
         compared = voxflat.compare(mesh, {"all": uv, "part": (uv_mesh(uv), part), "cut": cut}, sources=30)
         assert [compared[name].sources for name in compared.maps] == [30, 30, 30]
         assert [len(compared[name].per_point) for name in compared.maps] == [169, 120, 169 + 4]
-        assert len(compared.maps["cut"].vertices) == len(np.unique(compared.maps["cut"].vertices)) + 4
+        assert len(compared.maps["cut"].vertex_ids) == len(np.unique(compared.maps["cut"].vertex_ids)) + 4
 
     def test_no_vertex_in_common(self):
         mesh, uv = bump()

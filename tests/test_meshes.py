@@ -17,15 +17,8 @@ from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, gifti, grid, needs_wo
 
 from voxflat.errors import InputError
 from voxflat.io import gifti as _gifti
-from voxflat.io.meshes import (
-    Mesh,
-    holds_mesh,
-    read_mesh,
-    read_overlay,
-    read_region,
-    suspicious_units,
-    write_mesh,
-)
+from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, suspicious_units, write_mesh
+from voxflat.io.overlays import read_overlay, read_region
 
 
 @st.composite

@@ -27,7 +27,7 @@ def limit(widget, name, value):
 
 def same_atlas(layer, expected):
     atlas = layer.metadata["voxflat"]
-    for name in ("points", "faces", "labels", "uv", "stretch"):
+    for name in ("points", "faces", "piece_ids", "uv", "stretch"):
         assert_array_equal(getattr(atlas, name), getattr(expected, name))
 
 
@@ -55,7 +55,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     assert heat.contrast_limits[0] == 1
     assert f"{len(expected)} patches" in widget.status.text()
     assert "C ≤ 1.4663" in widget.status.text()
-    assert_array_equal(surface.faces, expected.corners)
+    assert_array_equal(surface.faces, expected.uv_faces)
     assert_allclose(surface.vertices[surface.faces], points[expected.faces], atol=1e-9)
 
 
@@ -67,9 +67,9 @@ def test_colours_of_patches_are_the_same_on_page_and_surface(open_widget, qtbot)
     surface, patches = viewer.layers["ball in patches"], viewer.layers["ball patches"]
     atlas = surface.metadata["voxflat"]
     assert len(atlas) <= 40
-    shown = np.round(255 * np.asarray(surface.vertex_colors)).astype(int)[atlas.corners]
+    shown = np.round(255 * np.asarray(surface.vertex_colors)).astype(int)[atlas.uv_faces]
     assert (shown == shown[:, :1]).all()
-    triangles = atlas.page().triangles()
+    triangles = atlas.page().face_ids()
     inside = triangles >= 0
     assert_array_equal(patches.data[inside][:, :3], shown[triangles[inside], 0, :3])
     assert (patches.data[~inside][:, 3] == 0).all()

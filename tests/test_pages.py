@@ -44,12 +44,12 @@ def packing(request):
 
 def overlaps(page):
     """Triangles that lie on others, by the core's exact predicates over all triangles of the page."""
-    of = page.pieces
+    of = page.atlas
     points = np.empty((len(of.uv), 3))
-    points[of.corners] = of.points[of.faces]
-    core = voxflat.surface((points, of.corners)).core
-    uv = np.empty_like(page.places)
-    uv[np.arange(len(uv))] = page.places[core.ids]
+    points[of.uv_faces] = of.points[of.faces]
+    core = voxflat.surface((points, of.uv_faces)).core
+    uv = np.empty_like(page.uv)
+    uv[np.arange(len(uv))] = page.uv[core.ids]
     return core.measure(uv)
 
 
@@ -57,12 +57,12 @@ class TestPage:
     @pytest.mark.parametrize("gap", [0.0, 0.7, None])
     def test_boxes_keep_their_gap(self, atlas, gap):
         page = atlas.page(gap)
-        parts = np.split(page.places, atlas.starts[1:-1])
+        parts = np.split(page.uv, atlas.starts[1:-1])
         low, high = (np.array([getattr(part, side)(axis=0) for part in parts]) for side in ("min", "max"))
         apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=2)
         np.fill_diagonal(apart, np.inf)
         assert apart.min() >= page.gap - 1e-9
-        assert_allclose(page.places.min(axis=0), 0, atol=1e-12)
+        assert_allclose(page.uv.min(axis=0), 0, atol=1e-12)
 
     def test_a_piece_lies_in_its_smallest_rectangle(self, atlas):
         angles = np.radians(np.arange(0, 90, 0.25))
@@ -76,18 +76,16 @@ class TestPage:
         found = overlaps(page)
         assert found["crossings"] == found["covering"] == 0
         assert not found["is_flipped"].any()
-        together = overlaps(type(page)(atlas, page.places * 0 + atlas.uv, 0.0))  # the check can fail
+        together = overlaps(type(page)(atlas, page.uv * 0 + atlas.uv, 0.0))  # the check can fail
         assert together["crossings"] > 0
 
     def test_pieces_are_moved_rigidly(self, atlas, packing):
         page = atlas.page(packing=packing)
-        for one, two in zip(
-            np.split(atlas.uv, atlas.starts[1:-1]), np.split(page.places, atlas.starts[1:-1]), strict=True
-        ):
+        for one, two in zip(np.split(atlas.uv, atlas.starts[1:-1]), np.split(page.uv, atlas.starts[1:-1]), strict=True):
             assert_allclose(np.linalg.norm(one - one[0], axis=1), np.linalg.norm(two - two[0], axis=1), atol=1e-9)
         area = 0.5 * np.abs(np.linalg.det(page.corners[:, 1:] - page.corners[:, :1])).sum()
-        assert page.use == pytest.approx(area / np.ptp(page.places, axis=0).prod())
-        assert 0.3 < page.use < 1
+        assert page.used_share == pytest.approx(area / np.ptp(page.uv, axis=0).prod())
+        assert 0.3 < page.used_share < 1
 
     def test_wrong_arguments_are_named(self, atlas, monkeypatch):
         for gap in (-1, np.nan, np.inf):
@@ -140,7 +138,7 @@ class TestImages:
 
     def test_triangles_of_pixels_are_those_that_lie_there(self, atlas):
         page = atlas.page()
-        triangles, raster = page.triangles(0.5), page.raster(0.5)
+        triangles, raster = page.face_ids(0.5), page.raster(0.5)
         rows, columns = np.nonzero(triangles >= 0)
         places = np.stack([raster.origin[0] + 0.5 * columns, raster.origin[1] - 0.5 * rows], axis=1)
         a, b, c = (page.corners[triangles[rows, columns], k] - places for k in range(3))
@@ -154,7 +152,7 @@ class TestImages:
             heat = atlas.heat_map(0.5, of=of)
             assert_array_equal(np.isfinite(heat.data), triangles >= 0)
             assert_array_equal(heat.data[rows, columns], values[triangles[rows, columns]])
-        assert_array_equal(page.numbers(0.5).data[rows, columns], 1 + atlas.labels[triangles[rows, columns]])
+        assert_array_equal(page.label_image(0.5).data[rows, columns], 1 + atlas.piece_ids[triangles[rows, columns]])
 
     def test_the_images_cover_the_pieces_area(self, atlas):
         inside = np.isfinite(atlas.heat_map(0.25).data).sum() * 0.25**2
@@ -168,17 +166,17 @@ class TestLookUp:
         triangles, weights = rng.integers(0, len(atlas.faces), (50, 40)), rng.dirichlet([1, 1, 1], (50, 40))
         places = np.einsum("...c,...cx->...x", weights, atlas.page().corners[triangles])
         found = atlas.page().look_up(places)
-        assert_array_equal(found.triangles, triangles)
-        assert_array_equal(found.pieces, atlas.labels[triangles])
+        assert_array_equal(found.face_ids, triangles)
+        assert_array_equal(found.piece_ids, atlas.piece_ids[triangles])
         assert_allclose(found.weights, weights, atol=1e-9)
         assert_allclose(found.points, np.einsum("...c,...cx->...x", weights, atlas.points[atlas.faces[triangles]]))
 
     def test_beside_the_pieces_there_is_nothing(self, atlas):
         page = atlas.page()
-        width, height = page.places.max(axis=0)
+        width, height = page.uv.max(axis=0)
         found = page.look_up([[-1, 1], [width + 1, height / 2], [np.nan, 1], [1, np.inf], [width / 2, -1e300]])
-        assert (found.triangles == -1).all()
-        assert (found.pieces == -1).all()
+        assert (found.face_ids == -1).all()
+        assert (found.piece_ids == -1).all()
         assert np.isnan(found.points).all()
         assert np.isnan(found.weights).all()
         assert page.look_up(np.empty((0, 2))).points.shape == (0, 3)
@@ -209,10 +207,10 @@ class TestLookUp:
         weights = rng.dirichlet([2, 2, 2], len(sheet.faces))
         places = np.einsum("fc,fcx->fx", weights, sheet.uv[sheet.faces])
         found = sheet.look_up(places)
-        known = ~sheet.torn[found.triangles]
+        known = ~sheet.torn[found.face_ids]
         assert known.any()
-        assert (found.pieces == 0).all()
-        assert_array_equal(found.triangles, np.arange(len(sheet.faces)))
+        assert (found.piece_ids == 0).all()
+        assert_array_equal(found.face_ids, np.arange(len(sheet.faces)))
         assert_allclose(found.points[known], np.einsum("fc,fcx->fx", weights, sheet.points[sheet.faces])[known])
 
 
@@ -246,7 +244,7 @@ class TestTextures:
             assert picture.size == page.raster().shape[::-1]
         again = voxflat.patches(torus(), 20).image(tmp_path / "atlas.obj")  # its own texture, read across the seams
         own = page.textured().picture
-        inside = page.triangles() >= 0
+        inside = page.face_ids() >= 0
         assert np.mean(np.abs(again.data[inside][:, :3].astype(int) - own[inside]).max(axis=1) < 8) > 0.9
 
     @pytest.mark.parametrize("ending", [".vtp", ".glb", ".ply"])
@@ -261,7 +259,7 @@ class TestTextures:
             assert [accessor["count"] for accessor in accessors] == [len(atlas.uv), len(atlas.uv), atlas.faces.size]
         else:
             read = meshes.read_mesh(path)
-            assert_array_equal(read.faces, atlas.corners)
+            assert_array_equal(read.faces, atlas.uv_faces)
             assert_allclose(read.points[read.faces], atlas.points[atlas.faces], rtol=1e-6)
 
     def test_colours_of_values(self, atlas):

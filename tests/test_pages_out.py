@@ -98,7 +98,7 @@ class TestPyVista:
         mesh.point_data["height"] = points[:, 2]
         page = mesh.voxflat.patches(max_angle=20)
         atlas = voxflat.patches((points, faces), 20)
-        assert_array_equal(mesh.cell_data["patch"], atlas.labels[order])
+        assert_array_equal(mesh.cell_data["patch"], atlas.piece_ids[order])
         assert_allclose(mesh.cell_data["isometric"], atlas.isometric[order], rtol=1e-9)
         assert page.n_cells == mesh.n_cells
         assert_array_equal(page.cell_data["patch"], mesh.cell_data["patch"])
@@ -117,9 +117,9 @@ class TestPyVista:
         mesh = pv.PolyData.from_regular_faces(*torus(20))
         page = mesh.voxflat.patches(max_angle=20, glue=1.6)
         glued = voxflat.patches(mesh, 20).glue(1.6)
-        assert_array_equal(page.cell_data["patch"], glued.patches)
-        assert_array_equal(page.cell_data["piece"], glued.labels)
-        assert_array_equal(mesh.cell_data["piece"], glued.labels)
+        assert_array_equal(page.cell_data["patch"], glued.patch_ids)
+        assert_array_equal(page.cell_data["piece"], glued.piece_ids)
+        assert_array_equal(mesh.cell_data["piece"], glued.piece_ids)
         assert page.n_points == len(glued.uv)
         assert page.cell_data["isometric"].max() <= 1.6
 

@@ -38,20 +38,20 @@ def singular_values(points, uv):
 def check(atlas):
     """Check what is promised of all patches by what is returned alone."""
     certificate = atlas.certificate
-    assert np.array_equal(np.sort(np.concatenate([patch.faces for patch in atlas])), np.arange(len(atlas.faces)))
+    assert np.array_equal(np.sort(np.concatenate([patch.face_ids for patch in atlas])), np.arange(len(atlas.faces)))
     for number, patch in enumerate(atlas):
-        assert (atlas.labels[patch.faces] == number).all()
-        assert np.array_equal(patch.vertices[patch.triangles], atlas.faces[patch.faces])
+        assert (atlas.piece_ids[patch.face_ids] == number).all()
+        assert np.array_equal(patch.vertex_ids[patch.faces], atlas.faces[patch.face_ids])
         plane = patch.plane
         frame = np.vstack([plane.axes, plane.normal])
         np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(frame) > 0
-        projected = (atlas.points[patch.vertices] - plane.origin) @ plane.axes.T
+        projected = (atlas.points[patch.vertex_ids] - plane.origin) @ plane.axes.T
         np.testing.assert_allclose(patch.uv, projected, atol=1e-9)
-        corners = patch.uv[patch.triangles]
+        corners = patch.uv[patch.faces]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
-        most, least = singular_values(atlas.points[atlas.faces[patch.faces]], corners).T
+        most, least = singular_values(atlas.points[atlas.faces[patch.face_ids]], corners).T
         assert np.maximum(most, 1 / least).max() == pytest.approx(patch.isometric, rel=1e-6)
         assert (most / least).max() == pytest.approx(patch.quasi_conformal, rel=1e-6)
         assert np.maximum(most, 1 / least).max() <= certificate.c * (1 + 1e-9)
@@ -114,16 +114,16 @@ class TestPatches:
         order, rows = rng.permutation(len(points)), rng.permutation(len(faces))
         number = np.argsort(order)
         other = voxflat.patches((points[order], np.roll(number[faces[rows]], 1, axis=1)), 10)
-        assert np.array_equal(atlas.labels[rows], other.labels)
+        assert np.array_equal(atlas.piece_ids[rows], other.piece_ids)
         for one, two in zip(atlas, other, strict=True):
-            mine = dict(zip(map(bytes, atlas.points[one.vertices]), one.uv.tolist(), strict=True))
-            theirs = dict(zip(map(bytes, other.points[two.vertices]), two.uv.tolist(), strict=True))
+            mine = dict(zip(map(bytes, atlas.points[one.vertex_ids]), one.uv.tolist(), strict=True))
+            theirs = dict(zip(map(bytes, other.points[two.vertex_ids]), two.uv.tolist(), strict=True))
             assert mine == theirs
 
     def test_the_number_of_threads_does_not_matter(self, torus, atlas):
         for threads in (1, 2, 5):
             other = voxflat.patches(torus, 10, threads=threads)
-            assert np.array_equal(atlas.labels, other.labels)
+            assert np.array_equal(atlas.piece_ids, other.piece_ids)
             assert np.array_equal(atlas.uv, other.uv)
 
     @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ class TestFlatAtlas:
         assert loaded.certificate == atlas.certificate
         assert loaded.metadata == atlas.metadata
         assert loaded.table() == atlas.table()
-        for name in ("points", "faces", "ids", "labels", "stretch", "uv", "planes", "measured"):
+        for name in ("points", "faces", "ids", "piece_ids", "stretch", "uv", "planes", "measured"):
             assert np.array_equal(getattr(loaded, name), getattr(atlas, name))
         check(loaded)
 

@@ -8,19 +8,9 @@ from hypothesis.extra import numpy as npst
 from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
 
 from voxflat.errors import InputError
-from voxflat.io.meshes import (
-    Mesh,
-    Patch,
-    holds_mesh,
-    patch_border,
-    patch_faces,
-    read_mesh,
-    read_overlay,
-    read_patch,
-    read_region,
-    write_mesh,
-    write_patch,
-)
+from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
+from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
+from voxflat.io.overlays import read_overlay, read_region
 
 # --------------------------------------------------------------------------------------- overlays
 
@@ -221,10 +211,10 @@ def test_patch_round_trip(tmp_path, patch):
     write_patch(path, patch)
     data = path.read_bytes()
     read = read_patch(path)
-    assert (read.vertices.dtype, read.points.dtype, read.border.dtype) == (np.int64, np.float64, np.bool_)
-    for one, other in [(read.vertices, patch.vertices), (read.points, patch.points), (read.border, patch.border)]:
+    assert (read.vertex_ids.dtype, read.points.dtype, read.border.dtype) == (np.int64, np.float64, np.bool_)
+    for one, other in [(read.vertex_ids, patch.vertex_ids), (read.points, patch.points), (read.border, patch.border)]:
         np.testing.assert_array_equal(one, other)
-    expected = [(v, b, tuple(p)) for v, b, p in zip(read.vertices, read.border, read.points.tolist(), strict=True)]
+    expected = [(v, b, tuple(p)) for v, b, p in zip(read.vertex_ids, read.border, read.points.tolist(), strict=True)]
     assert oracle(data) == expected
     write_patch(path, read)
     assert path.read_bytes() == data
@@ -307,7 +297,7 @@ def test_a_patch_of_fsaverage5(tmp_path):
     patch = read_patch(path)
     np.testing.assert_array_equal(read_region(path, 10242), read_region(fsaverage5("flat_left"), 10242))
     refuses(path, "names point 10241; the surface has the points 0 to 9999", read_region, 10000)
-    mesh = Mesh(patch.points, patch_faces(white.faces, patch.vertices, 10242))
+    mesh = Mesh(patch.points, patch_faces(white.faces, patch.vertex_ids, 10242))
     edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
     pairs, counts = np.unique(edges, axis=0, return_counts=True)
     assert set(np.unique(pairs[counts == 1])) <= set(np.flatnonzero(patch.border))

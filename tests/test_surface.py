@@ -14,7 +14,8 @@ from scipy.sparse.csgraph import dijkstra
 
 import voxflat
 from voxflat import cli
-from voxflat.io.meshes import Mesh, Patch, read_mesh, read_patch, write_mesh, write_patch
+from voxflat.io.freesurfer import Patch, read_patch, write_patch
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 
 pv = pytest.importorskip("pyvista")
 sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "benchmarks"))
@@ -434,8 +435,8 @@ class TestFiles:
     def test_patches(self, flat_map, tmp_path):
         flat_map.save(tmp_path / "lh.cortex.patch.flat")
         patch = read_patch(tmp_path / "lh.cortex.patch.flat")
-        np.testing.assert_array_equal(patch.vertices, np.sort(flat_map.ids))
-        write_patch(tmp_path / "again", Patch(patch.vertices, patch.points, patch.border))
+        np.testing.assert_array_equal(patch.vertex_ids, np.sort(flat_map.ids))
+        write_patch(tmp_path / "again", Patch(patch.vertex_ids, patch.points, patch.border))
         assert (tmp_path / "again").read_bytes() == (tmp_path / "lh.cortex.patch.flat").read_bytes()
 
     def test_a_patch_says_what_to_keep(self, white, flat_map, tmp_path):

@@ -412,7 +412,7 @@ class TestFiles:
 
         for name in ("face.obj", "face.mtl", "face.png"):
             (tmp_path / name).write_text("old")
-        monkeypatch.setattr("voxflat.maps.texture_files._png", fails)
+        monkeypatch.setattr("voxflat.maps.texture._png", fails)
         for name in ("face.obj", "face.vtp", "face.glb"):
             with pytest.raises(InputError, match=f"{name}: .*the disk is full"):
                 textured.save(tmp_path / name)

@@ -10,7 +10,8 @@ import potpourri3d
 from pygeodesic import geodesic as pygeodesic
 
 import voxflat
-from voxflat.io.meshes import Mesh, read_overlay, write_mesh
+from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.overlays import read_overlay
 
 OURS = ("exact", "marching", "graph")
 

@@ -191,7 +191,8 @@ def on_disk(points, faces):
 
 def autoflatten(job, options):
     """Return the map of the command `autoflatten flatten`, with its defaults."""
-    from voxflat.io.meshes import Mesh, Patch, patch_border, patch_faces, read_patch, write_mesh, write_patch
+    from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
+    from voxflat.io.meshes import Mesh, write_mesh
 
     command = Path(sys.executable).with_name("autoflatten")
     command = command if command.exists() else shutil.which("autoflatten")
@@ -211,8 +212,8 @@ def autoflatten(job, options):
             raise NoMapError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
         found = read_patch(flat)
     places = np.full((len(points), 2), np.nan)
-    places[found.vertices] = found.points[:, :2]
-    kept = patch_faces(faces, found.vertices, len(points))
+    places[found.vertex_ids] = found.points[:, :2]
+    kept = patch_faces(faces, found.vertex_ids, len(points))
     if len(kept) != len(faces):
         raise NoMapError(f"left out {len(faces) - len(kept)} triangles")
     return places, points, faces, {}

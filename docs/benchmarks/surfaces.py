@@ -19,7 +19,8 @@ import numpy as np
 
 import voxflat
 from voxflat import _core
-from voxflat.io.meshes import Mesh, read_mesh, read_overlay, write_mesh
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.overlays import read_overlay
 
 DISKS = 100
 RADIUS = 45.0

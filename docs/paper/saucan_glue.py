@@ -11,7 +11,6 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 import voxflat
-from voxflat.figures.atlases import _colours
 
 BOUND = 1.5
 SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
@@ -39,7 +38,7 @@ def gluing(colon):
             print(
                 f"{name:26}{text:>12}{len(atlas):10}{len(glued):10}{seams.length:10.0f}"
                 f"{100 * seams.closed_share:8.2f} %{seams.holonomy:7.0f} mm{seams.bound:7.0f} mm{seams.overlap:7.0f} mm"
-                f"{glued.before:10.4f}{of['measured']['c']:10.4f}{of['measured']['mean_c']:10.4f}{seconds:8.1f}",
+                f"{glued.measured_before:10.4f}{of['measured']['c']:10.4f}{of['measured']['mean_c']:10.4f}{seconds:8.1f}",
                 flush=True,
             )
 
@@ -80,7 +79,7 @@ def sheet(m, n, place):
 
 def naive(atlas):
     """Lay patches out rigidly along the spanning tree of longest shared boundaries; return triangles (F, 3, 2)."""
-    flat = atlas.uv[atlas.corners]
+    flat = atlas.uv[atlas.uv_faces]
     sides = defaultdict(list)
     for face, corners in enumerate(atlas.faces.tolist()):
         for k in range(3):
@@ -88,13 +87,13 @@ def naive(atlas):
             sides[min(a, b), max(a, b)].append((face, k))
     shared, beside = defaultdict(float), defaultdict(lambda: defaultdict(set))
     for (a, b), uses in sides.items():
-        if len(uses) == 2 and atlas.labels[uses[0][0]] != atlas.labels[uses[1][0]]:
-            p, q = (int(atlas.labels[face]) for face, _ in uses)
+        if len(uses) == 2 and atlas.piece_ids[uses[0][0]] != atlas.piece_ids[uses[1][0]]:
+            p, q = (int(atlas.piece_ids[face]) for face, _ in uses)
             shared[min(p, q), max(p, q)] += float(np.linalg.norm(atlas.points[a] - atlas.points[b]))
             beside[p][q] |= {a, b}
             beside[q][p] |= {a, b}
     place = {}
-    for label, vertices in enumerate(np.split(atlas.vertices, atlas.starts[1:-1])):
+    for label, vertices in enumerate(np.split(atlas.vertex_ids, atlas.starts[1:-1])):
         rows = atlas.uv[atlas.starts[label] : atlas.starts[label + 1]]
         place[label] = dict(zip(vertices.tolist(), rows, strict=True))
     motion = {}
@@ -117,7 +116,7 @@ def naive(atlas):
                     heapq.heappush(queue, (-shared[min(q, other), max(q, other)], q, other))
     turns = np.array([motion[label][0] for label in range(len(atlas))])
     shifts = np.array([motion[label][1] for label in range(len(atlas))])
-    return np.einsum("fij,fkj->fki", turns[atlas.labels], flat) + shifts[atlas.labels][:, None]
+    return np.einsum("fij,fkj->fki", turns[atlas.piece_ids], flat) + shifts[atlas.piece_ids][:, None]
 
 
 def rigid(points, to):
@@ -147,9 +146,9 @@ def picture(surface):
     """Draw patches that were laid out naively beside glued ones: all of them, and the middle of it larger."""
     atlas = voxflat.patches(surface, 10)
     glued = atlas.glue(BOUND)
-    ours, theirs = glued.uv[glued.corners], naive(atlas)
+    ours, theirs = glued.uv[glued.uv_faces], naive(atlas)
     # the same view: around a triangle in the middle of the largest piece
-    largest = glued.labels == 0
+    largest = glued.piece_ids == 0
     middles = ours.mean(axis=1)
     middle = int(np.argmin(np.where(largest, np.linalg.norm(middles - middles[largest].mean(axis=0), axis=1), np.inf)))
     near = largest & (np.linalg.norm(middles - middles[middle], axis=1) < 6)
@@ -158,8 +157,8 @@ def picture(surface):
     share = [covering(theirs), covering(ours[largest])]
     figure = Figure(figsize=(11.0, 11.2), layout="constrained")
     axes = figure.subplots(2, 2)
-    colours = _colours(len(atlas))[atlas.labels]
-    outline = glued.uv[glued.outline[np.isin(glued.outline[:, 0], np.unique(glued.corners[largest]))]]
+    colours = patch_colours(atlas) / 255
+    outline = glued.uv[glued.outline[np.isin(glued.outline[:, 0], np.unique(glued.uv_faces[largest]))]]
     shown = np.concatenate([ours[largest].reshape(-1, 2), theirs.reshape(-1, 2)])
     centre, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.52 * np.ptp(shown, axis=0).max()
     for row, (at, reach) in enumerate([(centre, half), (middles[middle], 0.5 * SEEN)]):

@@ -8,14 +8,15 @@ with bounds of the distortion that are proven.
 """
 
 from voxflat._core import __version__
-from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, patches
-from voxflat.atlases.glued import GluedAtlas, GluedPiece, Seams, load_atlas
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, load_atlas, patches
+from voxflat.atlases.glued import GluedAtlas, GluedPiece, Seams
 from voxflat.atlases.page import FlatPage
-from voxflat.atlases.pieces import FlatPieces
 from voxflat.distances.geodesic import geodesic
 from voxflat.distances.path import Path, path
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distortion.figures import Distortion, Figures, StandardErrors, Triangles
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures
 from voxflat.errors import Cancelled, InputError, VoxflatError
 from voxflat.judging.measure import Comparison, compare, measure
 from voxflat.maps.flat_map import FlatMap, load
@@ -29,6 +30,7 @@ from voxflat.surfaces.range_image import range_image
 from voxflat.surfaces.surface import Surface
 
 __all__ = [
+    "Atlas",
     "Cancelled",
     "Certificate",
     "Check",
@@ -42,7 +44,6 @@ __all__ = [
     "FlatMap",
     "FlatPage",
     "FlatPatch",
-    "FlatPieces",
     "GluedAtlas",
     "GluedPiece",
     "InputError",
@@ -53,7 +54,7 @@ __all__ = [
     "StandardErrors",
     "Surface",
     "TexturedSurface",
-    "Triangles",
+    "TriangleFigures",
     "VoxflatError",
     "__version__",
     "check",

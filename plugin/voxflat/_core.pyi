@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "KEPT_BYTES",
     "Surface",
+    "TriangleFinder",
     "VoxelSurface",
     "__version__",
     "chain_weights",
@@ -17,9 +19,11 @@ __all__ = [
     "reference_sources",
     "repair",
     "store_memory_need",
+    "vertex_normals",
 ]
 
 __version__: str
+KEPT_BYTES: int
 
 _Progress = Callable[[str, int, int], bool | None]
 
@@ -40,6 +44,12 @@ def repair(
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]: ...
 def reference_sources(points: int, count: int, seed: int) -> NDArray[np.uint32]: ...
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
+def vertex_normals(points: NDArray[np.float64], faces: NDArray[np.uint32]) -> NDArray[np.float64]: ...
+
+@final
+class TriangleFinder:
+    def __new__(cls, uv: NDArray[np.float64], faces: NDArray[np.uint32]) -> TriangleFinder: ...
+    def find(self, places: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]: ...
 
 @final
 class Surface:
@@ -157,6 +167,9 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[int, int]: ...
+    def error_of_links(
+        self, sources: NDArray[np.uint32], threads: int | None = None, progress: _Progress | None = None
+    ) -> float: ...
     def path(self, source: int, target: int) -> tuple[NDArray[np.uint32], float]: ...
     def exact_path(self, source: int, target: int) -> tuple[NDArray[np.float64], NDArray[np.int64], float]: ...
     def marching_path(self, source: int, target: int) -> tuple[NDArray[np.float64], NDArray[np.int64], float]: ...

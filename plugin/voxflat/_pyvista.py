@@ -17,13 +17,13 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import patches
-from voxflat.atlases.page import FIGURES
-from voxflat.atlases.pieces import FlatPieces
+from voxflat.atlases.pieces import FIGURES
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.texture import place
+from voxflat.maps.pictures import place
 from voxflat.methods.flatten import flatten
 
 __all__ = ["VoxflatAccessor", "to_page_polydata", "to_polydata", "to_surface_polydata"]
@@ -66,15 +66,15 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
     return _mesh(flat_map, flat_map.points, picture_shape)
 
 
-def to_page_polydata(pieces: FlatPieces, *, packing: str = "boxes") -> pv.PolyData:
+def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     """Return the page of an atlas as a mesh in the plane z = 0, in mm.
 
     Parameters
     ----------
-    pieces : FlatPieces
+    atlas : Atlas
         An atlas, such as `voxflat.patches` returns.
     packing : {"boxes", "shapes"}
-        As in `FlatPieces.page`.
+        As in `Atlas.page`.
 
     Returns
     -------
@@ -84,22 +84,20 @@ def to_page_polydata(pieces: FlatPieces, *, packing: str = "boxes") -> pv.PolyDa
         ``quasi_conformal`` (K) and ``areal``; point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm)
         and texture coordinates, by which an image of the page lies on it; field data ``voxflat``: the metadata.
     """
-    page = pieces.page(packing=packing)
-    corners: Any = pieces.corners
-    mesh: pv.PolyData = pv.PolyData.from_regular_faces(
-        np.column_stack([page.places, np.zeros(len(page.places))]), corners
-    )
-    _add_figures(mesh, pieces)
-    is_voxels = pieces.metadata["kind"] == "voxels"
-    mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = pieces.ids[pieces.vertices]
-    mesh.point_data["surface_points"] = pieces.points[pieces.vertices]
+    page = atlas.page(packing=packing)
+    corners: Any = atlas.uv_faces
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.column_stack([page.uv, np.zeros(len(page.uv))]), corners)
+    _add_figures(mesh, atlas)
+    is_voxels = atlas.metadata["kind"] == "voxels"
+    mesh.point_data["voxel_ids" if is_voxels else "vertex_ids"] = atlas.ids[atlas.vertex_ids]
+    mesh.point_data["surface_points"] = atlas.points[atlas.vertex_ids]
     mesh.active_texture_coordinates = page.texture_coordinates()
-    mesh.field_data["voxflat"] = [json.dumps(pieces.metadata)]
+    mesh.field_data["voxflat"] = [json.dumps(atlas.metadata)]
     mesh.set_active_scalars("patch", preference="cell")
     return mesh
 
 
-def _atlas(surface: Any, max_angle: float | None, glue: float | None, options: dict[str, Any]) -> FlatPieces:
+def _atlas(surface: Any, max_angle: float | None, glue: float | None, options: dict[str, Any]) -> Atlas:
     """Return the patches of a surface, glued if that is wanted."""
     atlas = patches(surface, max_angle, **options)
     if glue is None:
@@ -114,12 +112,12 @@ def _carry(mesh: pv.DataSet, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
             flat.point_data[name] = mesh.point_data[name][ids]
 
 
-def _add_figures(mesh: pv.PolyData, pieces: FlatPieces) -> None:
+def _add_figures(mesh: pv.PolyData, atlas: Atlas) -> None:
     """Add to each triangle which patch it belongs to, and how much it is distorted."""
-    mesh.cell_data["patch"] = pieces.coloured
-    mesh.cell_data["piece"] = pieces.labels
+    mesh.cell_data["patch"] = atlas.patch_ids
+    mesh.cell_data["piece"] = atlas.piece_ids
     for name in FIGURES:
-        mesh.cell_data[name] = getattr(pieces, name)
+        mesh.cell_data[name] = getattr(atlas, name)
 
 
 class VoxflatAccessor:
@@ -236,7 +234,7 @@ class VoxflatAccessor:
         glue : float, optional
             Glue the patches within this bound on C, as `FlatAtlas.glue` does.
         packing : {"boxes", "shapes"}
-            How the page is packed, as in `FlatPieces.page`.
+            How the page is packed, as in `Atlas.page`.
         **options
             ``bound``, ``count``, ``label``, ``threshold`` and all others as in `voxflat.patches`.
 

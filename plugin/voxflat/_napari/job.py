@@ -98,7 +98,7 @@ class PatchesJob:
     glue : float or None
         Within which bound on C the patches are glued, if they are, as in `FlatAtlas.glue`.
     pixel_size : float or None
-        As in `FlatPieces.image`, mm.
+        As in `Atlas.image`, mm.
     shown : Sampled, Overlay or None
         What the page shows.
     """

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from numbers import Integral, Real
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_seed, checked_threads, log
+from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
-from voxflat.atlases.pieces import FlatPieces, load_pieces, save_pieces
+from voxflat.atlases.pieces import Piece
 from voxflat.errors import InputError
 from voxflat.surfaces.making import surface as _surface
 
-__all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "patches"]
+__all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas", "patches"]
 
-_FORMAT = "voxflat atlas 2"
-_SHOWN = 12  # patches in a table
+_COLUMNS = (
+    ("patch", ">6"),
+    ("triangles", ">11"),
+    ("area, mm²", ">12.4g"),
+    ("degrees", ">9.2f"),
+    ("C", ">9.4f"),
+    ("K", ">9.4f"),
+)
 
 
 @dataclass(frozen=True)
@@ -63,19 +71,19 @@ class Plane:
     axes: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class FlatPatch:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class FlatPatch(Piece):
     """A part of a surface in its plane.
 
     Parameters
     ----------
-    faces : ndarray of int64, shape (G,)
+    face_ids : ndarray of int64, shape (G,)
         Its triangles, as rows of the atlas's `faces`.
-    vertices : ndarray of int64, shape (P,)
+    vertex_ids : ndarray of int64, shape (P,)
         Its vertices, as rows of the atlas's `points`.
     uv : ndarray, shape (P, 2)
         Their places in the plane, mm.
-    triangles : ndarray of int64, shape (G, 3)
+    faces : ndarray of int64, shape (G, 3)
         Its triangles, by rows of `uv`; counterclockwise.
     plane : Plane
         Onto which it is projected.
@@ -89,29 +97,19 @@ class FlatPatch:
         The greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
     """
 
-    faces: NDArray[np.int64]
-    vertices: NDArray[np.int64]
-    uv: NDArray[np.float64]
-    triangles: NDArray[np.int64]
     plane: Plane
     certificate: Certificate
     tilt: float
-    area: float
-    isometric: float
-    quasi_conformal: float
-
-    def __repr__(self) -> str:
-        return f"<FlatPatch: {len(self.faces)} triangles, {self.area:.4g} mm², C = {self.isometric:.4f}>"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
+class FlatAtlas(Atlas, Sequence[FlatPatch]):
     """A surface as flat patches, from the largest to the smallest: a sequence of `FlatPatch`.
 
     Parameters
     ----------
-    points, faces, ids, labels, stretch, starts, vertices, uv, corners, metadata
-        As of all `FlatPieces`; each piece is a patch.
+    points, faces, ids, piece_ids, patch_ids, stretch, starts, vertex_ids, uv, uv_faces, metadata
+        As of any `Atlas`; each piece is a patch.
     certificate : Certificate
         What is proven for all patches.
     planes : ndarray, shape (patches, 4, 3)
@@ -122,7 +120,9 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
 
     certificate: Certificate
     planes: NDArray[np.float64]
-    measured: NDArray[np.float64]
+
+    _format = "voxflat atlas 3"
+    _arrays = (*Atlas._arrays, "planes")
 
     def __repr__(self) -> str:
         return (
@@ -130,58 +130,31 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
             f"C ≤ {self.certificate.c:.4f}, K ≤ {self.certificate.k:.4f}>"
         )
 
-    def __getitem__(self, number: Any) -> Any:
-        """Return a patch, or several for a slice."""
-        if isinstance(number, slice):
-            return [self[n] for n in range(*number.indices(len(self)))]
-        n = range(len(self))[number]
-        rows = slice(self.starts[n], self.starts[n + 1])
-        vertices = self.vertices[rows]
-        faces = self._faces_by_patch[n]
+    def _piece(self, n: int) -> FlatPatch:
         origin, normal, *axes = self.planes[n]
-        tilt, area, isometric, quasi_conformal = self.measured[n].tolist()
         return FlatPatch(
-            faces=faces,
-            vertices=vertices,
-            uv=self.uv[rows],
-            triangles=self.corners[faces] - self.starts[n],
+            **self._parts(n),
             plane=Plane(origin, normal, np.stack(axes)),
             certificate=self.certificate,
-            tilt=tilt,
-            area=area,
-            isometric=isometric,
-            quasi_conformal=quasi_conformal,
+            tilt=float(self.measured[n, 0]),
         )
-
-    def __iter__(self) -> Iterator[FlatPatch]:
-        """Yield the patches."""
-        return (self[n] for n in range(len(self)))
 
     @property
     def patches(self) -> list[FlatPatch]:
         """The patches, from the largest to the smallest."""
         return list(self)
 
-    @cached_property
-    def _faces_by_patch(self) -> list[NDArray[np.int64]]:
-        order = np.argsort(self.labels, kind="stable")
-        return np.split(order, np.searchsorted(self.labels[order], np.arange(1, len(self))))
-
     def figures(self) -> dict[str, Any]:
-        """Return the figures by their names.
+        """Return the figures by their names, ready for JSON.
 
         Returns
         -------
         dict
         """
         tilt, area, isometric, quasi_conformal = self.measured.T
-        sizes = np.bincount(self.labels, minlength=len(self))
         return {
             "patches": len(self),
-            "triangles": len(self.faces),
-            "single_triangles": int((sizes == 1).sum()),
-            "area": float(area.sum()),
-            "largest_area_share": float(area[0] / area.sum()),
+            **self._shares(),
             "half_of_the_area": int(np.searchsorted(np.cumsum(area), 0.5 * area.sum()) + 1),
             "certificate": asdict(self.certificate),
             "measured": {
@@ -225,13 +198,8 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
             f"{'C, lengths':26}{certified.c:>10.4f}{measured['c']:>10.4f}",
             f"{'K, angles':26}{certified.k:>10.4f}{measured['k']:>10.4f}",
             "",
-            f"{'patch':>6}{'triangles':>11}{'area, mm²':>12}{'degrees':>9}{'C':>9}{'K':>9}",
+            *self._largest(_COLUMNS, self.measured[:, [1, 0, 2, 3]]),
         ]
-        sizes = np.bincount(self.labels, minlength=len(self))
-        for n, (tilt, area, c, k) in enumerate(self.measured[:_SHOWN].tolist()):
-            lines.append(f"{n:>6}{sizes[n]:>11}{area:>12.4g}{tilt:>9.2f}{c:>9.4f}{k:>9.4f}")
-        if len(self) > _SHOWN:
-            lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
         return "\n".join(lines)
 
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
@@ -260,52 +228,44 @@ class FlatAtlas(FlatPieces, Sequence[FlatPatch]):
         Cancelled
             If `progress` returned False.
         """
-        return _glue(self, bound, threads, progress)
+        return _glue(self, self.certificate.c, bound, threads, progress)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the atlas to a file, all of it or nothing.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .npz.
-
-        Raises
-        ------
-        InputError
-            If the path has another ending or cannot be written.
-        """
-        text = {"certificate": asdict(self.certificate), "metadata": self.metadata}
-        save_pieces(path, _FORMAT, text, {name: getattr(self, name) for name in _ARRAYS})
+    def _text(self) -> dict[str, Any]:
+        return {"certificate": asdict(self.certificate)}
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> FlatAtlas:
-        """Load an atlas that `save` wrote.
-
-        Parameters
-        ----------
-        path : path
-            An .npz file.
-
-        Returns
-        -------
-        FlatAtlas
-
-        Raises
-        ------
-        InputError
-            If the file is damaged or is no atlas.
-        FileNotFoundError
-            If there is no such file.
-        """
-        text, arrays = load_pieces(path, _FORMAT, _ARRAYS)
-        return cls(**arrays, certificate=Certificate(**text["certificate"]), metadata=text["metadata"])
+    def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> FlatAtlas:
+        certificate = Certificate(**text.pop("certificate"))
+        return cls(**arrays, patch_ids=arrays["piece_ids"], certificate=certificate, **text)
 
 
-Atlas: TypeAlias = FlatAtlas | GluedAtlas
-"""Patches, glued or not."""
+def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
+    """Load an atlas of patches, glued or not.
 
-_ARRAYS = ("points", "faces", "ids", "labels", "stretch", "starts", "vertices", "uv", "corners", "planes", "measured")
+    Parameters
+    ----------
+    path : path
+        An .npz file that `FlatAtlas.save` or `GluedAtlas.save` wrote.
+
+    Returns
+    -------
+    FlatAtlas or GluedAtlas
+
+    Raises
+    ------
+    InputError
+        If the file is damaged or is no atlas.
+    FileNotFoundError
+        If there is no such file.
+    """
+    try:
+        with np.load(Path(path), allow_pickle=False) as file:
+            form = json.loads(str(file["text"]))["format"]
+    except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+        raise
+    except Exception as error:  # what damage leads to is known to no one
+        raise InputError(f"{path} is not an atlas of voxflat or is damaged ({type(error).__name__})") from error
+    return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)
 
 
 def patches(
@@ -376,13 +336,14 @@ def patches(
         points=whole.points,
         faces=faces,
         ids=whole.ids,
-        labels=labels,
+        piece_ids=labels,
+        patch_ids=labels,
         stretch=found["stretch"],
         certificate=Certificate(*found["certificate"]),
         starts=starts,
-        vertices=vertices,
+        vertex_ids=vertices,
         uv=np.concatenate([part["uv"] for part in parts]),
-        corners=_corners(faces, labels, starts, vertices),
+        uv_faces=_uv_faces(faces, labels, starts, vertices),
         planes=np.stack([part["plane"] for part in parts]),
         measured=np.array([[part[name] for name in _MEASURED] for part in parts]),
         metadata={
@@ -403,7 +364,7 @@ def patches(
     return atlas
 
 
-def _corners(
+def _uv_faces(
     faces: NDArray[np.int64], labels: NDArray[np.int64], starts: NDArray[np.int64], vertices: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Find each triangle's corners among the vertices of its patch, which ascend within each patch."""

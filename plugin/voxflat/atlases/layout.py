@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from voxflat.errors import InputError
 
-if TYPE_CHECKING:
-    from voxflat.atlases.pieces import FlatPieces
-
-__all__ = ["PACKINGS", "gap_of", "lay_out", "turned"]
+__all__ = ["PACKINGS", "lay_out", "usual_gap"]
 
 PACKINGS = ("boxes", "shapes")
 """How pieces are packed."""
@@ -23,30 +18,36 @@ _WIDTH = 1.05  # of the side of a square as large as all boxes
 _TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
 
 
-def gap_of(pieces: FlatPieces) -> float:
+def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
     """Return the gap that suits pieces, mm.
 
     Parameters
     ----------
-    pieces : FlatPieces
-        Some.
+    uv, starts
+        As in `lay_out`.
 
     Returns
     -------
     float
         The smaller the pieces are, the smaller.
     """
-    boxes = _sizes(turned(pieces.uv, pieces.starts), pieces.starts).prod(axis=1)
+    boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
     return _GAP * float(np.sqrt(boxes.mean()))
 
 
-def lay_out(pieces: FlatPieces, gap: float, packing: str) -> NDArray[np.float64]:
+def lay_out(
+    uv: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float, packing: str
+) -> NDArray[np.float64]:
     """Lay pieces out on a page.
 
     Parameters
     ----------
-    pieces : FlatPieces
-        Some.
+    uv : ndarray, shape (P, 2)
+        Places of all pieces, one piece after another, each in a plane of its own, mm.
+    starts : ndarray of int64, shape (pieces + 1,)
+        Where each piece's begin.
+    faces : ndarray of int64, shape (F, 3)
+        Triangles, as rows of `uv`.
     gap : float
         Between them, mm; "boxes": between their boxes.
     packing : {"boxes", "shapes"}
@@ -67,31 +68,19 @@ def lay_out(pieces: FlatPieces, gap: float, packing: str) -> NDArray[np.float64]
         raise InputError(f"packing is {packing!r}; give 'boxes' or 'shapes'")
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"the gap is {gap} mm; give a positive number")
-    placed = turned(pieces.uv, pieces.starts)
-    sizes = _sizes(placed, pieces.starts)
-    placed += np.repeat(_in_rows(sizes, gap), np.diff(pieces.starts), axis=0)
+    placed = _turned(uv, starts)
+    sizes = _sizes(placed, starts)
+    placed += np.repeat(_in_rows(sizes, gap), np.diff(starts), axis=0)
     if packing == "shapes":
-        placed = _by_shape(pieces, placed, gap)
+        placed = _by_shape(placed, starts, faces, gap)
     return np.asarray(placed - placed.min(axis=0))
 
 
 # ------------------------------------------------------------------------------------------------ boxes
 
 
-def turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Turn each piece into its smallest rectangle, which lies with its longer side along u and a corner at (0, 0).
-
-    Parameters
-    ----------
-    uv : ndarray, shape (P, 2)
-        Places of all pieces.
-    starts : ndarray, shape (pieces + 1,)
-        Where each piece's begin.
-
-    Returns
-    -------
-    ndarray, shape (P, 2)
-    """
+def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Turn each piece into its smallest rectangle, which lies with its longer side along u and a corner at (0, 0)."""
     parts = []
     for part in np.split(uv, starts[1:-1]):
         axis = _axis(part)
@@ -137,24 +126,26 @@ def _in_rows(sizes: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
 # ----------------------------------------------------------------------------------------------- shapes
 
 
-def _by_shape(pieces: FlatPieces, apart: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+def _by_shape(
+    apart: NDArray[np.float64], starts: NDArray[np.int64], faces: NDArray[np.int64], gap: float
+) -> NDArray[np.float64]:
     """Pack pieces, which lie apart already, with xatlas; its places, of single precision, become rigid motions."""
     try:
         import xatlas
     except ImportError as error:
         raise InputError("packing 'shapes' needs xatlas: pip install 'voxflat[atlas]', or pack 'boxes'") from error
     atlas = xatlas.Atlas()
-    labels = pieces.labels.astype(np.uint32)
-    atlas.add_uv_mesh(apart.astype(np.float32), pieces.corners.astype(np.uint32), labels[:, None])
+    pieces = (np.searchsorted(starts, faces[:, 0], side="right") - 1).astype(np.uint32)
+    atlas.add_uv_mesh(apart.astype(np.float32), faces.astype(np.uint32), pieces[:, None])
     options = xatlas.PackOptions()
     options.padding, options.bilinear, options.texels_per_unit = _TEXELS, True, _TEXELS / gap
     atlas.generate(pack_options=options)
-    if atlas.atlas_count != 1 or atlas.chart_count < len(pieces):
+    if atlas.atlas_count != 1 or atlas.chart_count < len(starts) - 1:
         raise InputError("xatlas cannot pack these pieces: pack 'boxes', or give a larger gap")
     rows, _, places = atlas.get_mesh(0)
     target = np.full_like(apart, np.nan)
     target[rows] = places.astype(np.float64) * [atlas.width, atlas.height] * gap / _TEXELS
-    return _moved(apart, target, pieces.starts)
+    return _moved(apart, target, starts)
 
 
 def _moved(places: NDArray[np.float64], targets: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -3,104 +3,79 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
-from voxflat.maps.look_up import Places, TriangleFinder
-from voxflat.maps.raster import FlatImage, Raster, draw
+from voxflat.maps.colours import coloured
+from voxflat.maps.plane import FlatTriangles, Planar
+from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.texture import TexturedSurface
 
-if TYPE_CHECKING:
-    from voxflat.atlases.pieces import FlatPieces
-
-__all__ = ["FIGURES", "FlatPage"]
-
-FIGURES = {
-    "isometric": "C: by what factor lengths change at most",
-    "quasi_conformal": "K: by what factor lengths change more one way than across",
-    "areal": "area in the plane by area on the surface",
-}
-"""The figures of a triangle that a heat map shows, and what they mean."""
+__all__ = ["FlatPage"]
 
 
 @dataclass(frozen=True, eq=False)
-class FlatPage:
-    """The pieces of an atlas side by side, without overlap: what `FlatPieces.page` returns.
+class FlatPage(Planar):
+    """The pieces of an atlas side by side, without overlap: what `Atlas.page` returns.
 
     Parameters
     ----------
-    pieces : FlatPieces
+    atlas : Atlas
         The atlas.
-    places : ndarray, shape (P, 2)
+    uv : ndarray, shape (P, 2)
         For each row of the atlas's `uv` its place on the page, mm; pieces are turned and moved, and (0, 0) is the lower
         left corner.
     gap : float
         At least so much lies between pieces, mm.
     """
 
-    pieces: FlatPieces
-    places: NDArray[np.float64]
+    atlas: FlatPieces
+    uv: NDArray[np.float64]
     gap: float
-    _rasters: dict[float, Raster] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
-        width, height = self.places.max(axis=0)
-        return (
-            f"<FlatPage: {len(self.pieces)} pieces, {width:.0f} x {height:.0f} mm, {100 * self.use:.0f} % of it used>"
-        )
+        width, height = self.uv.max(axis=0)
+        used = 100 * self.used_share
+        return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f} mm, {used:.0f} % of it used>"
 
     @property
     def corners(self) -> NDArray[np.float64]:
         """Where each triangle's corners lie, shape (F, 3, 2), mm."""
-        return np.asarray(self.places[self.pieces.corners])
+        return np.asarray(self.uv[self.atlas.uv_faces])
 
     @property
-    def use(self) -> float:
+    def used_share(self) -> float:
         """How much of the page pieces cover, as a fraction."""
         a, b = (self.corners[:, k] - self.corners[:, 0] for k in (1, 2))
-        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / self.places.max(axis=0).prod())
+        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / self.uv.max(axis=0).prod())
 
     @property
     def pixel_size(self) -> float:
         """Side of a pixel unless another is given, mm: half the usual edge or voxel, and at most half the gap."""
-        half = usual_spacing(self.pieces.metadata, self.places, self.pieces.corners) / 2
+        half = usual_spacing(self.atlas.metadata, self.uv, self.atlas.uv_faces) / 2
         return min(half, self.gap / 2) if self.gap > 0 else half
 
     @cached_property
-    def _sampler(self) -> Sampler:
+    def _triangles(self) -> FlatTriangles:
         """The corners of all triangles, one after another: a raster's corner leads to its triangle."""
-        rows = self.pieces.faces.ravel()
-        of = self.pieces
-        return Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata)
+        of, count = self.atlas, len(self.atlas.faces)
+        rows = of.faces.ravel()
+        return FlatTriangles(
+            uv=self.corners.reshape(-1, 2),
+            faces=np.arange(3 * count, dtype=np.uint32).reshape(-1, 3),
+            torn=np.zeros(count, dtype=bool),
+            on_surface=Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata),
+            piece_ids=of.piece_ids,
+        )
 
-    def raster(self, pixel_size: float | None = None) -> Raster:
-        """Return the page's pixels.
-
-        Parameters
-        ----------
-        pixel_size : float, optional
-            Side of a pixel, mm; by default `pixel_size`.
-
-        Returns
-        -------
-        Raster
-            Its corners count those of all triangles: corner 3 t + k is corner k of triangle t.
-        """
-        size = self.pixel_size if pixel_size is None else float(pixel_size)
-        if size not in self._rasters:
-            count = len(self.pieces.faces)
-            faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-            self._rasters[size] = draw(self.corners.reshape(-1, 2), faces, np.zeros(count, dtype=bool), size)
-        return self._rasters[size]
-
-    def triangles(self, pixel_size: float | None = None) -> NDArray[np.int64]:
+    def face_ids(self, pixel_size: float | None = None) -> NDArray[np.int64]:
         """Return which triangle each pixel shows.
 
         Parameters
@@ -116,86 +91,13 @@ class FlatPage:
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
 
-    def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Look up which place on the surface each pixel shows.
-
-        Parameters
-        ----------
-        pixel_size : float, optional
-            As in `raster`.
-
-        Returns
-        -------
-        ids : ndarray of int64, shape (H, W, 3) or (H, W)
-            The nearest surface voxel or vertex; −1 beside the pieces.
-        points : ndarray of float64, shape (H, W, 3)
-            RAS+ mm; NaN beside the pieces.
-        """
-        return self._sampler.locate(self.raster(pixel_size))
-
-    def look_up(self, places: ArrayLike) -> Places:
-        """Look up places on the page: which piece and triangle lies there, where in it, and where that is in space.
-
-        Parameters
-        ----------
-        places : array_like, shape (..., 2)
-            On the page, mm.
-
-        Returns
-        -------
-        Places
-            −1 and NaN for what lies beside the pieces.
-        """
-        return self._finder.look_up(places, self.pieces.points[self.pieces.faces], labels=self.pieces.labels)
-
-    @cached_property
-    def _finder(self) -> TriangleFinder:
-        return TriangleFinder(self.corners)
-
-    def image(
-        self,
-        volume: object,
-        pixel_size: float | None = None,
-        *,
-        depth: float = 0.0,
-        interpolation: str | None = None,
-        name: str = "",
-    ) -> FlatImage:
-        """Sample a volume onto the page; all is as in `FlatMap.image`.
-
-        Parameters
-        ----------
-        volume : path, ndarray, image object or Volume
-            A volume; of a mesh also an overlay, colours of its vertices, or the texture that it has of its own.
-        pixel_size : float, optional
-            Side of a pixel, mm; by default `pixel_size`.
-        depth : float
-            How far outside the surface to sample, mm; negative is inside.
-        interpolation : {"linear", "nearest"}, optional
-            By default "nearest" for bool and integer volumes, and "linear" for others.
-        name : str, optional
-            What the image shows.
-
-        Returns
-        -------
-        FlatImage
-            NaN (colours: alpha 0) beside the pieces and where the volume has no value.
-
-        Raises
-        ------
-        InputError
-            If the volume does not fit or cannot be read.
-        """
-        raster = self.raster(pixel_size)
-        return self._sampler.image(raster, volume, depth=depth, interpolation=interpolation, name=name)
-
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle as an image on the same pixels as `image`.
 
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default `pixel_size`.
+            As in `raster`.
         of : {"isometric", "quasi_conformal", "areal"}
             C, K, or the change of area.
 
@@ -211,27 +113,27 @@ class FlatPage:
         """
         if of not in FIGURES:
             raise InputError(f"there is no figure {of!r}; give one of {', '.join(map(repr, FIGURES))}")
-        return self._carried(getattr(self.pieces, of), FIGURES[of], pixel_size)
+        return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
-    def numbers(self, pixel_size: float | None = None) -> FlatImage:
+    def label_image(self, pixel_size: float | None = None) -> FlatImage:
         """Return the number of the patch at each pixel, from 1 on, as an image on the same pixels as `image`.
 
         Parameters
         ----------
         pixel_size : float, optional
-            Side of a pixel, mm; by default `pixel_size`.
+            As in `raster`.
 
         Returns
         -------
         FlatImage
             NaN beside the pieces.
         """
-        return self._carried(self.pieces.coloured + 1, "number of the patch", pixel_size)  # labels of 0 are drawn grey
+        return self._carried(self.atlas.patch_ids + 1, "number of the patch", pixel_size)  # 0 is grey: unlabelled
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
         """Carry values of the triangles to their pixels."""
-        raster, triangles = self.raster(pixel_size), self.triangles(pixel_size)
-        data = np.where(triangles < 0, np.nan, values.astype(np.float64)[triangles])
+        raster, shown = self.raster(pixel_size), self.face_ids(pixel_size)
+        data = np.where(shown < 0, np.nan, values.astype(np.float64)[shown])
         return FlatImage(data, raster.pixel_size, raster.origin, name)
 
     def texture_coordinates(self, image: FlatImage | None = None) -> NDArray[np.float64]:
@@ -240,12 +142,12 @@ class FlatPage:
         Parameters
         ----------
         image : FlatImage, optional
-            From `image`, `heat_map` or `numbers`; by default one with the default pixels.
+            From `image`, `heat_map` or `label_image`; by default one with the default pixels.
 
         Returns
         -------
         ndarray, shape (P, 2)
-            For each row of `places` (s, t) from 0 to 1; (0, 0) is the image's lower left corner.
+            For each row of `uv` (s, t) from 0 to 1; (0, 0) is the image's lower left corner.
 
         Raises
         ------
@@ -256,7 +158,7 @@ class FlatPage:
             raster = self.raster()
             image = FlatImage(np.empty((*raster.shape, 0)), raster.pixel_size, raster.origin, "")
         left, right, bottom, top = image.extent
-        coordinates = (self.places - [left, bottom]) / [right - left, top - bottom]
+        coordinates = (self.uv - [left, bottom]) / [right - left, top - bottom]
         if (coordinates < 0).any() or (coordinates > 1).any():
             raise InputError("the image is none of this page")
         return np.asarray(coordinates)
@@ -273,7 +175,7 @@ class FlatPage:
         Parameters
         ----------
         image : FlatImage, optional
-            From `image`, `heat_map` or `numbers`; by default the pieces in colours.
+            From `image`, `heat_map` or `label_image`; by default the patches in colours, `label_image`.
         colour_map : str, optional
             A colour map of matplotlib for values; by default grey, and for labels a colour each, as in a PNG.
         limits : sequence of 2 floats, optional
@@ -284,16 +186,17 @@ class FlatPage:
         TexturedSurface
             The surface's own triangles and vertices; texture coordinates of their corners, with seams between pieces.
             The picture's colours reach into the gaps, so that seams do not show.
-        """
-        from voxflat.maps.image_files import coloured  # brings in Pillow
 
-        shown = (
-            self._carried(self.pieces.labels + 1, "pieces", None) if image is None else image
-        )  # 0 is grey: unlabelled
+        Raises
+        ------
+        InputError
+            If the image is none of this page, shows nothing, or there is no such colour map.
+        """
+        shown = self.label_image() if image is None else image
         coordinates = self.texture_coordinates(shown)
-        picture = _spread(coloured(shown, colour_map, limits))
-        of = self.pieces
-        return TexturedSurface(of.points, of.faces, coordinates, picture, texture_faces=of.corners)
+        picture = _spread(coloured(shown.data, colour_map, limits))
+        of = self.atlas
+        return TexturedSurface(of.points, of.faces, coordinates, picture, texture_faces=of.uv_faces)
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -16,6 +16,7 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
+from voxflat.maps.texture import TEXTURED_ENDINGS
 
 __all__ = ["load_flat", "patches"]
 
@@ -111,8 +112,6 @@ def patches(
 
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
-    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
-
     check_output(output, (".npz", *TEXTURED_ENDINGS), (surface_, volume))
     is_textured = output.suffix.lower() != ".npz"
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)
@@ -161,7 +160,7 @@ def _save_textured(
     elif volume is not None:
         textured = page.textured(page.image(volume, pixel_size, depth=depth))
     else:
-        textured = page.textured(page.numbers(pixel_size))
+        textured = page.textured(page.label_image(pixel_size))
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
     textured.save(output)
@@ -186,7 +185,7 @@ def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas | voxflat.Glued
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            is_atlas = "corners" in file.files
+            is_atlas = "uv_faces" in file.files
     except Exception:  # what is wrong, `load` says
         is_atlas = False
     return voxflat.load_atlas(path) if is_atlas else voxflat.load(path)

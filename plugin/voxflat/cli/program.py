@@ -24,8 +24,11 @@ from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
-from voxflat.io.volumes import atomic_path, write_volume
+from voxflat.io.files import atomic_path
+from voxflat.io.volumes import write_volume
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
+from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.texture import TEXTURED_ENDINGS
 
 __all__ = ["main"]
 
@@ -442,13 +445,11 @@ def image(
     labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
     figure with a colour bar. The other formats hold the values, NaN outside the map.
     """
-    from voxflat.maps import image_files as _picture  # brings in Pillow
-
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or depth is not None):
         raise click.UsageError("--interpolation and --depth are for --volume.")
-    check_output(output, _picture.ENDINGS, (map_, volume))
+    check_output(output, IMAGE_ENDINGS, (map_, volume))
     flat_map = _atlascli.load_flat(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
@@ -464,7 +465,7 @@ def image(
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
         figures.save(drawn, output)
     else:
-        _picture.write_image(picture, output)
+        picture.save(output)
     height, width = picture.data.shape[:2]
     click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
@@ -497,8 +498,6 @@ def texture(map_: Path, picture: Path, output: Path, texel_size: float | None, r
     MAP is a file that voxflat flatten made; PICTURE is laid over it in its proportions, centred, and by it onto the
     surface. For .ply triangles are split where colours at their corners could not carry the picture.
     """
-    from voxflat.maps.texture_files import TEXTURED_ENDINGS  # brings in Pillow
-
     check_output(output, TEXTURED_ENDINGS, (map_, picture))
     textured = voxflat.load(map_).textured(picture, texel_size, repeat=repeat)
     if output.suffix.lower() == ".ply":

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, amount, log
 from voxflat.errors import InputError
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path
 
 FORMAT = "voxflat rows 1"
 ARRAYS = ("points", "ids", "sources")

@@ -1,14 +1,14 @@
-"""Figures of distortion: what flattening did to distances and triangles."""
+"""Figures of distortion, of distances and of triangles, with their errors, and as JSON has them."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Distortion", "Figures", "StandardErrors", "Triangles", "json_ready", "undefined_as_nan"]
+__all__ = ["Figures", "StandardErrors", "TriangleFigures", "json_ready", "undefined_as_nan"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
-class Triangles:
+class TriangleFigures:
     """What flattening did to the triangles.
 
     σ1 ≥ σ2 are the stretches of a triangle in its two principal directions. Means, medians and 95th percentiles are by
@@ -116,102 +116,6 @@ class StandardErrors:
     best_scale: Figures
     pearson_r: float
     mean_geodesic: float
-
-
-@dataclass(frozen=True, eq=False)
-class Distortion:
-    """What flattening did to the distances, from random reference sources to all points.
-
-    Parameters
-    ----------
-    raw : Figures
-        At scale 1: a flat map is in mm.
-    best_scale : Figures
-        At the scale with the least mean relative error.
-    pearson_r : float
-        Correlation of flat and geodesic distances.
-    mean_geodesic : float
-        Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
-    standard_error : StandardErrors
-        Of the figures above.
-    sources : int
-        Number of reference sources.
-    pairs : int
-        Number of pairs.
-    reference : {"exact", "graph", "chain"}
-        How reference distances were measured, as in `geodesic`.
-    per_point : ndarray, shape (N,)
-        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
-    scatter : ndarray, shape (K, 2)
-        Some pairs as (δ, d), mm.
-    triangles : Triangles or None
-        What it did to the triangles, where the surface has some.
-    topology : dict or None
-        Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
-        ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
-    voxel_size : float or None
-        Geometric mean of the three spacings, mm, of voxel surfaces.
-    """
-
-    raw: Figures
-    best_scale: Figures
-    pearson_r: float
-    mean_geodesic: float
-    standard_error: StandardErrors
-    sources: int
-    pairs: int
-    reference: str
-    per_point: NDArray[np.float64]
-    scatter: NDArray[np.float64]
-    triangles: Triangles | None = None
-    topology: dict[str, int] | None = None
-    voxel_size: float | None = None
-
-    @classmethod
-    def of(cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any) -> Distortion:
-        """Take what the compiled core has measured.
-
-        Parameters
-        ----------
-        distances, triangles : dict
-            By the names of the fields.
-        reference : str
-            How distances were measured.
-        **more
-            The fields that are left.
-
-        Returns
-        -------
-        Distortion
-        """
-        errors = dict(distances["standard_error"])
-        for scales in (distances, errors):
-            scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
-        distances["standard_error"] = StandardErrors(**errors)
-        of_triangles = None if triangles is None else Triangles(**triangles)
-        return cls(**distances, triangles=of_triangles, reference=reference, **more)
-
-    def figures(self) -> dict[str, Any]:
-        """Return the figures without the arrays, ready for JSON: undefined ones are None.
-
-        Returns
-        -------
-        dict
-            By the names of the fields; ``standard_error`` has the same names again.
-        """
-        return dict(json_ready(_without_arrays(asdict(self))))
-
-    def table(self) -> str:
-        """Return the figures as a table of text."""
-        from voxflat.distortion.tables import table_of_one
-
-        return table_of_one(self)
-
-
-def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the arrays of nested dictionaries."""
-    kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
-    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
 
 
 def json_ready(value: Any) -> Any:

@@ -3,9 +3,11 @@
 What users call stands here; a module a family of formats. No reader knows of surfaces or maps.
 """
 
+from voxflat.io.files import atomic_path
 from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
-from voxflat.io.meshes import Mesh, read_mesh, read_overlay, read_region, write_mesh
-from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, atomic_path, read_volume, write_volume
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.overlays import read_overlay, read_region
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, read_volume, write_volume
 
 __all__ = [
     "VOLUME_ENDINGS",

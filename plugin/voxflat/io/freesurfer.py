@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.gifti import contents, cras_remark
-from voxflat.io.readers import naming, require
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path, contents, naming, require
+from voxflat.io.triangles import as_float32, check_faces
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _AGAIN = "copy it again"
@@ -37,7 +36,7 @@ class Patch:
 
     Parameters
     ----------
-    vertices : ndarray of int64, shape (k,)
+    vertex_ids : ndarray of int64, shape (k,)
         Which points of the surface, each once.
     points : ndarray of float64, shape (k, 3)
         Their places, mm; in a flat patch z is 0.
@@ -47,16 +46,16 @@ class Patch:
         The file it came from.
     """
 
-    vertices: NDArray[np.int64]
+    vertex_ids: NDArray[np.int64]
     points: NDArray[np.float64]
     border: NDArray[np.bool_]
     path: Path | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", _check_vertices(self.vertices))
+        object.__setattr__(self, "vertex_ids", _check_vertices(self.vertex_ids))
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
         object.__setattr__(self, "border", np.ascontiguousarray(self.border, dtype=np.bool_))
-        k = len(self.vertices)
+        k = len(self.vertex_ids)
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             raise InputError(
                 f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
@@ -106,6 +105,22 @@ def parse_patch(path: Path, data: bytes) -> Patch:
         return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
 
 
+def is_patch(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is a FreeSurfer patch.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+    """
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"\xff\xff\xff\xff"
+
+
 def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     """Write a FreeSurfer patch file, all of it or nothing.
 
@@ -123,10 +138,10 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     """
     path = Path(path)
     with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
-        entries = np.empty(len(patch.vertices), _ENTRY)
-        one_based = patch.vertices + 1
+        entries = np.empty(len(patch.vertex_ids), _ENTRY)
+        one_based = patch.vertex_ids + 1
         if one_based.max() > np.iinfo(np.int32).max:
-            raise InputError(f"vertex {patch.vertices.max()} is above what the format can name, 2147483646")
+            raise InputError(f"vertex {patch.vertex_ids.max()} is above what the format can name, 2147483646")
         entries["vertex"] = np.where(patch.border, -one_based, one_based)
         entries["point"] = as_float32(patch.points)
         temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())
@@ -217,29 +232,6 @@ def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     return array
 
 
-def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
-    """Check that faces are triangles of n points."""
-    array = np.asarray(faces)
-    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
-        raise InputError(f"faces are {array.dtype} of shape {array.shape}: give whole numbers of shape (F, 3)")
-    if len(array) == 0:
-        raise InputError("has no faces: is it a surface, not points alone?")
-    bad = np.flatnonzero(((array < 0) | (array >= n)).any(axis=1))
-    if len(bad):
-        raise InputError(f"face {bad[0]} is {array[bad[0]].tolist()}; the surface has the points 0 to {n - 1}")
-    return np.ascontiguousarray(array, dtype=np.int64)
-
-
-def as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Round to float32; what that cannot hold is refused."""
-    with np.errstate(over="ignore"):
-        rounded = points.astype(np.float32)
-    bad = np.flatnonzero(~np.isfinite(rounded).all(axis=1))
-    if len(bad):
-        raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}, too far for the format's float32")
-    return rounded
-
-
 # ------------------------------------------------------------------------- surfaces, values, labels
 
 
@@ -273,6 +265,12 @@ def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], 
     if str(volume.get("valid", "")).startswith("1") and np.any(volume["cras"]):
         remarks += (cras_remark(volume["cras"]),)
     return coordinates, faces, remarks
+
+
+def cras_remark(shift: Any) -> str:
+    """Say that coordinates are in FreeSurfer's space, with its offset in mm."""
+    x, y, z = (f"{value:g}" for value in shift)
+    return f"coordinates are FreeSurfer's (tkRAS), as stored: add c_ras ({x}, {y}, {z}) mm for scanner RAS"
 
 
 def write_geometry(path: Path, points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

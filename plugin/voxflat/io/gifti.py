@@ -7,10 +7,7 @@ end) and fills no gap that it could name, so each file is walked through once be
 from __future__ import annotations
 
 import base64
-import gzip
-import stat
 import zlib
-from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ParserCreate
 
@@ -18,36 +15,12 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount
 from voxflat.errors import InputError
-from voxflat.io.readers import require
+from voxflat.io.files import require
+from voxflat.io.freesurfer import cras_remark
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 _BLOCK = 1 << 20
-
-
-def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the free memory."""
-    status = path.stat()
-    if stat.S_ISDIR(status.st_mode):
-        raise InputError("is a directory: name a file")
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError("is no regular file: copy what it gives into a file")
-    limit = psutil.virtual_memory().available // 4
-    with path.open("rb") as file:
-        is_gzipped = file.read(2) == b"\x1f\x8b"
-        file.seek(0)
-        stream: Any = gzip.GzipFile(fileobj=file) if is_gzipped else file
-        blocks, size = [], 0
-        while block := stream.read(_BLOCK):
-            size += len(block)
-            if size > limit:
-                held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the free memory: is it a mesh?")
-            blocks.append(block)
-    if size == 0:
-        raise InputError("is empty (0 bytes): copy or download it again")
-    return b"".join(blocks)
 
 
 # --------------------------------------------------------------------------------------------- XML
@@ -203,12 +176,6 @@ def _remarks(points: Any) -> tuple[str, ...]:
     if any(cras):
         remarks.append(cras_remark(cras))
     return tuple(remarks)
-
-
-def cras_remark(shift: Any) -> str:
-    """Say that coordinates are in FreeSurfer's space, with its offset in mm."""
-    x, y, z = (f"{value:g}" for value in shift)
-    return f"coordinates are FreeSurfer's (tkRAS), as stored: add c_ras ({x}, {y}, {z}) mm for scanner RAS"
 
 
 def surface_bytes(points: NDArray[np.float64], faces: NDArray[np.int64], structure: str | None) -> bytes:

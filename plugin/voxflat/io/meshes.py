@@ -1,16 +1,11 @@
-"""Surfaces in and out: points in RAS+ mm and triangles, values at the points, and regions of them.
+"""Surfaces in and out: points in RAS+ mm and triangles.
 
-`read_mesh` reads a surface, `write_mesh` writes one, `read_overlay` reads values at its points, `read_region` which of
-its points belong to a region; `read_patch` and `write_patch` know FreeSurfer's patch files.
-
-GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PLY, OBJ and STL here (`graphics`).
+GIFTI and FreeSurfer's files are parsed by nibabel, VTK's own formats by VTK, PLY, OBJ and STL here.
 """
 
 from __future__ import annotations
 
-import io
 import os
-import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,27 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io import formats, freesurfer, gifti, graphics, vtk
-from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
-from voxflat.io.readers import REMEDY, by_ending, naming
-from voxflat.io.volumes import VOLUME_ENDINGS, atomic_path
+from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
+from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.triangles import as_float32, check_faces
+from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = [
-    "Mesh",
-    "Patch",
-    "holds_mesh",
-    "is_mesh_name",
-    "is_patch",
-    "patch_border",
-    "patch_faces",
-    "read_mesh",
-    "read_overlay",
-    "read_patch",
-    "read_region",
-    "suspicious_units",
-    "write_mesh",
-    "write_patch",
-]
+__all__ = ["Mesh", "holds_mesh", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +64,7 @@ class Mesh:
         if len(bad):
             raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "faces", freesurfer.check_faces(self.faces, len(points)))
+        object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
             texture = np.ascontiguousarray(self.texture_coordinates, dtype=np.float64)
             object.__setattr__(self, "texture_coordinates", texture)
@@ -140,7 +120,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """
     path = Path(path)
     with naming(path, REMEDY):
-        return _parsed(path, gifti.contents(path))
+        return parsed(path, contents(path))
 
 
 def is_mesh_name(path: str | os.PathLike[str]) -> bool:
@@ -165,22 +145,6 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
         return file.read(3) in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff")
 
 
-def is_patch(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is a FreeSurfer patch.
-
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    bool
-    """
-    with Path(path).open("rb") as file:
-        return file.read(4) == b"\xff\xff\xff\xff"
-
-
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
     """Say whether a file holds triangles, and not values at the points of a mesh, or a patch.
 
@@ -202,9 +166,9 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
     """
     path = Path(path)
     with naming(path, REMEDY):
-        data = gifti.contents(path)
+        data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)
-        return gifti.has_triangles(gifti.load(data)) if kind == formats.GIFTI else kind in _READERS
+        return gifti.has_triangles(gifti.load(data)) if kind == formats.GIFTI else kind in READERS
 
 
 def _format(path: Path, data: bytes) -> str:
@@ -213,16 +177,16 @@ def _format(path: Path, data: bytes) -> str:
     if named and found and named != found:
         raise InputError(f"has the ending of {named}, but the content of {found}: rename it")
     kind = found or named
-    if kind not in _READERS:
+    if kind not in READERS:
         hint = formats.HINTS.get(kind or "", f"{', '.join(formats.ENDINGS)} and FreeSurfer's surfaces can be read")
         raise InputError(f"is no surface, but {kind or 'of unknown content'}: {hint}")
     return kind
 
 
-def _parsed(path: Path, data: bytes) -> Mesh:
+def parsed(path: Path, data: bytes) -> Mesh:
     """Return the surface that a file holds, with what its name and its size tell."""
     with np.errstate(all="ignore"):
-        mesh = Mesh(path=path, **_READERS[_format(path, data)](path, data))
+        mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remark = suspicious_units(mesh.points)
     hemisphere = {"lh.": "CortexLeft", "rh.": "CortexRight"}.get(path.name[:3])
     return replace(mesh, structure=mesh.structure or hemisphere, remarks=mesh.remarks + ((remark,) if remark else ()))
@@ -242,14 +206,14 @@ def _read_freesurfer(path: Path, data: bytes) -> _Parts:
     return {"points": points, "faces": faces, "remarks": remarks}
 
 
-_READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
+READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
     formats.GIFTI: _read_gifti,
     formats.FREESURFER: _read_freesurfer,
     formats.VTK: vtk.read_vtk,
     formats.VTP: vtk.read_vtp,
-    formats.PLY: graphics.read_ply,
-    formats.STL: graphics.read_stl,
-    formats.OBJ: graphics.read_obj,
+    formats.PLY: ply.read_ply,
+    formats.STL: stl.read_stl,
+    formats.OBJ: obj.read_obj,
 }
 
 
@@ -295,7 +259,7 @@ def _write_freesurfer(path: Path, mesh: Mesh) -> None:
 
 
 def _write_gifti(path: Path, mesh: Mesh) -> None:
-    freesurfer.as_float32(mesh.points)
+    as_float32(mesh.points)
     path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
 
 
@@ -304,11 +268,11 @@ def _write_vtp(path: Path, mesh: Mesh) -> None:
 
 
 def _write_ply(path: Path, mesh: Mesh) -> None:
-    graphics.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    ply.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
 
 
 def _write_obj(path: Path, mesh: Mesh) -> None:
-    graphics.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    obj.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
 
 
 _WRITERS: dict[str, Callable[[Path, Mesh], None]] = {
@@ -317,135 +281,3 @@ _WRITERS: dict[str, Callable[[Path, Mesh], None]] = {
     ".ply": _write_ply,
     ".obj": _write_obj,
 }
-
-
-# ------------------------------------------------------------------------------- values and regions
-
-
-def read_overlay(path: str | os.PathLike[str], points: int) -> NDArray[Any]:
-    """Read values at the points of a surface.
-
-    Parameters
-    ----------
-    path : path
-        GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``,
-        ...; ``.annot``, whose labels are numbers from 0, −1 for none; ``.mgh``, ``.mgz``), ``.npy``, or ``.txt`` with a
-        line a point.
-    points : int
-        How many the surface has.
-
-    Returns
-    -------
-    ndarray, shape (points,), or (points, K) of K maps
-        Of the file's type.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or has another number of values.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
-    """
-    path = Path(path)
-    with naming(path, REMEDY):
-        return _values(path, gifti.contents(path), points)
-
-
-def read_region(path: str | os.PathLike[str], points: int, *, name: str | None = None) -> NDArray[np.bool_]:
-    """Read which points of a surface belong to a region.
-
-    Parameters
-    ----------
-    path : path
-        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface, whose faces use the region's points
-        only; or what `read_overlay` reads, for the points whose value is neither 0 nor NaN.
-    points : int
-        How many the surface has.
-    name : str, optional
-        A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
-
-    Returns
-    -------
-    ndarray of bool, shape (points,)
-
-    Raises
-    ------
-    InputError
-        The file is damaged, belongs to another surface, or has no label of that name.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
-    """
-    path = Path(path)
-    with naming(path, REMEDY):
-        data = gifti.contents(path)
-        kind = formats.by_content(data) or formats.by_name(path)
-        image = gifti.load(data) if kind == formats.GIFTI else None
-        if path.name.lower().endswith(".annot"):
-            labels, names = freesurfer.read_annot(path, data)
-            return _named(_fitting(labels, points), dict(enumerate(names)), name)
-        if image is not None and name is not None:
-            return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
-        if name is not None:
-            raise InputError(f"has no named labels: leave out name={name!r}")
-        if kind == formats.PATCH:
-            return _mask(freesurfer.parse_patch(path, data).vertices, points)
-        if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
-            return freesurfer.read_label(data, points)
-        if kind in _READERS and (image is None or gifti.has_triangles(image)):
-            mesh = _parsed(path, data)
-            _fitting(mesh.points[:, 0], points)
-            return _mask(np.unique(mesh.faces), points)
-        values = _values(path, data, points)
-        if values.ndim > 1:
-            raise InputError(f"has {values.shape[1]} maps: give a file with one")
-        return np.asarray((values != 0) & ~np.isnan(values))
-
-
-def _values(path: Path, data: bytes, points: int) -> NDArray[Any]:
-    """Return the values of any file that has some."""
-    name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
-    if name.endswith(".npy") or kind == "a NumPy array":
-        if kind != "a NumPy array":
-            raise InputError("is no NumPy array: write it again with numpy.save")
-        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points)
-    if name.endswith(".txt"):
-        return _fitting(np.loadtxt(io.StringIO(data.decode())), points)
-    if name.endswith((".mgh", ".mgz")):
-        return _fitting(freesurfer.read_mgh(data), points)
-    if name.endswith(".annot"):
-        return _fitting(freesurfer.read_annot(path, data)[0], points)
-    if kind == formats.GIFTI:
-        return _fitting(gifti.values(gifti.load(data)), points)
-    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
-    if kind not in (None, formats.MORPH) and not is_cut_short:
-        raise InputError(f"holds no values at points, but {kind}")
-    return _fitting(freesurfer.read_morph(path, data), points)
-
-
-def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
-    """Check that there is a value, or a row of them, for each point."""
-    if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
-        raise InputError(f"values are {values.dtype} of shape {values.shape}: give numbers of shape (N,) or (N, K)")
-    if len(values) != points:
-        raise InputError(f"has {len(values)} values; the surface has {points} points")
-    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
-
-
-def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
-    """Return which points are chosen."""
-    if chosen.max() >= points:
-        raise InputError(f"names point {chosen.max()}; the surface has the points 0 to {points - 1}")
-    mask = np.zeros(points, dtype=bool)
-    mask[chosen] = True
-    return mask
-
-
-def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
-    """Return which points have the label of a name."""
-    keys = [key for key, label in names.items() if label == name]
-    if not keys:
-        known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
-        raise InputError(f"name={name!r} is none of its labels: {known}")
-    if labels.ndim > 1:
-        raise InputError(f"has {labels.shape[1]} maps: give a file with one")
-    return np.isin(labels, keys)

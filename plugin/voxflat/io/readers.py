@@ -8,13 +8,10 @@ damaged file, so the checks of completeness are made here, too.
 from __future__ import annotations
 
 import gzip
-import importlib
 import re
-import textwrap
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -22,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.files import by_ending, one_line, require
 from voxflat.io.grid import Affine, check_affine, volume_shape
 
 Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
 """Voxels, and the affine if there is one."""
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
-
-REMEDY = "is the file complete, and what its ending says?"
 
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
@@ -314,8 +310,6 @@ def _load_itk(path: Path) -> Any:
         itk.Object.SetGlobalWarningDisplay(before)
 
 
-# -------------------------------------------------------------------------------------------- helpers
-
 READERS: dict[str, Callable[[Path], Read]] = {
     ".nii": _read_nifti,
     ".nii.gz": _read_nifti,
@@ -328,40 +322,3 @@ READERS: dict[str, Callable[[Path], Read]] = {
     ".npy": _read_npy,
     ".npz": _read_npz,
 }
-
-
-def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
-    """Return the entry of a table whose key ends the file's name."""
-    for ending, entry in table.items():
-        if path.name.lower().endswith(ending):
-            return entry
-    raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
-
-
-def require(module: str) -> Any:
-    """Import an optional package, which has the name of its extra."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise InputError(f"needs {module}: pip install 'voxflat[{module}]'") from error
-
-
-def one_line(error: Exception) -> str:
-    """Shorten a message, above all ITK's: lines of C++ places and addresses."""
-    if isinstance(error, InputError):
-        return str(error)
-    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", str(error))
-    return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
-
-
-@contextmanager
-def naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever goes wrong with a file or object into one line that begins with its name."""
-    try:
-        yield
-    except (FileNotFoundError, PermissionError, MemoryError):
-        raise
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
-    except Exception as error:
-        raise InputError(f"{name}: {one_line(error)}: {remedy}") from error

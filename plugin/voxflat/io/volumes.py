@@ -7,9 +7,7 @@ one. All of them end in a `Volume`, which is checked once, where it is made.
 from __future__ import annotations
 
 import os
-import uuid
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,22 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require
 from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
-from voxflat.io.readers import (
-    ITK_TYPES,
-    LPS_TO_RAS,
-    READERS,
-    REMEDY,
-    as_array,
-    by_ending,
-    from_itk,
-    from_nibabel,
-    naming,
-    read,
-    require,
-)
+from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, as_array, from_itk, from_nibabel, read
 
-__all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "atomic_path", "check_affine", "read_volume", "write_volume"]
+__all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "read_volume", "write_volume"]
 
 VOLUME_ENDINGS = tuple(READERS)
 """How the names of files end that hold volumes."""
@@ -163,44 +150,6 @@ def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLik
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
         write(temporary, Volume(np.asarray(data), check_affine(affine)))
-
-
-@contextmanager
-def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a file beside its place, and move it there once it is complete.
-
-    Parameters
-    ----------
-    path : path
-        The file to make or replace.
-
-    Yields
-    ------
-    Path
-        A new empty file in the same directory whose name has the same ending. It takes the place of
-        `path` when the block ends, and is deleted when the block raises.
-
-    Raises
-    ------
-    InputError
-        Nothing can be written at `path`.
-    """
-    path = Path(path)
-    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
-    try:
-        if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
-        temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
-    try:
-        yield temporary
-        try:
-            temporary.replace(path)
-        except OSError as error:
-            raise InputError(f"cannot replace {path}: {error.strerror}; is it in use?") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io import gifti
-from voxflat.io.graphics import TRIANGULATE, refuse_corners
-from voxflat.io.readers import require
+from voxflat.io.files import require
+from voxflat.io.triangles import TRIANGULATE, refuse_corners
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.graphics import read_obj_texture
-from voxflat.io.meshes import Mesh, is_patch, read_patch
-from voxflat.io.readers import REMEDY, naming
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.freesurfer import is_patch, read_patch
+from voxflat.io.meshes import Mesh
+from voxflat.io.obj import read_obj_texture
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.surface import Surface
@@ -134,7 +135,7 @@ def _of_patch(whole: Surface, path: Any) -> Matched:
     patch = read_patch(path)
     faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
     places = np.full((whole.count, 3), np.nan)
-    places[patch.vertices] = patch.points
+    places[patch.vertex_ids] = patch.points
     return _matched(whole, faces, places)
 
 

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_seed, checked_threads
-from voxflat.distortion.figures import Distortion
-from voxflat.distortion.tables import table_of_several
+from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.matching import Matched, match
 from voxflat.surfaces.making import surface as _surface
@@ -33,7 +32,7 @@ class JudgedMap:
     ----------
     uv : ndarray of float64, shape (N, 2)
         Places in the plane, mm.
-    vertices : ndarray of int64, shape (N,)
+    vertex_ids : ndarray of int64, shape (N,)
         The vertex of the surface's input that each one is; for voxels the vertex of the surface.
     faces : ndarray of uint32, shape (F, 3)
         Triangles.
@@ -42,7 +41,7 @@ class JudgedMap:
     """
 
     uv: NDArray[np.float64]
-    vertices: NDArray[np.int64]
+    vertex_ids: NDArray[np.int64]
     faces: NDArray[np.uint32]
     distortion: Distortion
 

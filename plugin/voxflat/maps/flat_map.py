@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import log
-from voxflat.distortion.figures import Distortion, undefined_as_nan
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
-from voxflat.io import meshes
-from voxflat.io.volumes import atomic_path
-from voxflat.maps.look_up import Places, TriangleFinder
-from voxflat.maps.raster import FlatImage, Raster, draw
+from voxflat.io.files import atomic_path
+from voxflat.io.freesurfer import Patch, patch_border, write_patch
+from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
+from voxflat.maps.plane import FlatTriangles, Planar
+from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
-from voxflat.maps.texture import TexturedSurface, as_picture, check_cover, check_values, look_up, place
+from voxflat.maps.texture import TexturedSurface
 
 __all__ = ["FlatMap", "load"]
 
@@ -30,7 +33,7 @@ _FORMAT = 3
 
 
 @dataclass(frozen=True, eq=False)
-class FlatMap:
+class FlatMap(Planar):
     """A flattened surface.
 
     Parameters
@@ -72,7 +75,6 @@ class FlatMap:
     distortion: Distortion
     metadata: dict[str, Any]
     rows: NDArray[np.float32] | None = None
-    _rasters: dict[float, Raster] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -89,118 +91,29 @@ class FlatMap:
         return bool(self.metadata["kind"] == "voxels")
 
     @cached_property
-    def _sampler(self) -> Sampler:
-        return Sampler(self.points, self.normals, self.ids, self.metadata)
+    def _triangles(self) -> FlatTriangles:
+        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata)
+        return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
 
     @property
     def affine(self) -> NDArray[np.float64]:
         """From voxel indices to RAS+ mm, shape (4, 4), of the volume that was flattened."""
-        return self._sampler.affine
+        return self._triangles.on_surface.affine
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
         """Shape of the volume that was flattened."""
-        return self._sampler.volume_shape
+        return self._triangles.on_surface.volume_shape
 
     @cached_property
     def spacing(self) -> float:
         """Typical distance of neighbouring points, mm: of voxels the geometric mean of the three spacings."""
         return usual_spacing(self.metadata, self.uv, self.faces)
 
-    def raster(self, pixel_size: float | None = None) -> Raster:
-        """Return the map's pixels, with the inverse look-up to the surface.
-
-        Parameters
-        ----------
-        pixel_size : float, optional
-            Side of a pixel, mm; by default half of `spacing`.
-
-        Returns
-        -------
-        Raster
-        """
-        size = self.spacing / 2 if pixel_size is None else float(pixel_size)
-        if size not in self._rasters:
-            self._rasters[size] = draw(self.uv, self.faces, self.torn, size)
-        return self._rasters[size]
-
-    def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Look up which place on the surface each pixel shows.
-
-        Parameters
-        ----------
-        pixel_size : float, optional
-            As in `raster`.
-
-        Returns
-        -------
-        ids : ndarray of int64, shape (H, W, 3) or (H, W)
-            The nearest surface voxel or vertex; −1 outside the map.
-        points : ndarray of float64, shape (H, W, 3)
-            RAS+ mm, linear between surface voxels; NaN outside the map.
-        """
-        return self._sampler.locate(self.raster(pixel_size))
-
-    def look_up(self, places: ArrayLike) -> Places:
-        """Look up places on the map: which triangle lies there, where in it, and where that is in space.
-
-        Parameters
-        ----------
-        places : array_like, shape (..., 2)
-            (u, v), mm.
-
-        Returns
-        -------
-        Places
-            −1 and NaN for what lies beside the map. In a torn triangle, between whose corners there is no surface, the
-            nearest corner is taken; where triangles overlap, the first.
-        """
-        return self._finder.look_up(places, self.points[self.faces], torn=self.torn)
-
-    @cached_property
-    def _finder(self) -> TriangleFinder:
-        return TriangleFinder(self.uv[self.faces])
-
-    def image(
-        self,
-        volume: object,
-        pixel_size: float | None = None,
-        *,
-        depth: float = 0.0,
-        interpolation: str | None = None,
-        name: str = "",
-    ) -> FlatImage:
-        """Sample a volume onto the flat map.
-
-        Parameters
-        ----------
-        volume : path, ndarray, image object or Volume
-            Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
-            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
-            that lies. For maps of meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
-            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
-            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
-        pixel_size : float, optional
-            Side of a pixel, mm; by default half of `spacing`.
-        depth : float
-            How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
-        interpolation : {"linear", "nearest"}, optional
-            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours.
-        name : str, optional
-            What the image shows.
-
-        Returns
-        -------
-        FlatImage
-            NaN (colours: alpha 0) outside the map and where the volume has no value.
-
-        Raises
-        ------
-        InputError
-            If the volume does not fit or cannot be read.
-        """
-        return self._sampler.image(self.raster(pixel_size), volume, depth=depth, interpolation=interpolation, name=name)
+    @property
+    def pixel_size(self) -> float:
+        """Side of a pixel unless another is given, mm: half of `spacing`."""
+        return self.spacing / 2
 
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distortion of each point as an image on the same pixels as `image`.
@@ -233,7 +146,7 @@ class FlatMap:
             The picture's value at each surface voxel, of the picture's type.
         """
         values = check_values(picture)
-        found = look_up(values, place(self.uv, values.shape))
+        found = values_at(values, place(self.uv, values.shape))
         return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
 
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
@@ -293,7 +206,7 @@ class FlatMap:
         values = np.asarray(values)
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
-        self._sampler.need_volume("has no voxels to paint")
+        self._triangles.on_surface.need_volume("has no voxels to paint")
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
@@ -328,11 +241,11 @@ class FlatMap:
         if name.endswith(".npz"):
             self._save_all(path)
         elif name.endswith(".patch.flat"):
-            meshes.write_patch(path, self._patch())
+            write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            meshes.write_mesh(path, self._mesh(whole=not self.is_voxels))
+            write_mesh(path, self._mesh(whole=not self.is_voxels))
         elif name.endswith((".vtp", ".ply", ".obj")):
-            meshes.write_mesh(path, self._mesh(whole=False))
+            write_mesh(path, self._mesh(whole=False))
         else:
             endings = " or ".join(MAP_ENDINGS)
             raise InputError(f"cannot save a map as {path.name}; give a name that ends in {endings}")
@@ -359,26 +272,26 @@ class FlatMap:
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
-    def _mesh(self, *, whole: bool) -> meshes.Mesh:
+    def _mesh(self, *, whole: bool) -> Mesh:
         """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
         points = np.column_stack([self.uv, np.zeros(len(self))])
         structure = self.metadata.get("structure")
         if not whole:
             data = {"distortion": self.distortion.per_point}
-            return meshes.Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
+            return Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
         first, faces = self._unique_vertices()
         placed = np.zeros((self.metadata["vertices"], 3))
         placed[self.ids[first]] = points[first]
-        return meshes.Mesh(placed, self.ids[faces], structure=structure)
+        return Mesh(placed, self.ids[faces], structure=structure)
 
-    def _patch(self) -> meshes.Patch:
+    def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         first, faces = self._unique_vertices()
         points = np.column_stack([self.uv, np.zeros(len(self))])[first]
-        border = meshes.patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
-        return meshes.Patch(self.ids[first], points, border)
+        border = patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
+        return Patch(self.ids[first], points, border)
 
     def _unique_vertices(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return one point for each vertex number, by ascending number, and the triangles among them."""

@@ -22,20 +22,20 @@ class Places:
 
     Parameters
     ----------
-    triangles : ndarray of int64, shape (...)
+    face_ids : ndarray of int64, shape (...)
         The triangle that lies there, a row of `faces`; −1 for none.
     weights : ndarray of float64, shape (..., 3)
         Barycentric coordinates there, by the triangle's corners; NaN for none.
     points : ndarray of float64, shape (..., 3)
         The place in space, RAS+ mm; NaN for none.
-    pieces : ndarray of int64, shape (...)
-        The piece or patch of an atlas; 0 on a map, which has one; −1 for none.
+    piece_ids : ndarray of int64, shape (...)
+        The piece of an atlas; 0 on a map, which has one; −1 for none.
     """
 
-    triangles: NDArray[np.int64]
+    face_ids: NDArray[np.int64]
     weights: NDArray[np.float64]
     points: NDArray[np.float64]
-    pieces: NDArray[np.int64]
+    piece_ids: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class TriangleFinder:
         points: NDArray[np.float64],
         *,
         torn: NDArray[np.bool_] | None = None,
-        labels: NDArray[np.int64] | None = None,
+        piece_ids: NDArray[np.int64] | None = None,
     ) -> Places:
         """Look up places.
 
@@ -92,7 +92,7 @@ class TriangleFinder:
             The corners in space.
         torn : ndarray of bool, shape (F,), optional
             Triangles that stand for their nearest corner.
-        labels : ndarray of int64, shape (F,), optional
+        piece_ids : ndarray of int64, shape (F,), optional
             The piece of each triangle.
 
         Returns
@@ -112,7 +112,7 @@ class TriangleFinder:
             apart = np.linalg.norm(self.corners[triangles[at]] - wanted.reshape(-1, 1, 2)[at], axis=2)
             weights[at] = np.eye(3)[apart.argmin(axis=1)]
         found = np.einsum("pc,pcx->px", weights, points[triangles])  # NaN where there is none
-        pieces = np.where(triangles < 0, -1, 0 if labels is None else labels[triangles])
+        pieces = np.where(triangles < 0, -1, 0 if piece_ids is None else piece_ids[triangles])
         shape = wanted.shape[:-1]
         return Places(
             triangles.reshape(shape), weights.reshape(*shape, 3), found.reshape(*shape, 3), pieces.reshape(shape)

@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
+from voxflat.maps.image_files import write_image
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -123,17 +124,16 @@ class FlatImage:
         Parameters
         ----------
         path : path
-            ``.png`` to look at; ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` (float32, NaN outside the map) or ``.npy``
-            to measure.
+            ``.png`` to look at: scalars in grey from the 1st to the 99th percentile, labels each in its own colour,
+            colours as they are, transparent outside the map. ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` to measure:
+            the values as float32, NaN outside the map, with the pixel size in mm. ``.npy``: the array as it is.
 
         Raises
         ------
         InputError
             If the ending is another, the values do not fit, or the file cannot be written.
         """
-        from voxflat.maps.image_files import write_image  # brings in Pillow
-
-        write_image(self, path)
+        write_image(path, self.data, self.affine, self.name)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

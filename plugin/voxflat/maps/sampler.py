@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io import meshes
+from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
 from voxflat.maps.raster import FlatImage, Raster, sample, show
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
@@ -144,7 +144,7 @@ class Sampler:
         if isinstance(volume, str | os.PathLike):
             if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
                 return None
-            return meshes.read_overlay(volume, count)
+            return read_overlay(volume, count)
         if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
             values = np.asarray(volume)
             if len(values) != count:

@@ -8,13 +8,12 @@ those that share the side (Rivara 1984), so that the surface stays without crack
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.maps.texture import TexturedSurface, look_up
+from voxflat.maps.pictures import values_at
 
 __all__ = ["subdivide"]
 
@@ -25,22 +24,46 @@ _SAMPLES = 1_000_000  # looked up at a time
 _Corners = NDArray[np.int64]
 
 
-def subdivide(surface: TexturedSurface, tolerance: float) -> TexturedSurface:
-    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`."""
+def subdivide(
+    points: NDArray[np.float64],
+    faces: _Corners,
+    coordinates: NDArray[np.float64],
+    picture: NDArray[np.uint8],
+    tolerance: float,
+    *,
+    repeat: bool,
+) -> tuple[NDArray[np.float64], _Corners, NDArray[np.float64]]:
+    """Split triangles until colours at their corners carry the texture; see `TexturedSurface.subdivided`.
+
+    Parameters
+    ----------
+    points, faces, coordinates, picture, repeat
+        As in `TexturedSurface`, without seams.
+    tolerance : float
+        Of 255 grey levels.
+
+    Returns
+    -------
+    points, faces, coordinates
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not positive, or there would be too many triangles.
+    """
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise InputError(f"the tolerance is {tolerance}; give a positive number of 255 grey levels")
-    points, faces, coordinates = surface.points, surface.faces, surface.texture_coordinates
-    size = np.array(surface.picture.shape[1::-1], dtype=np.float64)
+    size = np.array(picture.shape[1::-1], dtype=np.float64)
     open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good
     while True:
         rough = open_.copy()
-        rough[open_] = _deviation(surface, coordinates[faces[open_]]) > tolerance
+        rough[open_] = _deviation(coordinates[faces[open_]], picture, repeat) > tolerance
         if not rough.any():
-            return replace(surface, points=points, faces=faces, texture_coordinates=coordinates)
+            return points, faces, coordinates
         sides, faces, is_new = _bisect(faces, coordinates * size, rough)
         if len(faces) > _MOST_FACES:
             raise InputError(
-                f"the picture's {surface.picture.shape[1]} x {surface.picture.shape[0]} texels need more than "
+                f"the picture's {picture.shape[1]} x {picture.shape[0]} texels need more than "
                 f"{_MOST_FACES} triangles; give a greater tolerance or a coarser picture, or save it with the picture "
                 "itself, as .obj, .vtp or .glb"
             )
@@ -52,20 +75,20 @@ def subdivide(surface: TexturedSurface, tolerance: float) -> TexturedSurface:
 # --------------------------------------------------------------------------------------------- where
 
 
-def _deviation(surface: TexturedSurface, corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _deviation(corners: NDArray[np.float64], picture: NDArray[np.uint8], repeat: bool) -> NDArray[np.float64]:
     """Return how far the texture differs in each triangle from what is linear between its corners, at most.
 
     It is compared at places no further apart than a texel; triangles no longer than one differ by 0.
     """
-    size = np.array(surface.picture.shape[1::-1], dtype=np.float64)
+    size = np.array(picture.shape[1::-1], dtype=np.float64)
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1)) * size, axis=2).max(axis=1)
     steps = 2 ** np.ceil(np.log2(np.maximum(sides, 1))).astype(np.int64)
     worst = np.where(steps > _LONGEST, np.inf, 0.0)
     for step in np.unique(steps[(steps > 1) & (steps <= _LONGEST)]).tolist():
         weights = _lattice(step)
         for some in _batches(np.flatnonzero(steps == step), max(1, _SAMPLES // len(weights))):
-            ends = look_up(surface.picture, corners[some], surface.repeat)
-            within = look_up(surface.picture, weights @ corners[some], surface.repeat)
+            ends = values_at(picture, corners[some], repeat)
+            within = values_at(picture, weights @ corners[some], repeat)
             worst[some] = np.abs(within - weights @ ends).max(axis=(1, 2))
     return worst
 

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io import graphics, meshes
-from voxflat.io.readers import REMEDY, naming
+from voxflat.io import meshes
+from voxflat.io.files import REMEDY, beside, naming
+from voxflat.io.obj import read_obj_texture
+from voxflat.maps.pictures import as_picture, values_at
 from voxflat.maps.raster import Raster
-from voxflat.maps.texture import as_picture, look_up
 
 __all__ = ["TEXTURE_ENDINGS", "SurfaceTexture", "are_colours", "paint", "read_texture"]
 
@@ -105,8 +106,6 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
 
 def _picture_beside(path: Path) -> Path | None:
     """Return the picture that belongs to a file: of its own name, or named by a PLY file's header."""
-    from voxflat.maps.texture_files import beside  # brings in Pillow
-
     named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", path.read_bytes()[:4096])
     if named and path.suffix.lower() == ".ply":
         return path.with_name(named[1].decode("utf-8", "replace"))
@@ -115,7 +114,7 @@ def _picture_beside(path: Path) -> Path | None:
 
 
 def _obj_texture(path: Path) -> SurfaceTexture:
-    faces, coordinates, names = graphics.read_obj_texture(path.read_bytes())
+    faces, coordinates, names = read_obj_texture(path.read_bytes())
     found: dict[str, str] = {}
     for library in sorted(names["mtllib"]):
         found |= _material_pictures(path.parent / library)
@@ -184,7 +183,7 @@ def _sampled(texture: SurfaceTexture, raster: Raster, ids: NDArray[np.int64]) ->
     values = np.full((*raster.shape, texture.picture.shape[2]), np.nan)
     # coordinates beyond the picture's borders repeat it, as is the rule of OBJ and VTK
     is_beyond = bool((np.abs(texture.coordinates - 0.5) > 0.5 + 1e-6).any())
-    values[seen] = look_up(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
+    values[seen] = values_at(_reduced(texture.picture, coordinates), coordinates[seen], repeat=is_beyond)
     return values
 
 

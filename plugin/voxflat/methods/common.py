@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, check_memory, log, workers
-from voxflat.distortion.figures import Distortion
+from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.region import Cutout
 

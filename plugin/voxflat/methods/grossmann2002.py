@@ -9,7 +9,7 @@ import numpy as np
 from voxflat.distances.geodesic import stored_rows
 from voxflat.distances.sources import choose_sources
 from voxflat.distances.store import prepare_store
-from voxflat.distortion.figures import Distortion
+from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import How, told
 from voxflat.methods.options import default

@@ -70,8 +70,8 @@ def _glued_whole(
         )
     opened = part.with_core(part.core.cut(glued.cuts.tolist())) if len(glued.cuts) else part
     uv = np.empty((len(opened), 2))
-    uv[opened.faces] = glued.uv[glued.corners]
-    assert np.array_equal(uv[opened.faces], glued.uv[glued.corners]), "the surface is cut where the piece is"
+    uv[opened.faces] = glued.uv[glued.uv_faces]
+    assert np.array_equal(uv[opened.faces], glued.uv[glued.uv_faces]), "the surface is cut where the piece is"
     figures = glued.figures()
     return opened, uv, {name: figures[name] for name in ("patches", "seams", "before", "measured")}
 

@@ -50,7 +50,7 @@ class Check:
     split_vertices : int or None
         Vertices that were added because a voxel carries several sheets.
     components : tuple of int
-        Numbers of vertices of the surface's components, largest first.
+        Numbers of vertices of the surface's components, the one of the largest area first.
     used : int or None
         Number of vertices of the part that would be flattened.
     euler_characteristic : int or None

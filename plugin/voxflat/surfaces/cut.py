@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_threads, log
-from voxflat.io.volumes import atomic_path
+from voxflat.io.files import atomic_path
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
 from voxflat.surfaces.surface import Surface

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from voxflat.surfaces.surface import Surface
 
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
-_SHARES = (0.01, 0.2)  # of a hemisphere's vertices that the wall may have; 7 % are usual
-_CLEAR = 10  # times as many vertices as the next such place
+_SHARES = (0.01, 0.2)  # of a hemisphere's area that the wall may have; 7 % are usual
+_CLEAR = 10  # times as large as the next such place
 
 
 def is_medial_wall(region: object) -> bool:
@@ -60,11 +60,11 @@ def medial_wall_of(whole: Surface) -> NDArray[np.bool_]:
     if not corners.any():
         raise InputError(f"white and pial surface touch nowhere, so the medial wall is not found: {advice}")
     places = whole.core.part_of_faces(corners)
-    sizes = [piece["vertices"] for piece in places.topology()["components"]]
-    share = sizes[0] / len(whole)
-    if not _SHARES[0] <= share <= _SHARES[1] or (len(sizes) > 1 and sizes[1] * _CLEAR > sizes[0]):
+    areas = [place["area"] for place in places.topology()["components"]]
+    share = areas[0] / sum(piece["area"] for piece in whole.core.topology()["components"])
+    if not _SHARES[0] <= share <= _SHARES[1] or (len(areas) > 1 and areas[1] * _CLEAR > areas[0]):
         raise InputError(
-            f"white and pial surface touch in {len(sizes)} places, the largest {100 * share:.1f} % of the surface: "
+            f"white and pial surface touch in {len(areas)} places, the largest {100 * share:.1f} % of the surface: "
             f"that is not clearly the medial wall; {advice}"
         )
     wall = np.zeros(whole.count, dtype=np.bool_)

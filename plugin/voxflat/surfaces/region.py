@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.meshes import Patch, holds_mesh, is_patch, read_patch, read_region
+from voxflat.io.freesurfer import Patch, is_patch, read_patch
+from voxflat.io.meshes import holds_mesh
+from voxflat.io.overlays import read_region
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.foreground import keep_mask
@@ -21,7 +23,7 @@ from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.seed import check_disk, found_seed
 from voxflat.surfaces.surface import Surface
 
-_STRAY_SHARE = 0.05  # of a patch's triangles, that may lie in stray pieces
+_STRAY_SHARE = 0.05  # of a patch's area, that may lie in stray pieces
 
 
 @dataclass(frozen=True)
@@ -227,18 +229,17 @@ def _seed(part: Surface, seed_point: Sequence[int] | int) -> tuple[int, list[str
 
 
 def _one_piece(part: Surface, is_chosen: bool) -> tuple[Surface, list[str]]:
-    """Return the largest piece, if that is what the user can have meant."""
-    pieces = part.core.topology()["components"]
-    if len(pieces) == 1:
+    """Return the piece with the largest area, if that is what the user can have meant."""
+    areas = [piece["area"] for piece in part.core.topology()["components"]]
+    if len(areas) == 1:
         return part, []
-    sizes = [piece["faces"] for piece in pieces]
-    rest = 1 - sizes[0] / sum(sizes)
-    if is_chosen and rest > _STRAY_SHARE:
-        shown = ", ".join(str(size) for size in sizes[:5]) + (", ..." if len(sizes) > 5 else "")
+    share = areas[0] / sum(areas)
+    if is_chosen and 1 - share > _STRAY_SHARE:
+        shown = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
         raise InputError(
-            f"the patch falls into {len(sizes)} pieces that do not touch (of {shown} triangles): keep one piece, or "
+            f"the patch falls into {len(areas)} pieces that do not touch (of {shown} mm²): keep one piece, or "
             "give a seed point and a radius"
         )
     what = "the patch" if is_chosen else "the surface"
-    remark = f"{what} has {len(sizes)} components: the largest, {100 * (1 - rest):.1f} % of its triangles, is used"
+    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
     return part.with_core(part.core.largest_piece()), [remark]

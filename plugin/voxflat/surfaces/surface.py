@@ -188,13 +188,13 @@ class Surface:
         InputError
             If it names vertices that the surface does not have.
         """
-        if len(patch.vertices) and patch.vertices.max() >= self.count:
+        if len(patch.vertex_ids) and patch.vertex_ids.max() >= self.count:
             raise InputError(
-                f"the patch names vertex {patch.vertices.max()}, but the surface has {self.count} vertices: is it of "
+                f"the patch names vertex {patch.vertex_ids.max()}, but the surface has {self.count} vertices: is it of "
                 "this one?"
             )
         place = np.zeros(self.count, dtype=np.int8)  # 1 inside, 2 on the border
-        place[patch.vertices] = np.where(patch.border, 2, 1)
+        place[patch.vertex_ids] = np.where(patch.border, 2, 1)
         corners = place[self.vertices[self.faces]]
         return np.asarray((corners > 0).all(axis=1) & (corners == 1).any(axis=1))
 

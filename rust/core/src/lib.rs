@@ -17,7 +17,9 @@
 //! | [`place`] | embedding → every point | radial functions, re-insertion, bilinear placement |
 //! | [`orient`] | | the map's up and its handedness |
 //! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
+//! | [`look_up`] | flat map → surface | the triangle that holds a place, and where in it |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |
+//! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | whole methods, composed from the stages |
 //!
 //! # Conventions
@@ -26,6 +28,7 @@
 //! bit by bit, whatever the number of threads: sums over sources are taken in the order of the sources.
 
 pub mod adjacency;
+pub mod atlas;
 mod boxes;
 pub mod control;
 pub mod distortion;
@@ -33,6 +36,7 @@ pub mod embed;
 pub mod error;
 pub mod flatten;
 pub mod geodesic;
+pub mod look_up;
 pub mod orient;
 pub mod patch;
 pub mod place;

@@ -90,6 +90,15 @@ pub fn handedness(surface: &VoxelSurface, graph: &Graph, uv: &[[f64; 2]]) -> f64
     (0..points.len()).map(at_point).sum()
 }
 
+/// The signed area of a map, mm²: positive if most of its faces run as they do on the surface.
+pub fn map_area(faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
+    let double = |face: &[u32; 3]| {
+        let [[ax, ay], [bx, by], [cx, cy]] = face.map(|v| uv[v as usize]);
+        (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    };
+    0.5 * faces.iter().map(double).sum::<f64>()
+}
+
 /// The direction in the map along which superior (else anterior, else right) grows fastest, by linear regression.
 fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) -> Option<Vector2<f64>> {
     let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
@@ -109,8 +118,8 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
 mod tests {
     use super::*;
     use crate::control::Control;
-    use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::volume::{Affine, Mask};
 
     /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.

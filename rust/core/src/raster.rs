@@ -11,6 +11,7 @@ use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
+use crate::look_up::is_inside;
 
 /// Most pixels of an image: 10,000 by 10,000 take 2.4 GB.
 const MOST_PIXELS: f64 = 1e8;
@@ -107,8 +108,7 @@ impl Raster {
                 let weights =
                     [(c - b).perp(&(p - b)), (a - c).perp(&(p - c)), (b - a).perp(&(p - a))].map(|w| w / area);
                 let pixel = row * self.width + column;
-                // the small tolerance keeps a pixel on a shared side from falling between its faces
-                if weights.iter().all(|&w| w >= -1e-9) && self.corners[pixel][0] == Self::OUTSIDE {
+                if is_inside(&weights) && self.corners[pixel][0] == Self::OUTSIDE {
                     self.corners[pixel] = face;
                     let apart = corners.map(|corner| (corner - p).norm_squared());
                     let nearest = (0..3).min_by(|&k, &l| apart[k].total_cmp(&apart[l])).unwrap_or(0);
@@ -202,8 +202,8 @@ fn rotate_lowest_first(face: &mut [u32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::surface::VoxelSurface;
     use crate::volume::{Affine, Mask};
     use proptest::prelude::*;

@@ -226,8 +226,8 @@ pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result
 mod tests {
     use super::*;
     use crate::adjacency::{Graph, Links};
-    use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::surface::VoxelSurface;
     use crate::volume::{Affine, Mask};
 

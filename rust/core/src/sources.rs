@@ -141,9 +141,9 @@ mod tests {
 
     use super::*;
     use crate::adjacency::Graph;
-    use crate::flatten::chain_graph;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;

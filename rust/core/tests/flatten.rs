@@ -2,9 +2,9 @@
 
 use voxflat::adjacency::Graph;
 use voxflat::control::Control;
-use voxflat::flatten::{FlatMap, chain_graph, check_flattenable, cut_out, grossmann2002};
-use voxflat::geodesic::chain::LinkLengths;
-use voxflat::patch::{Disk, Patch};
+use voxflat::flatten::{FlatMap, check_flattenable, grossmann2002};
+use voxflat::geodesic::chain::{LinkLengths, chain_graph};
+use voxflat::patch::{Disk, Patch, cut_out};
 use voxflat::sources::Sources;
 use voxflat::surface::VoxelSurface;
 use voxflat::volume::{Affine, Mask};

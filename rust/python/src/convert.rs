@@ -9,8 +9,7 @@ use voxflat::distortion::overlap::Overlap;
 use voxflat::distortion::{Distortion, Figures};
 use voxflat::flatten::FlatMap;
 use voxflat::geodesic::marching::Wave;
-use voxflat::sources::{self, Sources};
-use voxflat::surface::Surface;
+use voxflat::sources::Sources;
 use voxflat::surface::level::Level;
 use voxflat::volume::Mask;
 
@@ -38,6 +37,11 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(
         return Err(InputError::new_err(format!("{name} has shape {:?}; it needs {W} columns", view.shape())));
     }
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
+}
+
+/// Vectors as rows.
+pub fn plain<V: Copy + Into<[f64; 3]>>(vectors: &[V]) -> Vec<[f64; 3]> {
+    vectors.iter().map(|&vector| vector.into()).collect()
 }
 
 /// A two-dimensional array from rows of a fixed width.
@@ -73,18 +77,12 @@ pub fn image<'py, T: numpy::Element>(
     table.reshape([height, width, depth])
 }
 
-/// How sources are chosen: "farthest", "random", or on a surface of triangles "curvature".
-pub fn sources(sampling: &str, count: usize, seed: u64, surface: Option<&Surface>) -> PyResult<Sources> {
-    match (sampling, surface) {
-        ("farthest", _) => Ok(Sources::Farthest { count, seed }),
-        ("random", _) => Ok(Sources::Random { count, seed }),
-        ("curvature", Some(surface)) => {
-            Ok(Sources::Weighted { count, seed, weights: sources::by_curvature(surface, count) })
-        }
-        (_, None) => Err(InputError::new_err(format!(
-            "sampling is {sampling:?}; give 'farthest' or 'random', which are all that voxels have"
-        ))),
-        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give 'farthest', 'curvature' or 'random'"))),
+/// How sources are chosen: "farthest" or "random"; `choices` names all that there are, for who gives something else.
+pub fn sources(sampling: &str, count: usize, seed: u64, choices: &str) -> PyResult<Sources> {
+    match sampling {
+        "farthest" => Ok(Sources::Farthest { count, seed }),
+        "random" => Ok(Sources::Random { count, seed }),
+        _ => Err(InputError::new_err(format!("sampling is {sampling:?}; give {choices}"))),
     }
 }
 
@@ -160,8 +158,7 @@ pub fn triangles_dict<'py>(
 pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("uv", array(py, &map.uv)?)?;
-    let normals: Vec<[f64; 3]> = map.normals.into_iter().map(Into::into).collect();
-    dict.set_item("normals", array(py, &normals)?)?;
+    dict.set_item("normals", array(py, &plain(&map.normals))?)?;
     dict.set_item("sources", map.sources.into_pyarray(py))?;
     dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
     dict.set_item("planarity", map.planarity)?;

@@ -1,4 +1,6 @@
 //! The Python extension `voxflat._core`: borrow, check, release the GIL, call, wrap. No algorithm lives here.
+//!
+//! Arrays are copied with the GIL; whatever else takes time goes on without it.
 
 mod convert;
 mod raster;
@@ -18,12 +20,15 @@ fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
+    module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;
     module.add_class::<voxels::VoxelSurface>()?;
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
     module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
     module.add_function(wrap_pyfunction!(surface::measure::reference_sources, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::vertex_normals, module)?)?;
     module.add_function(wrap_pyfunction!(store_memory_need, module)?)?;
     module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())

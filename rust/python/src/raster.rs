@@ -1,12 +1,16 @@
-//! The flat image's pixels.
+//! The flat image's pixels, and the inverse look-up.
 
-use numpy::{PyArray3, PyReadonlyArray1, PyReadonlyArray2};
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
+use voxflat::look_up::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
 use crate::convert;
 use crate::work::{InputError, run};
 
+type Found<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>);
 type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 2]);
 
 /// Draws faces (F, 3) over the plane; pixels of a torn face show its nearest corner.
@@ -35,4 +39,34 @@ pub fn draw<'py>(
     let corners = convert::image(convert::array(py, &raster.corners)?, raster.height, raster.width)?;
     let weights = convert::image(convert::array(py, &raster.weights)?, raster.height, raster.width)?;
     Ok((corners, weights, raster.origin))
+}
+
+/// Finds the triangles that hold places in the plane.
+#[pyclass(frozen, module = "voxflat._core")]
+pub struct TriangleFinder(Arc<CoreFinder>);
+
+#[pymethods]
+impl TriangleFinder {
+    /// Of triangles (F, 3) between places (N, 2) in mm.
+    #[new]
+    fn new(py: Python<'_>, uv: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+        let uv = convert::rows::<_, 2>(&uv, "uv")?;
+        let faces = convert::rows::<_, 3>(&faces, "faces")?;
+        convert::check_vertices(faces.iter().flatten().copied(), uv.len())?;
+        run(py, Some(1), None, move |_| {
+            let corners: Vec<_> = faces.iter().map(|face| face.map(|v| uv[v as usize])).collect();
+            Ok(Self(Arc::new(CoreFinder::new(&corners))))
+        })
+    }
+
+    /// The first triangle that holds each of the places (P, 2), -1 for none, and barycentric coordinates (P, 3), NaN for none.
+    fn find<'py>(&self, py: Python<'py>, places: PyReadonlyArray2<'py, f64>) -> PyResult<Found<'py>> {
+        let places = convert::rows::<_, 2>(&places, "places")?;
+        let finder = Arc::clone(&self.0);
+        let (triangles, weights): (Vec<i64>, Vec<[f64; 3]>) = run(py, None, None, move |control| {
+            let found = finder.find_all(&places, control)?.into_iter();
+            Ok(found.map(|found| found.map_or((-1, [f64::NAN; 3]), |(at, weights)| (i64::from(at), weights))).unzip())
+        })?;
+        Ok((triangles.into_pyarray(py), convert::array(py, &weights)?))
+    }
 }

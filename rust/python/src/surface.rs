@@ -17,6 +17,7 @@ use voxflat::control::Control;
 use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch;
 use voxflat::surface::Surface as CoreSurface;
+use voxflat::surface::mesh;
 use voxflat::surface::repair::to_genus_zero;
 use voxflat::surface::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
@@ -105,14 +106,15 @@ impl Surface {
     /// RAS+ mm (N, 3).
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points: Vec<[f64; 3]> = self.0.surface.points().iter().map(|&p| p.into()).collect();
+        let points = py.detach(|| convert::plain(self.0.surface.points()));
         convert::array(py, &points)
     }
 
     /// Unit normals (N, 3) of the vertices, means of their faces'.
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let normals: Vec<[f64; 3]> = self.0.surface.normals().into_iter().map(Into::into).collect();
+        let inner = Arc::clone(&self.0);
+        let normals = run(py, Some(1), None, move |_| Ok(convert::plain(&inner.surface.normals())))?;
         convert::array(py, &normals)
     }
 
@@ -129,23 +131,25 @@ impl Surface {
     }
 
     /// The part of the faces whose corners are all kept (N).
-    fn part(&self, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
+    fn part(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
         let keep: Vec<bool> = keep.as_array().iter().copied().collect();
         if keep.len() != self.0.surface.len() {
             let message = format!("keep has {} values; the surface has {} points", keep.len(), self.0.surface.len());
             return Err(InputError::new_err(message));
         }
-        Ok(self.0.surface.part_of_vertices(&keep).into())
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), None, move |_| Ok(inner.surface.part_of_vertices(&keep).into()))
     }
 
     /// The part of the faces that are kept (F).
-    fn part_of_faces(&self, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
+    fn part_of_faces(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
         let keep: Vec<bool> = keep.as_array().iter().copied().collect();
         let faces = self.0.surface.faces().len();
         if keep.len() != faces {
             return Err(InputError::new_err(format!("keep has {} values; the surface has {faces} faces", keep.len())));
         }
-        Ok(self.0.surface.part(&keep).into())
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), None, move |_| Ok(inner.surface.part(&keep).into()))
     }
 
     /// The geodesic disk around a vertex, and how many faces were taken in because it encloses them.
@@ -180,17 +184,21 @@ impl Surface {
         Ok((part.into(), path.into_pyarray(py)))
     }
 
-    /// The component with the most faces.
-    fn largest_piece(&self) -> Self {
-        patch::largest_piece(&self.0.surface).into()
+    /// The component with the largest area.
+    fn largest_piece(&self, py: Python<'_>) -> PyResult<Self> {
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), None, move |_| Ok(patch::largest_piece(&inner.surface).into()))
     }
 
     /// The same vertices at other points (N, 3) in mm.
-    fn moved(&self, points: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+    fn moved(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         self.check_length(points.len(), "points")?;
-        let points = points.into_iter().map(Into::into).collect();
-        Ok(self.0.surface.moved(points).map_err(to_python)?.into())
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), None, move |_| {
+            let points = points.into_iter().map(Into::into).collect();
+            Ok(inner.surface.moved(points)?.into())
+        })
     }
 }
 
@@ -202,6 +210,24 @@ impl Surface {
         }
         Err(InputError::new_err(format!("{name} has {given} rows; the surface has {points} points")))
     }
+}
+
+/// Unit normals (N, 3) of the vertices of triangles (F, 3) between points (N, 3), weighted by areas; NaN where there is none.
+#[pyfunction]
+pub fn vertex_normals<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f64>,
+    faces: PyReadonlyArray2<'py, u32>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let points = convert::rows::<_, 3>(&points, "points")?;
+    let faces = convert::rows::<_, 3>(&faces, "faces")?;
+    convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
+    let normals = run(py, Some(1), None, move |_| {
+        let points: Vec<_> = points.into_iter().map(Into::into).collect();
+        let or_none = |normal: [f64; 3]| if normal == [0.0; 3] { [f64::NAN; 3] } else { normal };
+        Ok(convert::plain(&mesh::vertex_normals(&points, &faces)).into_iter().map(or_none).collect::<Vec<_>>())
+    })?;
+    convert::array(py, &normals)
 }
 
 /// What is wrong with a mesh: for each defect where it is.

@@ -7,11 +7,11 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2,
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::adjacency::{Graph, Links};
-use voxflat::flatten::{chain_graph, check_flattenable, cut_out, grossmann2002, memory_need};
+use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
-use voxflat::geodesic::chain::{ChainWeights, LinkLengths};
+use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
 use voxflat::geodesic::shortest::trace_path;
-use voxflat::patch::{Disk, Patch};
+use voxflat::patch::{Disk, Patch, cut_out};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
@@ -105,22 +105,22 @@ impl VoxelSurface {
     /// RAS+ mm (N, 3).
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points: Vec<[f64; 3]> = self.0.surface.points().into_iter().map(Into::into).collect();
+        let points = py.detach(|| convert::plain(&self.0.surface.points()));
         convert::array(py, &points)
     }
 
     /// The graph in compressed rows: starts (N + 1), neighbours, lengths in mm.
     #[getter]
     fn csr<'py>(&self, py: Python<'py>) -> Csr<'py> {
-        let arcs = || (0..self.0.graph.len() as u32).flat_map(|vertex| self.0.graph.arcs(vertex));
-        let neighbours: Vec<u32> = arcs().map(|arc| arc.to).collect();
-        let lengths: Vec<f32> = arcs().map(|arc| arc.length).collect();
-        (self.0.graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
+        let graph = &self.0.graph;
+        let arcs = || (0..graph.len() as u32).flat_map(|vertex| graph.arcs(vertex));
+        let (neighbours, lengths): (Vec<u32>, Vec<f32>) = py.detach(|| arcs().map(|arc| (arc.to, arc.length)).unzip());
+        (graph.starts().to_vec().into_pyarray(py), neighbours.into_pyarray(py), lengths.into_pyarray(py))
     }
 
     /// Numbers of voxels of the connected components, largest first.
-    fn component_sizes(&self) -> Vec<usize> {
-        let mut sizes = self.0.graph.components().sizes;
+    fn component_sizes(&self, py: Python<'_>) -> Vec<usize> {
+        let mut sizes = py.detach(|| self.0.graph.components().sizes);
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         sizes
     }
@@ -144,14 +144,15 @@ impl VoxelSurface {
     fn find<'py>(&self, py: Python<'py>, voxels: PyReadonlyArray2<'py, i64>) -> PyResult<Bound<'py, PyArray1<u32>>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
-        let found = voxels.into_iter().map(|voxel| self.0.surface.find(voxel).map(|vertex| vertex as u32));
-        Ok(found.collect::<voxflat::Result<Vec<u32>>>().map_err(to_python)?.into_pyarray(py))
+        let find = |voxel| self.0.surface.find(voxel).map(|vertex| vertex as u32);
+        let found: voxflat::Result<Vec<u32>> = py.detach(|| voxels.into_iter().map(find).collect());
+        Ok(found.map_err(to_python)?.into_pyarray(py))
     }
 
     /// The surface voxel nearest to a voxel, as a vertex, and its distance in mm.
-    fn nearest(&self, voxel: [i64; 3]) -> PyResult<(usize, f64)> {
+    fn nearest(&self, py: Python<'_>, voxel: [i64; 3]) -> PyResult<(usize, f64)> {
         self.check_not_empty()?;
-        Ok(self.0.surface.nearest(voxel))
+        Ok(py.detach(|| self.0.surface.nearest(voxel)))
     }
 
     /// Chooses sources: "farthest" or "random".
@@ -164,7 +165,8 @@ impl VoxelSurface {
         seed: u64,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let sources = convert::sources(sampling, count, seed, None)?;
+        let sources =
+            convert::sources(sampling, count, seed, "'farthest' or 'random', which are all that voxels have")?;
         let inner = Arc::clone(&self.0);
         let chosen = run(py, Some(1), progress.as_ref(), move |control| sources.choose(&inner.graph, control))?;
         Ok(chosen.into_pyarray(py))
@@ -229,7 +231,7 @@ impl VoxelSurface {
 
     /// The memory in bytes that flattening needs at most.
     fn memory_need(&self, sources: usize, threads: usize) -> u64 {
-        memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
+        grossmann2002::memory_need(self.0.surface.len(), self.0.graph.links(), sources, threads)
     }
 
     /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat.atlases.pieces import FlatPieces
+from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
@@ -51,7 +51,7 @@ class Sampled:
         place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
         return f"'{self.name}', as sampled {place}"
 
-    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: FlatMap | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         interpolation = "nearest" if self.kind == "labels" else "linear"
         return flat_map.image(self.volume.read(), pixel_size, depth=self.depth, interpolation=interpolation)
@@ -81,7 +81,7 @@ class Overlay:
         """What the map's values are."""
         return f"the values of '{self.name}'"
 
-    def image(self, flat_map: FlatMap | FlatPieces, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: FlatMap | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         return flat_map.image(self.values, pixel_size)
 

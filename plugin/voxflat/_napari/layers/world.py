@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.volumes import check_affine
+from voxflat.io.grid import check_affine
 
 if TYPE_CHECKING:
     from napari.layers import Layer

@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushB
 from voxflat._napari.results.map_view import MapView
 from voxflat._napari.results.maps import HEAT_MEANING, FlatLayers
 from voxflat._napari.results.report import figures, table, warnings
-from voxflat.atlases.certified import Atlas
+from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.maps.flat_map import FlatMap
 

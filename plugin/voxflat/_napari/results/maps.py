@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Overlay, Shown
-from voxflat.atlases.certified import Atlas
+from voxflat.atlases.atlas import Atlas
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.raster import FlatImage
 

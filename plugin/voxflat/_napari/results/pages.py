@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.maps import FlatLayers, LayerData, description, placement, shown_image, units
-from voxflat.atlases.certified import Atlas
-from voxflat.atlases.glued import load_atlas
-from voxflat.maps.image_files import coloured, label_colours
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import load_atlas
+from voxflat.maps.colours import coloured, label_colours
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 """What the colours of a page's heat map mean."""
@@ -49,14 +49,14 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
 
 
 def _patches_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:
-    image = atlas.page().numbers(pixel_size)
+    image = atlas.page().label_image(pixel_size)
     keywords = {
         "name": f"{name} patches",
         "rgb": True,
         **placement(atlas, image),
         **description(atlas, "a colour for each patch, as on the surface"),
     }
-    return coloured(image), keywords, "image"
+    return coloured(image.data), keywords, "image"
 
 
 def _heat_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:
@@ -74,7 +74,7 @@ def _heat_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:
 
 def _surface(atlas: Atlas, name: str) -> LayerData:
     """Return the surface, cut open between patches, so that each triangle has the colour of its patch alone."""
-    ends = np.column_stack([np.repeat(atlas.coloured, 3), atlas.faces.reshape(-1)])
+    ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
     (owner, rows), faces = _unique(ends)
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
     vertices = from_ras(atlas.points, atlas.metadata["napari"]["world_axes"])[rows]

@@ -6,9 +6,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from voxflat.atlases.certified import Atlas, FlatAtlas
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import FlatAtlas
 from voxflat.atlases.glued import GluedAtlas
-from voxflat.distortion.figures import Triangles
+from voxflat.distortion.figures import TriangleFigures
 from voxflat.maps.flat_map import FlatMap
 
 Row: TypeAlias = tuple[str, str]
@@ -111,7 +112,7 @@ def _of_glued(atlas: GluedAtlas) -> list[Row]:
     ]
 
 
-def _of_triangles(triangles: Triangles) -> list[Row]:
+def _of_triangles(triangles: TriangleFigures) -> list[Row]:
     return [
         ("areas, median factor", f"{2**triangles.areal_median:.2f}"),
         ("edges", f"{100 * triangles.edge:.1f} %"),

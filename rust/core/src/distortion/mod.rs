@@ -9,6 +9,8 @@
 
 pub mod bootstrap;
 pub mod faces;
+pub mod judge;
+pub mod links;
 pub mod overlap;
 mod scale;
 pub mod sums;

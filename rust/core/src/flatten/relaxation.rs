@@ -10,7 +10,7 @@ mod sketch;
 
 use rayon::prelude::*;
 
-use super::check_disk;
+use super::check::check_disk;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;

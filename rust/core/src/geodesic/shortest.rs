@@ -203,8 +203,8 @@ pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32) -> 
 mod tests {
     use super::*;
     use crate::adjacency::Graph;
-    use crate::flatten::chain_graph;
     use crate::geodesic::chain::LinkLengths;
+    use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;

@@ -6,17 +6,16 @@ mod voxels;
 
 pub use disk::disk;
 pub use polygon::polygon;
-pub use voxels::{Disk, Patch, geodesic_disk, keep, largest_component};
+pub use voxels::{Disk, Patch, cut_out, geodesic_disk, keep, largest_component};
 
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
+use crate::surface::topology::Topology;
 
-/// The component with the largest area; the whole surface if it has but one.
+/// The component with the largest area, the first of [`Topology::components`]; the whole surface if it has but one.
 pub fn largest_piece(surface: &Surface) -> Surface {
-    let (labels, count) = surface.components();
-    let mut area = vec![0.0; count];
-    labels.iter().zip(surface.areas()).for_each(|(&label, face)| area[label as usize] += face);
-    let largest = (0..count).rev().max_by(|&a, &b| area[a].total_cmp(&area[b])).unwrap_or(0) as u32;
+    let (labels, _) = surface.components();
+    let largest = Topology::of(surface).components.first().map_or(0, |component| component.label);
     surface.part(&labels.iter().map(|&label| label == largest).collect::<Vec<_>>())
 }
 

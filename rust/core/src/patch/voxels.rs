@@ -3,6 +3,7 @@
 use crate::adjacency::{Graph, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
+use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::geodesic::shortest::Search;
 use crate::surface::VoxelSurface;
 use crate::volume::Mask;
@@ -68,4 +69,35 @@ pub fn largest_component(surface: &VoxelSurface, graph: &Graph) -> VoxelSurface 
     let largest = components.largest();
     let inside: Vec<bool> = components.labels.iter().map(|&label| Some(label) == largest).collect();
     surface.subset(&inside)
+}
+
+/// What is to be flattened of a surface, with its graph: the patch, or the largest component where none is given.
+///
+/// # Errors
+/// Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
+pub fn cut_out(
+    surface: &VoxelSurface,
+    patch: &Patch<'_>,
+    lengths: LinkLengths,
+    control: &Control,
+) -> Result<(VoxelSurface, Graph)> {
+    control.begin("cutting out the patch", 1);
+    let mut part = match patch.keep {
+        Some(mask) => keep(surface, mask)?,
+        None => surface.clone(),
+    };
+    let mut graph = chain_graph(&part, lengths, control)?;
+    if let Some(disk) = patch.disk {
+        part = geodesic_disk(&part, &graph, disk, control)?;
+        graph = chain_graph(&part, lengths, control)?;
+    }
+    let components = graph.components();
+    if components.sizes.len() > 1 {
+        if patch.keep.is_some() {
+            return Err(Error::Disconnected { count: components.sizes.len(), sizes: components.describe() });
+        }
+        part = largest_component(&part, &graph);
+        graph = chain_graph(&part, lengths, control)?;
+    }
+    Ok((part, graph))
 }

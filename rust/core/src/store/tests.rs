@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
 use crate::adjacency::Graph;
-use crate::flatten::chain_graph;
 use crate::geodesic::chain::LinkLengths;
+use crate::geodesic::chain::chain_graph;
 use crate::rows::DistanceRows;
 use crate::surface::VoxelSurface;
 use crate::volume::{Affine, Mask};

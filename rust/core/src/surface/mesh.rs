@@ -36,6 +36,21 @@ pub const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
 }
 
+/// Unit normals of the vertices of faces, weighted by the faces' areas, on the side from which the faces run counterclockwise;
+/// zero where there is none.
+///
+/// # Panics
+/// If a corner is no point.
+pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+    let mut sums = vec![Vector3::zeros(); points.len()];
+    for face in faces {
+        let [a, b, c] = face.map(|v| points[v as usize]);
+        let area = (b - a).cross(&(c - a));
+        face.iter().for_each(|&v| sums[v as usize] += area);
+    }
+    sums.into_iter().map(|sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
 impl Surface {
     /// A surface from faces that are already joined: `twins` says which half-edge lies beyond each one. Every fan of faces
     /// around a vertex becomes a vertex of its own, so that a vertex of several sheets is split and one that no face uses is
@@ -191,15 +206,9 @@ impl Surface {
         self.faces.iter().map(normal).collect()
     }
 
-    /// Outward unit normals of the vertices, weighted by the faces' areas.
+    /// Outward unit normals of the vertices: [`vertex_normals`].
     pub fn normals(&self) -> Vec<Vector3<f64>> {
-        let mut sums = vec![Vector3::zeros(); self.points.len()];
-        for face in &self.faces {
-            let [a, b, c] = face.map(|v| self.points[v as usize]);
-            let area = (b - a).cross(&(c - a));
-            face.iter().for_each(|&v| sums[v as usize] += area);
-        }
-        sums.into_iter().map(|sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default()).collect()
+        vertex_normals(&self.points, &self.faces)
     }
 
     /// The areas of the faces, mm².

@@ -18,17 +18,19 @@ pub struct Topology {
     pub euler: i64,
     /// Number of handles, the sum over the components.
     pub genus: usize,
-    /// The connected pieces, most faces first.
+    /// The connected pieces, the largest area first.
     pub components: Vec<Component>,
     /// The boundary loops, longest first.
     pub loops: Vec<Loop>,
 }
 
 /// One connected piece of a surface.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Component {
     /// Its number in [`Surface::components`].
     pub label: u32,
+    /// Its area, mm².
+    pub area: f64,
     /// Number of faces.
     pub faces: usize,
     /// Number of vertices.
@@ -68,8 +70,9 @@ impl Topology {
         let mut components = vec![Component::default(); count];
         (0..).zip(&mut components).for_each(|(label, component)| component.label = label);
         let mut seen = vec![false; surface.len()];
-        for (face, &label) in surface.faces().iter().zip(&label) {
+        for ((face, &label), area) in surface.faces().iter().zip(&label).zip(surface.areas()) {
             let component = &mut components[label as usize];
+            component.area += area;
             component.faces += 1;
             component.vertices += face.iter().filter(|&&v| !std::mem::replace(&mut seen[v as usize], true)).count();
         }
@@ -80,7 +83,7 @@ impl Topology {
             component.euler = (component.vertices + component.faces) as i64 - component.edges as i64;
             component.genus = (2 - component.euler - component.loops as i64).max(0) as usize / 2;
         }
-        components.sort_by_key(|component| (std::cmp::Reverse(component.faces), component.label));
+        components.sort_by(|a, b| b.area.total_cmp(&a.area)); // stable: of equals the one with the first face
         loops.sort_by(|a, b| b.length.total_cmp(&a.length));
         Self {
             vertices: surface.len(),
@@ -133,6 +136,7 @@ pub(crate) fn is_inner(surface: &Surface, half_edge: u32) -> bool {
 mod tests {
     use super::super::mesh::shapes;
     use super::*;
+    use crate::patch::largest_piece;
     use proptest::prelude::*;
 
     #[test]
@@ -147,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn components_come_by_size_and_loops_by_length() {
+    fn components_come_by_area_and_loops_by_length() {
         let sheet = shapes::surface(shapes::sheet(9, 9));
         // a corner square, a frame with a hole of two by two squares, nothing of the rest
         let keep = |f: usize| {
@@ -158,10 +162,37 @@ mod tests {
         let topology = Topology::of(&part);
         let kinds: Vec<_> = topology.components.iter().map(|c| (c.label, c.faces, c.euler, c.genus, c.loops)).collect();
         assert_eq!(kinds, [(1, 90, 0, 0, 2), (0, 2, 1, 0, 1)]);
+        assert_eq!(topology.components.iter().map(|c| c.area).collect::<Vec<_>>(), [45.0, 1.0]);
         let loops: Vec<_> = topology.loops.iter().map(|l| (l.component, l.length, l.half_edges.len())).collect();
         assert_eq!(loops, [(1, 28.0, 28), (1, 8.0, 8), (0, 4.0, 4)]);
         assert!(!topology.is_disk() && !topology.is_closed());
         assert_eq!(topology.loops[1].vertices(&part).len(), 8);
+    }
+
+    #[test]
+    fn the_first_component_is_the_largest_piece_however_many_faces_the_others_have() {
+        let (mut points, mut faces) = shapes::sheet(12, 12); // of many small faces, and one of few large ones
+        points.iter_mut().for_each(|point| *point = point.map(|x| 0.1 * x));
+        let (coarse, of_coarse) = shapes::sheet(3, 3);
+        let first = points.len() as i64;
+        points.extend(coarse.iter().map(|&[x, y, _]| [x, y, 5.0]));
+        faces.extend(of_coarse.iter().map(|face| face.map(|v| first + v)));
+        for turned in [false, true] {
+            if turned {
+                faces.reverse();
+            }
+            let both = shapes::surface((points.clone(), faces.clone()));
+            let components = Topology::of(&both).components;
+            assert_eq!(components.iter().map(|c| c.faces).collect::<Vec<_>>(), [18, 288]);
+            assert!((components[0].area - 9.0).abs() < 1e-12 && (components[1].area - 1.44).abs() < 1e-12);
+            assert_eq!(largest_piece(&both).faces().len(), components[0].faces);
+        }
+        // of equals both take the first
+        let sheet = shapes::surface(shapes::sheet(9, 9));
+        let apart = sheet.part(&(0..sheet.faces().len()).map(|f| f / 2 / 9 != 4).collect::<Vec<_>>());
+        let components = Topology::of(&apart).components;
+        assert_eq!(components.iter().map(|c| (c.label, c.area)).collect::<Vec<_>>(), [(0, 36.0), (1, 36.0)]);
+        assert_eq!(largest_piece(&apart).ids()[0], apart.ids()[0]);
     }
 
     #[test]

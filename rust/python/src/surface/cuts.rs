@@ -14,14 +14,18 @@ use voxflat::surface::topology::Topology;
 
 use super::Surface;
 use crate::convert;
-use crate::work::{run, to_python};
+use crate::work::run;
 
 #[pymethods]
 impl Surface {
-    /// Components (largest first), boundary loops and what else counts the surface.
+    /// Components (largest area first), boundary loops and what else counts the surface.
     fn topology<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let inner = Arc::clone(&self.0);
-        let topology = run(py, Some(1), None, move |_| Ok(Topology::of(&inner.surface)))?;
+        let (topology, boundary) = run(py, Some(1), None, move |_| {
+            let topology = Topology::of(&inner.surface);
+            let boundary: Vec<_> = topology.loops.iter().map(|one| one.vertices(&inner.surface)).collect();
+            Ok((topology, boundary))
+        })?;
         let dict = PyDict::new(py);
         dict.set_item("vertices", topology.vertices)?;
         dict.set_item("edges", topology.edges)?;
@@ -31,6 +35,7 @@ impl Surface {
         let components = PyList::empty(py);
         for component in &topology.components {
             let entry = PyDict::new(py);
+            entry.set_item("area", component.area)?;
             entry.set_item("vertices", component.vertices)?;
             entry.set_item("faces", component.faces)?;
             entry.set_item("euler", component.euler)?;
@@ -40,10 +45,10 @@ impl Surface {
         }
         dict.set_item("components", components)?;
         let loops = PyList::empty(py);
-        for boundary in &topology.loops {
+        for (of, vertices) in topology.loops.iter().zip(boundary) {
             let entry = PyDict::new(py);
-            entry.set_item("length", boundary.length)?;
-            entry.set_item("vertices", boundary.vertices(&self.0.surface))?;
+            entry.set_item("length", of.length)?;
+            entry.set_item("vertices", vertices)?;
             loops.append(entry)?;
         }
         dict.set_item("loops", loops)?;
@@ -71,9 +76,10 @@ impl Surface {
     }
 
     /// The surface cut open along paths of neighbouring vertices.
-    fn cut(&self, paths: Vec<Vec<u32>>) -> PyResult<Self> {
+    fn cut(&self, py: Python<'_>, paths: Vec<Vec<u32>>) -> PyResult<Self> {
         convert::check_vertices(paths.iter().flatten().copied(), self.0.surface.len())?;
-        Ok(cuts::cut(&self.0.surface, &paths).map_err(to_python)?.into())
+        let inner = Arc::clone(&self.0);
+        run(py, Some(1), None, move |_| Ok(cuts::cut(&inner.surface, &paths)?.into()))
     }
 
     /// The surface cut open to a disk, and the cuts: vertices, length (mm) and reason.

@@ -6,12 +6,14 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
+use voxflat::distortion::links::error_of_links;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::exact::Exact;
 use voxflat::geodesic::marching::{Marching, Wave};
 use voxflat::geodesic::path::{PathPoint, Site, length};
 use voxflat::geodesic::shortest::trace_path;
 use voxflat::rows::DistanceRows;
+use voxflat::sources::{Sources, by_curvature};
 use voxflat::store::Store;
 use voxflat::surface::cuts;
 
@@ -77,9 +79,16 @@ impl Surface {
         seed: u64,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let sources = convert::sources(sampling, count, seed, Some(&self.0.surface))?;
+        let named = match sampling {
+            "curvature" => None,
+            _ => Some(convert::sources(sampling, count, seed, "'farthest', 'curvature' or 'random'")?),
+        };
         let inner = Arc::clone(&self.0);
-        let chosen = run(py, None, progress.as_ref(), move |control| sources.choose(&*inner.graph(control)?, control))?;
+        let chosen = run(py, None, progress.as_ref(), move |control| {
+            let by_curvature = || Sources::Weighted { count, seed, weights: by_curvature(&inner.surface, count) };
+            let sources = named.unwrap_or_else(by_curvature);
+            sources.choose(&*inner.graph(control)?, control)
+        })?;
         Ok(chosen.into_pyarray(py))
     }
 
@@ -101,6 +110,23 @@ impl Surface {
             with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control))
         })?;
         convert::table(py, rows.into_data(), self.0.surface.len())
+    }
+
+    /// By which part of themselves distances along links from sources (vertices) are longer than exact ones, on average.
+    #[pyo3(signature = (sources, threads=None, progress=None))]
+    fn error_of_links(
+        &self,
+        py: Python<'_>,
+        sources: PyReadonlyArray1<'_, u32>,
+        threads: Option<usize>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<f64> {
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let inner = Arc::clone(&self.0);
+        run(py, threads, progress.as_ref(), move |control| {
+            error_of_links(&inner.surface, &*inner.graph(control)?, &sources, control)
+        })
     }
 
     /// The vertices of a shortest path, both ends included, and its length in mm.

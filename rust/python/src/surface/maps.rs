@@ -6,9 +6,10 @@ use std::sync::Arc;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use voxflat::distortion::judge::REFERENCE_SOURCES;
 use voxflat::flatten;
-use voxflat::flatten::schwartz::{self, Mapped, schwartz1989};
-use voxflat::flatten::zigelman::{self, Sampling, zigelman2002};
+use voxflat::flatten::schwartz1989::{Mapped, Options};
+use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::geodesic::engine::Engine;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -23,7 +24,7 @@ impl Surface {
     /// The memory in bytes that flattening needs at most, with rows in memory or in a store.
     #[pyo3(signature = (sources, threads, stored=false))]
     fn memory_need(&self, sources: usize, threads: usize, stored: bool) -> u64 {
-        flatten::surface_memory_need(self.0.surface.len(), sources, threads, stored)
+        flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, stored)
     }
 
     /// Flattens from sources (vertices), by rows of a solver in memory or in a store: its directory and identity.
@@ -53,18 +54,18 @@ impl Surface {
                 return with_solver!(geodesic, inner, control, |solver| {
                     let store = Store::compute(&directory, &identity, solver, &sources, control)?;
                     let found = Some(store.found());
-                    let judge = engine(flatten::REFERENCE_SOURCES)?;
+                    let judge = engine(REFERENCE_SOURCES)?;
                     Ok((flatten::voxflat(surface, store, weighting, &judge, seed, control)?, found))
                 });
             }
             let (rows, judge) = if let Geodesic::Graph = geodesic {
-                let engine = engine(sources.len() + flatten::REFERENCE_SOURCES)?;
+                let engine = engine(sources.len() + REFERENCE_SOURCES)?;
                 (DistanceRows::by(&engine, &sources, control)?, engine)
             } else {
                 let rows = with_solver!(geodesic, inner, control, |solver| {
                     DistanceRows::compute(solver, &sources, control)?
                 });
-                (rows, engine(flatten::REFERENCE_SOURCES)?)
+                (rows, engine(REFERENCE_SOURCES)?)
             };
             Ok((flatten::voxflat(surface, rows, weighting, &judge, seed, control)?, None))
         })?;
@@ -104,14 +105,14 @@ impl Surface {
                 (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
                 (None, None) => Sampling::Decimation { count },
             };
-            zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
+            flatten::zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
         })?;
         convert::map_dict(py, map)
     }
 
     /// The memory in bytes that flattening after Zigelman et al. needs at most.
     fn zigelman2002_memory_need(&self, sources: usize, threads: usize) -> u64 {
-        zigelman::memory_need(self.0.surface.len(), sources, threads)
+        flatten::zigelman2002::memory_need(self.0.surface.len(), sources, threads)
     }
 
     /// Flattens after Schwartz et al., by exact distances within so many rings (None: of all pairs) and from sources (vertices),
@@ -134,8 +135,8 @@ impl Surface {
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         let inner = Arc::clone(&self.0);
         let Mapped { map, stresses, pairs } = run(py, threads, progress.as_ref(), move |control| {
-            let options = schwartz::Options { rings, sources: &sources, starts, seed };
-            schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
+            let options = Options { rings, sources: &sources, starts, seed };
+            flatten::schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("stresses", stresses)?;
@@ -147,7 +148,7 @@ impl Surface {
     #[pyo3(signature = (progress=None))]
     fn schwartz1989_rings(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<u32> {
         let inner = Arc::clone(&self.0);
-        run(py, None, progress.as_ref(), move |control| schwartz::usual_rings(&inner.surface, control))
+        run(py, None, progress.as_ref(), move |control| flatten::schwartz1989::usual_rings(&inner.surface, control))
     }
 
     /// The memory in bytes that flattening after Schwartz et al. needs at most.
@@ -162,7 +163,7 @@ impl Surface {
     ) -> PyResult<u64> {
         let inner = Arc::clone(&self.0);
         run(py, None, progress.as_ref(), move |control| {
-            schwartz::memory_need(&inner.surface, rings, sources, threads, control)
+            flatten::schwartz1989::memory_need(&inner.surface, rings, sources, threads, control)
         })
     }
 }

@@ -6,8 +6,8 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::distortion::faces::measure_faces;
+use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
-use voxflat::flatten;
 use voxflat::geodesic::engine::Engine;
 
 use super::Surface;
@@ -59,7 +59,7 @@ impl Surface {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
                 let engine = Engine::new(solver, sources.len(), control)?;
-                flatten::judge_all(&engine, &maps, &sources, kept, seed, control)
+                judge::judge_all(&engine, &maps, &sources, kept, seed, control)
             })
         })?;
         judged.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()
@@ -69,5 +69,5 @@ impl Surface {
 /// The reference sources among so many points, as flattening chooses them.
 #[pyfunction]
 pub fn reference_sources(py: Python<'_>, points: usize, count: usize, seed: u64) -> Bound<'_, PyArray1<u32>> {
-    flatten::reference_sources(points, count, seed).into_pyarray(py)
+    py.detach(|| judge::reference_sources(points, count, seed)).into_pyarray(py)
 }

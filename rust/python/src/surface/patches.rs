@@ -5,8 +5,8 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use voxflat::flatten::saucan::glue::{self, Glued};
-use voxflat::flatten::saucan::{self, Atlas, Limit, Patch, Seeds};
+use voxflat::atlas::glue::{self, Glued};
+use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
 use crate::convert;
@@ -44,7 +44,7 @@ impl Surface {
         };
         let inner = Arc::clone(&self.0);
         let found =
-            run(py, threads, progress.as_ref(), move |control| saucan::patches(&inner.surface, limit, seeds, control))?;
+            run(py, threads, progress.as_ref(), move |control| atlas::patches(&inner.surface, limit, seeds, control))?;
         atlas_dict(py, found)
     }
 
@@ -104,27 +104,45 @@ fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Bound<'_, PyDict>> {
     Ok(dict)
 }
 
-fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Bound<'_, PyDict>> {
-    let dict = PyDict::new(py);
-    let mut corners = vec![[0; 3]; glued.labels.len()];
-    let (mut starts, mut vertices, mut uv) = (vec![0], Vec::new(), Vec::new());
+/// The pieces of an atlas side by side: as arrays of all of them.
+struct Flattened {
+    starts: Vec<u32>,
+    vertices: Vec<u32>,
+    uv: Vec<[f64; 2]>,
+    corners: Vec<[u32; 3]>,
+    measured: Vec<[f64; 3]>,
+}
+
+fn flattened(glued: &Glued) -> Flattened {
+    let mut of = Flattened {
+        starts: vec![0],
+        vertices: Vec::new(),
+        uv: Vec::new(),
+        corners: vec![[0; 3]; glued.labels.len()],
+        measured: glued.pieces.iter().map(|p| [p.area, p.isometric, p.quasi_conformal]).collect(),
+    };
     for piece in &glued.pieces {
-        let first = vertices.len() as u32;
+        let first = of.vertices.len() as u32;
         for (&face, rows) in piece.faces.iter().zip(&piece.corners) {
-            corners[face as usize] = rows.map(|row| first + row);
+            of.corners[face as usize] = rows.map(|row| first + row);
         }
-        vertices.extend_from_slice(&piece.vertices);
-        uv.extend_from_slice(&piece.uv);
-        starts.push(vertices.len() as u32);
+        of.vertices.extend_from_slice(&piece.vertices);
+        of.uv.extend_from_slice(&piece.uv);
+        of.starts.push(of.vertices.len() as u32);
     }
-    let measured: Vec<[f64; 3]> = glued.pieces.iter().map(|p| [p.area, p.isometric, p.quasi_conformal]).collect();
+    of
+}
+
+fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Bound<'_, PyDict>> {
+    let of = py.detach(|| flattened(&glued));
+    let dict = PyDict::new(py);
     dict.set_item("labels", glued.labels.into_pyarray(py))?;
     dict.set_item("stretch", convert::array(py, &glued.stretch)?)?;
-    dict.set_item("starts", starts.into_pyarray(py))?;
-    dict.set_item("vertices", vertices.into_pyarray(py))?;
-    dict.set_item("uv", convert::array(py, &uv)?)?;
-    dict.set_item("corners", convert::array(py, &corners)?)?;
-    dict.set_item("measured", convert::array(py, &measured)?)?;
+    dict.set_item("starts", of.starts.into_pyarray(py))?;
+    dict.set_item("vertices", of.vertices.into_pyarray(py))?;
+    dict.set_item("uv", convert::array(py, &of.uv)?)?;
+    dict.set_item("corners", convert::array(py, &of.corners)?)?;
+    dict.set_item("measured", convert::array(py, &of.measured)?)?;
     let seams = PyDict::new(py);
     seams.set_item("length", glued.seams.length)?;
     seams.set_item("closed", glued.seams.closed)?;

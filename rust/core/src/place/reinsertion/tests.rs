@@ -1,6 +1,6 @@
 use super::*;
 use crate::error::Error;
-use crate::flatten::map_area;
+use crate::orient::map_area;
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
 use crate::surface::mesh::shapes;

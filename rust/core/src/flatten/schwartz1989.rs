@@ -3,8 +3,11 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{FlatMap, REFERENCE_SOURCES, check_disk, judge, map_area};
+use super::check::check_disk;
+use super::map::FlatMap;
+use super::voxflat;
 use crate::control::Control;
+use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::stress::levels::Convergence;
@@ -12,7 +15,7 @@ use crate::error::Result;
 use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
-use crate::orient::orient;
+use crate::orient::{map_area, orient};
 use crate::rows::DistanceRows;
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
@@ -173,7 +176,7 @@ pub fn memory_need(
     };
     let near = (1.05 * near + 2.0 * sources as f64).min(points as f64); // of a sample
     let pairs = 0.5 * near * points as f64;
-    let others = super::surface_memory_need(points, REFERENCE_SOURCES, threads, false);
+    let others = voxflat::memory_need(points, REFERENCE_SOURCES, threads, false);
     Ok(others + (PAIR_BYTES * pairs) as u64 + (VERTEX_BYTES + WAVE_BYTES * threads as u64) * points as u64)
 }
 

@@ -1,13 +1,16 @@
 //! Flattening after Zigelman, Kimmel and Kiryati (2002).
 
-use super::{FlatMap, REFERENCE_SOURCES, check_disk, judge, map_area};
+use super::check::check_disk;
+use super::map::FlatMap;
+use super::voxflat;
 use crate::control::Control;
+use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::classical_scaling;
 use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
-use crate::orient::orient;
+use crate::orient::{map_area, orient};
 use crate::place::bilinear::Lattice;
 use crate::place::reinsertion::{self, Placing};
 use crate::rows::DistanceRows;
@@ -142,7 +145,7 @@ const WORK_BYTES: u64 = 1500;
 /// The memory in bytes that [`zigelman2002`] needs at most beside the surface's input.
 pub fn memory_need(points: usize, sources: usize, threads: usize) -> u64 {
     let scaling = (4 + 8 + 8) * (sources as u64).pow(2);
-    super::surface_memory_need(points, REFERENCE_SOURCES, threads, false) + WORK_BYTES * points as u64 + scaling
+    voxflat::memory_need(points, REFERENCE_SOURCES, threads, false) + WORK_BYTES * points as u64 + scaling
 }
 
 #[cfg(test)]

@@ -1,15 +1,114 @@
-"""Figures of distortion as tables of text."""
+"""What flattening did to a surface: all figures of a map, and tables of one map or several."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from voxflat.distortion.figures import Distortion, Figures
+from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures, json_ready
 
-__all__ = ["table_of_one", "table_of_several"]
+__all__ = ["Distortion", "table_of_several"]
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """What flattening did to the distances, from random reference sources to all points.
+
+    Parameters
+    ----------
+    raw : Figures
+        At scale 1: a flat map is in mm.
+    best_scale : Figures
+        At the scale with the least mean relative error.
+    pearson_r : float
+        Correlation of flat and geodesic distances.
+    mean_geodesic : float
+        Mean geodesic distance of the pairs, mm (Grossmann et al. 2002: δ̄).
+    standard_error : StandardErrors
+        Of the figures above.
+    sources : int
+        Number of reference sources.
+    pairs : int
+        Number of pairs.
+    reference : {"exact", "graph", "chain"}
+        How reference distances were measured, as in `geodesic`.
+    per_point : ndarray, shape (N,)
+        Mean of |d − δ|/δ over the pairs of each point, at scale 1: the heat map.
+    scatter : ndarray, shape (K, 2)
+        Some pairs as (δ, d), mm.
+    triangles : TriangleFigures or None
+        What it did to the triangles, where the surface has some.
+    topology : dict or None
+        Of the surface as the map cuts it, if it was looked at: ``components``, ``euler``, ``loops`` of the boundary,
+        ``handles``. Edges of more than two triangles are refused, vertices where sheets touch are split.
+    voxel_size : float or None
+        Geometric mean of the three spacings, mm, of voxel surfaces.
+    """
+
+    raw: Figures
+    best_scale: Figures
+    pearson_r: float
+    mean_geodesic: float
+    standard_error: StandardErrors
+    sources: int
+    pairs: int
+    reference: str
+    per_point: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    triangles: TriangleFigures | None = None
+    topology: dict[str, int] | None = None
+    voxel_size: float | None = None
+
+    @classmethod
+    def of(cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any) -> Distortion:
+        """Take what the compiled core has measured.
+
+        Parameters
+        ----------
+        distances, triangles : dict
+            By the names of the fields.
+        reference : str
+            How distances were measured.
+        **more
+            The fields that are left.
+
+        Returns
+        -------
+        Distortion
+        """
+        errors = dict(distances["standard_error"])
+        for scales in (distances, errors):
+            scales |= {name: Figures(**scales[name]) for name in ("raw", "best_scale")}
+        distances["standard_error"] = StandardErrors(**errors)
+        of_triangles = None if triangles is None else TriangleFigures(**triangles)
+        return cls(**distances, triangles=of_triangles, reference=reference, **more)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures without the arrays, ready for JSON: undefined ones are None.
+
+        Returns
+        -------
+        dict
+            By the names of the fields; ``standard_error`` has the same names again.
+        """
+        return dict(json_ready(_without_arrays(asdict(self))))
+
+    def table(self) -> str:
+        """Return the figures as a table of text."""
+        return _table_of_one(self)
+
+
+def _without_arrays(values: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the arrays of nested dictionaries."""
+    kept = {key: value for key, value in values.items() if not isinstance(value, np.ndarray)}
+    return {key: _without_arrays(value) if isinstance(value, dict) else value for key, value in kept.items()}
+
+
+# ------------------------------------------------------------------------------------------- tables
 
 _FIRST = 26  # width of the first column
 
@@ -51,7 +150,7 @@ _REFERENCES = {
 }
 
 
-def table_of_one(distortion: Distortion) -> str:
+def _table_of_one(distortion: Distortion) -> str:
     """Return the figures of one map: raw beside those at the best scale."""
     errors = distortion.standard_error
     rows = [

@@ -3,9 +3,9 @@ use proptest::prelude::*;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::*;
+use crate::atlas::tests::{Corners, Flat, Mesh, renumber, shaken};
+use crate::atlas::{Limit, Seeds, patches};
 use crate::distortion::overlap::{counterclockwise, interiors_meet};
-use crate::flatten::saucan::tests::{Corners, Flat, Mesh, renumber, shaken};
-use crate::flatten::saucan::{Limit, Seeds, patches};
 use crate::surface::mesh::{BORDER, next, shapes};
 
 fn glued(surface: &Surface, angle: f64, bound: f64) -> Glued {

@@ -8,8 +8,8 @@ use std::collections::{HashMap, HashSet};
 use nalgebra::{Rotation2, Vector2};
 
 use super::strain::Place;
+use crate::atlas::facets::{Facets, NONE};
 use crate::embed::stress::triangles::Rest;
-use crate::flatten::saucan::facets::{Facets, NONE};
 use crate::surface::mesh::{BORDER, next, previous};
 
 /// Sides of a piece, one after another along its boundary, beyond which lies another piece, or the same one.

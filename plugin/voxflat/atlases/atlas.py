@@ -1,0 +1,309 @@
+"""What every atlas can do, whoever made its pieces: a page, a sequence of pieces, figures, a file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.atlases.layout import lay_out, usual_gap
+from voxflat.atlases.page import FlatPage
+from voxflat.atlases.pieces import FlatPieces
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.maps.raster import FlatImage
+
+__all__ = ["Atlas"]
+
+_SHOWN = 12  # pieces in a table
+_ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
+
+Own = TypeVar("Own", bound="Atlas")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Atlas(FlatPieces):
+    """A surface as flat pieces, from the largest to the smallest: a sequence of them, `FlatAtlas` or `GluedAtlas`.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        The surface's vertices, RAS+ mm.
+    faces : ndarray of int64, shape (F, 3)
+        Its triangles.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        What each vertex is in the input: voxel indices, or the number of a vertex.
+    piece_ids : ndarray of int64, shape (F,)
+        The piece of each triangle.
+    patch_ids : ndarray of int64, shape (F,)
+        The certified patch of each triangle: another than the piece where patches are glued.
+    stretch : ndarray, shape (F, 2)
+        σ1 ≥ σ2 of each triangle, measured in the plane.
+    starts : ndarray of int64, shape (pieces + 1,)
+        Where the rows of each piece begin in `vertex_ids` and `uv`.
+    vertex_ids : ndarray of int64, shape (P,)
+        What each row of `uv` is, as a row of `points`, one piece after another; a vertex that lies on both sides of a
+        cut within a piece is there twice.
+    uv : ndarray, shape (P, 2)
+        Places in the plane, each piece in one of its own, mm.
+    uv_faces : ndarray of int64, shape (F, 3)
+        The corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
+    metadata : dict
+        How it was made, and of what: ``kind`` ("voxels" or "mesh"), and of voxels ``affine`` and ``shape``, of a mesh
+        ``vertices``, their number.
+    measured : ndarray, shape (pieces, K)
+        Figures of each piece, by columns; the last three are area, isometric and quasi_conformal.
+    """
+
+    measured: NDArray[np.float64]
+
+    _format: ClassVar[str]
+    """Name and version of its files."""
+
+    _arrays: ClassVar[tuple[str, ...]] = _ARRAYS
+    """What its files hold beside text."""
+
+    @property
+    def title(self) -> str:
+        """One line of what it is, for pictures."""
+        raise NotImplementedError
+
+    # -------------------------------------------------------------------------------- as a sequence
+
+    def __getitem__(self, number: Any) -> Any:
+        """Return a piece, or several for a slice."""
+        if isinstance(number, slice):
+            return [self._piece(n) for n in range(*number.indices(len(self)))]
+        return self._piece(range(len(self))[number])
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the pieces."""
+        return (self._piece(n) for n in range(len(self)))
+
+    def _piece(self, n: int) -> Any:
+        raise NotImplementedError
+
+    def _parts(self, n: int) -> dict[str, Any]:
+        """Return what every piece has, by the fields of `Piece`."""
+        rows = slice(self.starts[n], self.starts[n + 1])
+        face_ids = self._faces_by_piece[n]
+        area, isometric, quasi_conformal = self.measured[n, -3:].tolist()
+        return {
+            "face_ids": face_ids,
+            "vertex_ids": self.vertex_ids[rows],
+            "uv": self.uv[rows],
+            "faces": self.uv_faces[face_ids] - self.starts[n],
+            "area": area,
+            "isometric": isometric,
+            "quasi_conformal": quasi_conformal,
+        }
+
+    @cached_property
+    def _faces_by_piece(self) -> list[NDArray[np.int64]]:
+        order = np.argsort(self.piece_ids, kind="stable")
+        return np.split(order, np.searchsorted(self.piece_ids[order], np.arange(1, len(self))))
+
+    # ----------------------------------------------------------------------------------- on a page
+
+    @cached_property
+    def _pages(self) -> dict[tuple[float, str], FlatPage]:
+        return {}
+
+    def page(self, gap: float | None = None, *, packing: str = "boxes") -> FlatPage:
+        """Lay the pieces out on a page, without overlap.
+
+        Parameters
+        ----------
+        gap : float, optional
+            Between the pieces, mm; by default a twentieth of their usual size.
+        packing : {"boxes", "shapes"}
+            "boxes": each piece turned into its smallest rectangle, these in rows. "shapes": into each other's bays, by
+            the library xatlas (``pip install 'voxflat[atlas]'``), which uses a page better where pieces are large.
+
+        Returns
+        -------
+        FlatPage
+            With images, heat maps, the inverse look-up, and the surface with a texture.
+
+        Raises
+        ------
+        InputError
+            If the gap or the packing does not fit, or xatlas is missing.
+        """
+        chosen = usual_gap(self.uv, self.starts) if gap is None else float(gap)
+        key = (chosen, packing)
+        if key not in self._pages:
+            self._pages[key] = FlatPage(self, lay_out(self.uv, self.starts, self.uv_faces, chosen, packing), chosen)
+        return self._pages[key]
+
+    def layout(self, gap: float | None = None, *, packing: str = "boxes") -> NDArray[np.float64]:
+        """Return where the pieces lie on their page, without overlap.
+
+        Parameters
+        ----------
+        gap, packing
+            As in `page`.
+
+        Returns
+        -------
+        ndarray, shape (P, 2)
+            For each row of `uv` its place on the page, mm; pieces are turned and moved, not mirrored.
+        """
+        return self.page(gap, packing=packing).uv
+
+    def image(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatImage:
+        """Sample a volume onto the page: `page` and `FlatPage.image` in one.
+
+        Parameters
+        ----------
+        volume, pixel_size, depth, interpolation, name
+            As in `FlatMap.image`.
+
+        Returns
+        -------
+        FlatImage
+            NaN (colours: alpha 0) beside the pieces and where the volume has no value.
+        """
+        return self.page().image(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
+
+    def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
+        """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.
+
+        Parameters
+        ----------
+        pixel_size, of
+            As in `FlatPage.heat_map`.
+
+        Returns
+        -------
+        FlatImage
+            NaN beside the pieces.
+        """
+        return self.page().heat_map(pixel_size, of=of)
+
+    # ------------------------------------------------------------------------------------- figures
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures by their names, ready for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        raise NotImplementedError
+
+    def table(self) -> str:
+        """Return the figures as a table of text.
+
+        Returns
+        -------
+        str
+        """
+        raise NotImplementedError
+
+    @property
+    def _sizes(self) -> NDArray[np.int64]:
+        """How many triangles each piece has."""
+        return np.bincount(self.piece_ids, minlength=len(self))
+
+    def _shares(self) -> dict[str, Any]:
+        """Return the figures of how the surface is shared between the pieces."""
+        area = self.measured[:, -3]
+        return {
+            "triangles": len(self.faces),
+            "single_triangles": int((self._sizes == 1).sum()),
+            "area": float(area.sum()),
+            "largest_area_share": float(area[0] / area.sum()),
+        }
+
+    def _largest(self, columns: Sequence[tuple[str, str]], measured: NDArray[np.float64]) -> list[str]:
+        """Return the lines of a table of the largest pieces: number, triangles, and what is measured."""
+        lines = ["".join(name.rjust(int(form[1:].split(".")[0])) for name, form in columns)]
+        for n, values in enumerate(measured[:_SHOWN].tolist()):
+            row = zip((n, self._sizes[n], *values), columns, strict=True)
+            lines.append("".join(format(value, form) for value, (_, form) in row))
+        if len(self) > _SHOWN:
+            lines.append(f"{'...':>6}{len(self) - _SHOWN:>6} more")
+        return lines
+
+    # --------------------------------------------------------------------------------------- files
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the atlas to a file, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .npz.
+
+        Raises
+        ------
+        InputError
+            If the path has another ending.
+        OSError
+            If it cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".npz":
+            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz")
+        text = {"format": self._format, "metadata": self.metadata, **self._text()}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
+
+    def _text(self) -> dict[str, Any]:
+        """Return what JSON can hold, beside the metadata."""
+        raise NotImplementedError
+
+    @classmethod
+    def _of_file(cls: type[Own], text: dict[str, Any], arrays: dict[str, Any]) -> Own:
+        """Make one of what was saved."""
+        raise NotImplementedError
+
+    @classmethod
+    def load(cls: type[Own], path: str | os.PathLike[str]) -> Own:
+        """Load an atlas that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            An .npz file.
+
+        Returns
+        -------
+        FlatAtlas or GluedAtlas
+            Of the class that is asked.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged or is no such atlas.
+        FileNotFoundError
+            If there is no such file.
+        """
+        path = Path(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                text = json.loads(str(file["text"]))
+                if text.pop("format") != cls._format:
+                    raise InputError(f"{path} was written by another version of voxflat; make the patches again")
+                return cls._of_file(text, {name: file[name] for name in cls._arrays})
+        except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+            raise
+        except Exception as error:  # what damage leads to is known to no one
+            raise InputError(f"{path} is not an atlas of voxflat or is damaged ({type(error).__name__})") from error

@@ -1,0 +1,135 @@
+"""OBJ files, parsed here: VTK numbers the points of files with texture coordinates anew."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.triangles import check_faces, refuse_corners
+
+
+def read_obj(path: Path, data: bytes) -> dict[str, Any]:
+    """Read an OBJ file with its own numbers of points.
+
+    A point may have several texture coordinates there, where a seam of the texture passes; it keeps the first.
+    """
+    rows, faces, used = _tables(data)
+    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
+    texture = None
+    remarks: tuple[str, ...] = () if data.endswith(b"\n") else ("does not end with a whole line: is it complete?",)
+    if (used != -1).any():
+        texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
+        remarks += seam
+    return {"points": points, "faces": faces, "texture_coordinates": texture, "remarks": remarks}
+
+
+def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
+    """Read the texture coordinates of each corner of an OBJ file's faces.
+
+    Returns
+    -------
+    faces : ndarray, shape (F, 3)
+    coordinates : ndarray, shape (F, 3, 2)
+        NaN where there are none.
+    names : dict
+        Of each of mtllib and usemtl what follows it.
+    """
+    rows, faces, used = _tables(data)
+    check_faces(faces, len(rows["v"]))
+    places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
+    text = data.decode("utf-8", "replace")
+    names = {key: set(re.findall(rf"(?m)^\s*{key}\s+(.*?)\s*$", text)) for key in ("mtllib", "usemtl")}
+    return faces, places[used], names
+
+
+def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64]]:
+    """Return an OBJ file's lines, and of each corner of its faces the numbers of point and texture coordinate."""
+    rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
+    before = []
+    for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
+        words = line.partition("#")[0].split()
+        if words and words[0] in rows:
+            rows[words[0]].append(words[1:])
+            if words[0] == "f":
+                before.append((len(rows["v"]), len(rows["vt"])))
+    if not rows["v"]:
+        raise InputError("has no line that begins with 'v': is it an OBJ file of a surface?")
+    if rows["l"]:
+        raise InputError(f"has {len(rows['l'])} lines beside its faces: remove them")
+    refuse_corners(Counter(map(len, rows["f"])))
+    corners, lines = _corners(rows["f"]), np.array(before, dtype=np.int64).reshape(-1, 2)
+    faces, used = (_numbers(corners[:, :, part], lines[:, part, None]) for part in (0, 1))
+    return rows, faces, used
+
+
+def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
+    """Return numbers of point and texture coordinate of each corner, 0 for none, shape (F, 3, 2)."""
+    corners = [corner for face in faces for corner in face]
+    if not corners:
+        raise InputError("has no line that begins with 'f': is it an OBJ file of a surface?")
+    if len({corner.count("/") for corner in corners}) > 1:
+        corners = ["/".join([*corner.split("/"), ""][:2]) for corner in corners]
+    parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than one by one
+    numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(faces), 3, -1)
+    return numbers[:, :, :2] if numbers.shape[2] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=2)
+
+
+def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Count from 0: OBJ counts from 1, and backwards from the last line before if negative; 0, for none, becomes −1."""
+    return np.where(numbers < 0, numbers + before, numbers - 1)
+
+
+def _places(lines: list[list[str]], used: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the texture coordinates of a file, all of whose corners must use one that is there, or none (−1)."""
+    places = np.array([line[:2] for line in lines], dtype=np.float64).reshape(-1, 2)
+    bad = np.flatnonzero((used.ravel() >= len(places)) | (used.ravel() < -1))
+    if len(bad):
+        raise InputError(f"face {bad[0] // 3} names texture coordinate {used.ravel()[bad[0]] + 1} of {len(places)}")
+    return places
+
+
+def _texture(
+    places: NDArray[np.float64], used: NDArray[np.int64], faces: NDArray[np.int64], n: int
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Return the first texture coordinate of each point, and a remark if there are others."""
+    check_faces(faces, n)
+    corners, used = faces[used >= 0], used[used >= 0]
+    texture = np.full((n, 2), np.nan)
+    texture[corners[::-1]] = places[used[::-1]]  # the last that is written is the first of the file
+    seam = np.unique(corners[(texture[corners] != places[used]).any(axis=1)])
+    text = f"{len(seam)} points lie on a seam of the texture: each keeps the first of its texture coordinates"
+    return texture, (text,) if len(seam) else ()
+
+
+def write_obj(
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    library: str | None = None,
+    texture_faces: NDArray[np.int64] | None = None,
+) -> None:
+    """Write an OBJ file.
+
+    A library is the name of the file beside it that holds the material `texture`. Texture faces are the triangles'
+    corners as rows of the texture, where that has seams; without, they are `faces`.
+    """
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        if library is not None:
+            file.write(f"mtllib {library}\nusemtl texture\n")
+        np.savetxt(file, points, "v %.9g %.9g %.9g")
+        if texture is None:
+            np.savetxt(file, faces + 1, "f %d %d %d")
+            return
+        bad = np.flatnonzero(~np.isfinite(texture).all(axis=1))
+        if len(bad):
+            raise InputError(f"point {bad[0]} has no texture coordinate, which OBJ needs: give all, or none")
+        np.savetxt(file, texture, "vt %.9g %.9g")
+        corners = np.stack([faces, faces if texture_faces is None else texture_faces], axis=2) + 1
+        np.savetxt(file, corners.reshape(-1, 6), "f %d/%d %d/%d %d/%d")

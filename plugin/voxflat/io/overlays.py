@@ -1,0 +1,148 @@
+"""Values at the points of a surface, and regions of it, from files."""
+
+from __future__ import annotations
+
+import io
+import os
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io import formats, freesurfer, gifti
+from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.meshes import READERS, parsed
+
+__all__ = ["read_overlay", "read_region"]
+
+
+def read_overlay(path: str | os.PathLike[str], points: int) -> NDArray[Any]:
+    """Read values at the points of a surface.
+
+    Parameters
+    ----------
+    path : path
+        GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``,
+        ...; ``.annot``, whose labels are numbers from 0, −1 for none; ``.mgh``, ``.mgz``), ``.npy``, or ``.txt`` with a
+        line a point.
+    points : int
+        How many the surface has.
+
+    Returns
+    -------
+    ndarray, shape (points,), or (points, K) of K maps
+        Of the file's type.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or has another number of values.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        return _values(path, contents(path), points)
+
+
+def read_region(path: str | os.PathLike[str], points: int, *, name: str | None = None) -> NDArray[np.bool_]:
+    """Read which points of a surface belong to a region.
+
+    Parameters
+    ----------
+    path : path
+        A FreeSurfer ``.label``, ``.annot`` (with `name`) or patch; a surface, whose faces use the region's points
+        only; or what `read_overlay` reads, for the points whose value is neither 0 nor NaN.
+    points : int
+        How many the surface has.
+    name : str, optional
+        A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
+
+    Returns
+    -------
+    ndarray of bool, shape (points,)
+
+    Raises
+    ------
+    InputError
+        The file is damaged, belongs to another surface, or has no label of that name.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        data = contents(path)
+        kind = formats.by_content(data) or formats.by_name(path)
+        image = gifti.load(data) if kind == formats.GIFTI else None
+        if path.name.lower().endswith(".annot"):
+            labels, names = freesurfer.read_annot(path, data)
+            return _named(_fitting(labels, points), dict(enumerate(names)), name)
+        if image is not None and name is not None:
+            return _named(_fitting(gifti.values(image), points), gifti.label_names(image), name)
+        if name is not None:
+            raise InputError(f"has no named labels: leave out name={name!r}")
+        if kind == formats.PATCH:
+            return _mask(freesurfer.parse_patch(path, data).vertex_ids, points)
+        if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
+            return freesurfer.read_label(data, points)
+        if kind in READERS and (image is None or gifti.has_triangles(image)):
+            mesh = parsed(path, data)
+            _fitting(mesh.points[:, 0], points)
+            return _mask(np.unique(mesh.faces), points)
+        values = _values(path, data, points)
+        if values.ndim > 1:
+            raise InputError(f"has {values.shape[1]} maps: give a file with one")
+        return np.asarray((values != 0) & ~np.isnan(values))
+
+
+def _values(path: Path, data: bytes, points: int) -> NDArray[Any]:
+    """Return the values of any file that has some."""
+    name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
+    if name.endswith(".npy") or kind == "a NumPy array":
+        if kind != "a NumPy array":
+            raise InputError("is no NumPy array: write it again with numpy.save")
+        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points)
+    if name.endswith(".txt"):
+        return _fitting(np.loadtxt(io.StringIO(data.decode())), points)
+    if name.endswith((".mgh", ".mgz")):
+        return _fitting(freesurfer.read_mgh(data), points)
+    if name.endswith(".annot"):
+        return _fitting(freesurfer.read_annot(path, data)[0], points)
+    if kind == formats.GIFTI:
+        return _fitting(gifti.values(gifti.load(data)), points)
+    is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
+    if kind not in (None, formats.MORPH) and not is_cut_short:
+        raise InputError(f"holds no values at points, but {kind}")
+    return _fitting(freesurfer.read_morph(path, data), points)
+
+
+def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:
+    """Check that there is a value, or a row of them, for each point."""
+    if values.ndim not in (1, 2) or values.dtype.kind not in "biuf":
+        raise InputError(f"values are {values.dtype} of shape {values.shape}: give numbers of shape (N,) or (N, K)")
+    if len(values) != points:
+        raise InputError(f"has {len(values)} values; the surface has {points} points")
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def _mask(chosen: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
+    """Return which points are chosen."""
+    if chosen.max() >= points:
+        raise InputError(f"names point {chosen.max()}; the surface has the points 0 to {points - 1}")
+    mask = np.zeros(points, dtype=bool)
+    mask[chosen] = True
+    return mask
+
+
+def _named(labels: NDArray[Any], names: dict[int, str], name: str | None) -> NDArray[np.bool_]:
+    """Return which points have the label of a name."""
+    keys = [key for key, label in names.items() if label == name]
+    if not keys:
+        known = textwrap.shorten(", ".join(names.values()), 300, placeholder=" ...")
+        raise InputError(f"name={name!r} is none of its labels: {known}")
+    if labels.ndim > 1:
+        raise InputError(f"has {labels.shape[1]} maps: give a file with one")
+    return np.isin(labels, keys)

@@ -1,0 +1,141 @@
+"""PLY files, parsed here: on damaged ones VTK 9.7 ends the process."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY
+from voxflat.io.triangles import TRIANGULATE, refuse_corners
+
+_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
+_TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_COLOURS = ("red", "green", "blue", "alpha")
+_TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+
+
+def read_ply(path: Path, data: bytes) -> dict[str, Any]:
+    """Read a PLY file of triangles."""
+    header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
+    if header is None:
+        raise InputError("has no header from 'ply' to 'end_header': is it a PLY file?")
+    form, elements = _header(header[2].decode("latin1"))
+    body, order = data[header.end() :], _ORDERS[form]
+    if form == "ascii":  # as if it were binary, of doubles alone
+        body = np.fromiter(map(float, body.split()), np.float64).tobytes()
+    tables: dict[str, NDArray[Any]] = {}
+    at = 0
+    for name, count, properties in elements:
+        tables[name] = _table(body, at, name, count, properties, order, form == "ascii")
+        at += tables[name].nbytes
+        if {"vertex", "face"} <= set(tables):
+            break  # what follows does not matter
+    vertices, faces = tables.get("vertex", np.empty(0)), tables.get("face", np.empty(0))
+    names = vertices.dtype.names or ()
+    key = next((key for key in ("vertex_indices", "vertex_index") if key in (faces.dtype.names or ())), None)
+    if not {"x", "y", "z"} <= set(names) or key is None:
+        raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices: {REMEDY}")
+    refuse_corners(Counter({faces[key].shape[1]: len(faces)}))
+    texture = next((pair for pair in _TEXTURES if set(pair) <= set(names)), ())
+    return {
+        "points": np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64),
+        "faces": _whole(faces[key]),
+        "texture_coordinates": np.column_stack([vertices[key] for key in texture]) if texture else None,
+        "point_data": {
+            key: vertices[key].astype(vertices[key].dtype.newbyteorder("="))
+            for key in names
+            if vertices[key].ndim == 1 and key not in ("x", "y", "z", *texture) and not key.endswith(" length")
+        },
+    }
+
+
+_Properties: TypeAlias = list[tuple[str, str, str]]
+"""Of each property: name, type, and the type of a list's length, or ''."""
+
+
+def _header(text: str) -> tuple[str, list[tuple[str, int, _Properties]]]:
+    """Return the format, and of each element name, number and properties."""
+    form = ""
+    elements: list[tuple[str, int, _Properties]] = []
+    for line in text.splitlines():
+        words = line.split()
+        if words[:1] == ["format"] and len(words) == 3:
+            form = words[1]
+        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdigit():
+            elements.append((words[1], int(words[2]), []))
+        elif words[:2] == ["property", "list"] and len(words) == 5 and elements:
+            elements[-1][2].append((words[4], _TYPES[words[3]], _TYPES[words[2]]))
+        elif words[:1] == ["property"] and len(words) == 3 and elements:
+            elements[-1][2].append((words[2], _TYPES[words[1]], ""))
+        elif words and words[0] not in ("comment", "obj_info"):
+            raise InputError(f"its header has the line {line!r}, which no PLY file has")
+    if form not in _ORDERS:
+        raise InputError(f"its format is {form!r}: write it as one of {', '.join(_ORDERS)}")
+    return form, elements
+
+
+def _table(
+    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
+) -> NDArray[Any]:
+    """Return an element's rows; its lists must all be as long as in the first row."""
+    layout: list[Any] = []
+    if count == 0 or not properties:
+        return np.empty(0)
+    for key, kind, length_kind in properties:
+        value_type, length_type = (np.dtype("f8" if is_ascii else order + (one or kind)) for one in (kind, length_kind))
+        if length_kind:
+            place = at + np.dtype(layout).itemsize
+            length = int(np.frombuffer(body[place : place + length_type.itemsize], length_type)[0])
+            layout += [(f"{key} length", length_type), (key, value_type, (length,))]
+        else:
+            layout.append((key, value_type))
+    dtype = np.dtype(layout)
+    rows = np.frombuffer(body, dtype, min(count, (len(body) - at) // dtype.itemsize), at)
+    for key in (key for key in dtype.names or () if key.endswith(" length")):
+        other = np.flatnonzero(rows[key] != rows[key][:1])
+        if len(other):
+            here, first = (int(rows[key][row]) for row in (other[0], 0))
+            raise InputError(f"{name} {other[0]} has {here} corners, {name} 0 has {first}; {TRIANGULATE}")
+    if len(rows) < count:
+        raise InputError(f"ends in {name} {len(rows)} of {count}: copy or download it again")
+    return rows
+
+
+def _whole(numbers: NDArray[Any]) -> NDArray[np.int64]:
+    """Take numbers of points that were read as floating-point ones."""
+    bad = np.flatnonzero((numbers % 1 != 0).any(axis=1))
+    if len(bad):
+        raise InputError(f"face {bad[0]} is {numbers[bad[0]].tolist()}: corners must be whole numbers")
+    return np.asarray(numbers.astype(np.int64))
+
+
+def write_ply(
+    path: Path,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    texture: NDArray[np.float64] | None,
+    colours: NDArray[np.uint8] | None = None,
+) -> None:
+    """Write a PLY file, little-endian; colours of the points are red, green, blue and perhaps alpha."""
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
+    if texture is not None:
+        columns |= dict(zip("st", texture.T, strict=True))
+    if colours is not None:
+        columns |= dict(zip(_COLOURS, colours.T, strict=False))
+    kinds = {name: "uchar" if name in _COLOURS else "double" for name in columns}
+    dtype = [(name, "<" + _TYPES[kind]) for name, kind in kinds.items()]
+    vertices = np.rec.fromarrays(list(columns.values()), dtype=dtype)
+    rows = np.empty(len(faces), [("length", "u1"), ("corners", "<i4", 3)])
+    rows["length"], rows["corners"] = 3, faces
+    lines = ["ply", "format binary_little_endian 1.0", "comment voxflat", f"element vertex {len(vertices)}"]
+    lines += [f"property {kind} {name}" for name, kind in kinds.items()]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    path.write_bytes("\n".join(lines).encode() + vertices.tobytes() + rows.tobytes())

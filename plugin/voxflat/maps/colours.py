@@ -1,0 +1,120 @@
+"""Colours of scalars and labels: the same in files, on pages, in textures and in space."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+
+__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colours", "levels"]
+
+WINDOW = (1, 99)
+"""Percentiles that are shown as the ends of a colour map: black and white."""
+
+_GOLDEN_RATIO = 0.6180339887498949  # its multiples spread over the circle of hues as evenly as can be
+_UNLABELLED = (208, 208, 208)
+
+
+def are_labels(data: NDArray[Any]) -> bool:
+    """Tell labels from intensities that happen to be whole numbers.
+
+    Labels form areas: most pixels have the value of those some way off. Intensities, such as a T1 image's, do not.
+
+    Parameters
+    ----------
+    data : ndarray, shape (H, W), or (H, W, 4) for colours
+        Pixels of any kind, NaN outside the map.
+
+    Returns
+    -------
+    bool
+    """
+    if data.ndim == 3 or not all_whole(data):
+        return False
+    # more than a voxel (which covers two pixels if nothing else was asked for), less than an area
+    step = max(3, max(data.shape) // 50)
+    pairs = [(data[step:], data[:-step]), (data[:, step:], data[:, :-step])]
+    equal = sum(int(np.count_nonzero(a == b)) for a, b in pairs)  # NaN, which is outside, equals nothing
+    inside = sum(int(np.count_nonzero(np.isfinite(a) & np.isfinite(b))) for a, b in pairs)
+    return 2 * equal >= inside
+
+
+def coloured(
+    data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None
+) -> NDArray[np.uint8]:
+    """Return an image's pixels as colours.
+
+    Parameters
+    ----------
+    data : ndarray, shape (H, W), or (H, W, 4) of uint8 for colours
+        Scalars or labels, NaN outside the map, or colours.
+    colour_map : str, optional
+        A colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each.
+    limits : sequence of 2 floats, optional
+        The values at the ends of the colour map; by default the 1st and 99th percentile.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 4)
+        Opacity 0 outside the map.
+
+    Raises
+    ------
+    InputError
+        If there is no such colour map.
+    """
+    if data.ndim == 3:
+        return data
+    if colour_map is None and limits is None and are_labels(data):
+        return label_colours(data)
+    level, inside = levels(data, limits)[0], np.isfinite(data)
+    pixels = np.zeros((*level.shape, 4), dtype=np.uint8)
+    pixels[inside] = _mapped(level[inside], colour_map)
+    return pixels
+
+
+def _mapped(level: NDArray[np.float64], colour_map: str | None) -> NDArray[np.uint8]:
+    from matplotlib import colormaps
+
+    try:
+        return np.asarray(colormaps[colour_map or "gray"](level, bytes=True))
+    except KeyError:
+        raise InputError(f"matplotlib has no colour map {colour_map!r}") from None
+
+
+def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:
+    """Return values from 0 to 1 between limits, by default percentiles, and the limits."""
+    inside = np.isfinite(data)
+    if limits is not None:
+        low, high = (float(limit) for limit in limits)
+    else:
+        low, high = np.percentile(data[inside], WINDOW).tolist() if inside.any() else (0.0, 1.0)
+    return np.clip((data - low) / ((high - low) or 1.0), 0, 1), (low, high)
+
+
+def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return a colour for every label (H, W, 4): the same in every image, and unlike its neighbours in number."""
+    inside = np.isfinite(data)
+    labels, which = np.unique(data[inside], return_inverse=True)
+    pixels = np.zeros((*data.shape, 4), dtype=np.uint8)
+    pixels[inside, :3] = np.array([_colour(int(label)) for label in labels], dtype=np.uint8).reshape(-1, 3)[which]
+    pixels[inside, 3] = 255
+    return pixels
+
+
+def _colour(label: int) -> tuple[int, int, int]:
+    if label == 0:
+        return _UNLABELLED
+    hue, saturation, value = label * _GOLDEN_RATIO % 1, (0.9, 0.55)[label % 2], (1.0, 0.8, 0.6)[label % 3]
+    red, green, blue = colorsys.hsv_to_rgb(hue, saturation, value)
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def all_whole(data: NDArray[Any]) -> bool:
+    """Tell whether all values are whole numbers, or NaN."""
+    return bool(np.all((data == np.round(data)) | np.isnan(data)))

@@ -1,0 +1,182 @@
+"""Pictures: files, arrays and images as colours, where they lie on a map, and their values between texels.
+
+A texture coordinate (s, t) is a place in a picture: (0, 0) is its lower left corner, (1, 1) its upper right. The
+picture's pixels, texels, are squares on the map, so that nothing is stretched that flattening did not stretch.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
+
+__all__ = ["as_picture", "check_cover", "check_values", "place", "values_at"]
+
+_SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over its border
+
+
+def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | None = None) -> NDArray[np.float64]:
+    """Lay a picture over a flat map, centred on its bounding box: a similarity of the plane.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (N, 2)
+        Places in the plane, mm.
+    shape : tuple of ints
+        The picture's height and width.
+    texel_size : float, optional
+        Side of a texel, mm; by default the picture just covers the bounding box.
+
+    Returns
+    -------
+    ndarray of float64, shape (N, 2)
+        Texture coordinates.
+
+    Raises
+    ------
+    InputError
+        If the texel size is no positive number.
+    """
+    size = np.array([shape[1], shape[0]], dtype=np.float64)
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    if texel_size is None:
+        texel_size = float(np.max((high - low) / size)) or 1.0
+    if not (np.isfinite(texel_size) and texel_size > 0):
+        raise InputError(f"the texel size is {texel_size} mm; give a positive number")
+    return np.asarray(0.5 + (uv - (low + high) / 2) / (texel_size * size))
+
+
+def check_cover(coordinates: NDArray[np.float64], shape: tuple[int, ...], texel_size: float) -> None:
+    """Refuse a picture that does not reach over the whole map."""
+    needed = 2 * float(np.abs(coordinates - 0.5).max())
+    if needed > 1 + _SLACK:
+        height, width = shape[0] * texel_size, shape[1] * texel_size
+        raise InputError(
+            f"with texels of {texel_size:g} mm the picture is {width:g} x {height:g} mm and does not cover the map; "
+            f"give repeat, or a texel size of at least {needed * texel_size * (1 + 1e-6):.6g} mm"
+        )
+
+
+def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: bool = False) -> NDArray[np.float64]:
+    """Look up a picture's values, linear between the centres of texels.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (H, W) or (H, W, C)
+        Row 0 is the top.
+    coordinates : ndarray, shape (..., 2)
+        Texture coordinates.
+    repeat : bool
+        Whether the picture goes on beyond its borders; otherwise its border does.
+
+    Returns
+    -------
+    ndarray of float64, shape (...) or (..., C)
+    """
+    height, width = picture.shape[:2]
+    at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
+    values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
+    channels = values[..., None] if values.ndim == 2 else values
+    mode = "grid-wrap" if repeat else "nearest"
+    found = [
+        map_coordinates(channels[..., c], at, output=np.float64, order=1, mode=mode) for c in range(channels.shape[2])
+    ]
+    return np.asarray(found[0] if picture.ndim == 2 else np.stack(found, axis=-1))
+
+
+def check_values(picture: object) -> NDArray[Any]:
+    """Take an array of any numbers as a picture.
+
+    Parameters
+    ----------
+    picture : array_like, shape (H, W) or (H, W, C)
+        Numbers.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    array = np.asarray(picture)
+    if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
+        raise InputError(
+            f"the picture has shape {array.shape} and type {array.dtype}; give (H, W) or (H, W, C) numbers"
+        )
+    return array
+
+
+def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
+    """Take a file, an array or an image of Pillow as colours.
+
+    Parameters
+    ----------
+    picture : path, array_like or PIL.Image.Image
+        Grey or colours, with opacity or not. An array: (H, W), (H, W, 3) or (H, W, 4) of uint8, of bool, or of floats
+        from 0 to 1.
+
+    Returns
+    -------
+    colours : ndarray of uint8, shape (H, W, 3) or (H, W, 4)
+    source : Path or None
+        The file that it came from.
+
+    Raises
+    ------
+    InputError
+        If it is no picture, or its values are none of colours.
+    FileNotFoundError, PermissionError
+        If the file cannot be opened.
+    """
+    if isinstance(picture, str | os.PathLike):
+        from PIL import Image
+
+        path = Path(picture)
+        with naming(path, REMEDY), Image.open(path) as image:
+            return _of_pillow(image), path
+    if hasattr(picture, "getbands") and hasattr(picture, "convert"):
+        return _of_pillow(picture), None
+    return _of_array(check_values(picture)), None
+
+
+def _of_pillow(image: Any) -> NDArray[np.uint8]:
+    from PIL import ImageOps
+
+    image = ImageOps.exif_transpose(image)  # photographs may lie on their side
+    if image.mode.startswith("I;16"):
+        deep = np.asarray(image).astype(np.float64)
+        return _of_array(deep / 65535)
+    if image.mode in ("I", "F"):
+        raise InputError(
+            f"the picture has values of more than 8 bits (Pillow's mode {image.mode}); save it as 8-bit grey or RGB"
+        )
+    has_alpha = "A" in image.getbands() or "transparency" in image.info
+    return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
+
+
+def _of_array(array: NDArray[Any]) -> NDArray[np.uint8]:
+    if array.ndim == 3 and array.shape[2] not in (3, 4):
+        raise InputError(f"the picture has shape {array.shape}; give (H, W), (H, W, 3) or (H, W, 4)")
+    if array.dtype.kind == "b":
+        array = np.uint8(255) * array
+    elif array.dtype.kind == "f":
+        least, most = float(array.min()), float(array.max())  # NaN if there is one
+        if not (least >= 0 and most <= 1):
+            raise InputError(
+                f"the picture's values reach from {least:g} to {most:g}; floats must lie from 0 to 1, without NaN: "
+                "divide them, or give uint8"
+            )
+        array = np.round(255 * array).astype(np.uint8)
+    elif array.dtype != np.uint8:
+        raise InputError(f"the picture has type {array.dtype}; give uint8, 0 to 255, or floats from 0 to 1")
+    return np.ascontiguousarray(np.repeat(array[..., None], 3, axis=2) if array.ndim == 2 else array)

@@ -1,0 +1,169 @@
+"""What a map and the page of an atlas share: pixels, what they show, and the way back to the surface."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.maps.look_up import Places, TriangleFinder
+from voxflat.maps.raster import FlatImage, Raster, draw
+from voxflat.maps.sampler import Sampler
+
+__all__ = ["FlatTriangles", "Planar"]
+
+
+@dataclass(frozen=True, eq=False)
+class FlatTriangles:
+    """Triangles in the plane, and what they are on the surface.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        Places in the plane, mm.
+    faces : ndarray of uint32, shape (F, 3)
+        Triangles of them.
+    torn : ndarray of bool, shape (F,)
+        Triangles between whose corners there is no surface: they show the nearest corner.
+    on_surface : Sampler
+        The same N points on the surface.
+    piece_ids : ndarray of int64, shape (F,), or None
+        The piece of each triangle, where there are several.
+    """
+
+    uv: NDArray[np.float64]
+    faces: NDArray[np.uint32]
+    torn: NDArray[np.bool_]
+    on_surface: Sampler
+    piece_ids: NDArray[np.int64] | None = None
+
+
+class Planar(ABC):
+    """What lies flat: triangles in the plane, each of which is known on the surface."""
+
+    @property
+    @abstractmethod
+    def _triangles(self) -> FlatTriangles:
+        """All that is drawn and looked up."""
+
+    @property
+    @abstractmethod
+    def pixel_size(self) -> float:
+        """Side of a pixel unless another is given, mm."""
+
+    @cached_property
+    def _rasters(self) -> dict[float, Raster]:
+        return {}
+
+    @cached_property
+    def _finder(self) -> TriangleFinder:
+        return TriangleFinder(self._triangles.uv[self._triangles.faces])
+
+    def raster(self, pixel_size: float | None = None) -> Raster:
+        """Return the pixels, with the inverse look-up to the surface.
+
+        Parameters
+        ----------
+        pixel_size : float, optional
+            Side of a pixel, mm; by default `pixel_size`.
+
+        Returns
+        -------
+        Raster
+            Its corners are points of a map; on a page corner 3 t + k is corner k of triangle t.
+
+        Raises
+        ------
+        InputError
+            If the pixel size is not positive, or so small that the image would be too large.
+        """
+        size = self.pixel_size if pixel_size is None else float(pixel_size)
+        if size not in self._rasters:
+            of = self._triangles
+            self._rasters[size] = draw(of.uv, of.faces, of.torn, size)
+        return self._rasters[size]
+
+    def locate(self, pixel_size: float | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Look up which place on the surface each pixel shows.
+
+        Parameters
+        ----------
+        pixel_size : float, optional
+            As in `raster`.
+
+        Returns
+        -------
+        ids : ndarray of int64, shape (H, W, 3) or (H, W)
+            The nearest surface voxel or vertex; −1 where nothing is shown.
+        points : ndarray of float64, shape (H, W, 3)
+            RAS+ mm, linear between surface voxels; NaN where nothing is shown.
+        """
+        return self._triangles.on_surface.locate(self.raster(pixel_size))
+
+    def look_up(self, places: ArrayLike) -> Places:
+        """Look up places: which triangle and piece lies there, where in it, and where that is in space.
+
+        Parameters
+        ----------
+        places : array_like, shape (..., 2)
+            (u, v), mm.
+
+        Returns
+        -------
+        Places
+            −1 and NaN for what lies beside all triangles. In a torn triangle, between whose corners there is no
+            surface, the nearest corner is taken; where triangles overlap, the first.
+
+        Raises
+        ------
+        InputError
+            If the places have another shape.
+        """
+        of = self._triangles
+        return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
+
+    def image(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatImage:
+        """Sample a volume onto the plane.
+
+        Parameters
+        ----------
+        volume : path, ndarray, image object or Volume
+            Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
+            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
+            that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
+            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
+            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
+        pixel_size : float, optional
+            As in `raster`.
+        depth : float
+            How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
+        interpolation : {"linear", "nearest"}, optional
+            By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+            volumes and colours.
+        name : str, optional
+            What the image shows.
+
+        Returns
+        -------
+        FlatImage
+            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value.
+
+        Raises
+        ------
+        InputError
+            If the volume does not fit or cannot be read.
+        """
+        return self._triangles.on_surface.image(
+            self.raster(pixel_size), volume, depth=depth, interpolation=interpolation, name=name
+        )

@@ -1,0 +1,41 @@
+//! Whether a surface can be flattened as it is.
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::sources::FEWEST_SOURCES;
+use crate::surface::cubes::CubeTopology;
+use crate::surface::{Surface, VoxelSurface};
+
+/// Can this surface be flattened as it is?
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::NotADisk`].
+pub fn check_disk(surface: &Surface) -> Result<()> {
+    if surface.len() < FEWEST_SOURCES {
+        return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
+    }
+    let (_, components) = surface.components();
+    let loops = surface.boundary().len();
+    let euler = (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64;
+    if components != 1 || euler != 1 {
+        let handles = (2 * components as i64 - euler - loops as i64) / 2;
+        return Err(Error::NotADisk { components, loops, handles: handles.max(0) as usize, euler });
+    }
+    Ok(())
+}
+
+/// Can this connected surface be flattened?
+///
+/// # Errors
+/// [`Error::TooFewPoints`], [`Error::Closed`], [`Error::Cancelled`].
+pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
+    let points = surface.len();
+    if points < FEWEST_SOURCES {
+        return Err(Error::TooFewPoints { points, needed: FEWEST_SOURCES });
+    }
+    let topology = CubeTopology::of(surface, control)?;
+    if topology.is_closed() {
+        return Err(Error::Closed { points, touching: topology.lining, euler: topology.euler });
+    }
+    Ok(topology)
+}

@@ -1,0 +1,25 @@
+//! What every method returns.
+
+use nalgebra::Vector3;
+
+use crate::distortion::Distortion;
+use crate::embed::stress::levels::Convergence;
+
+/// A flat map of the points of a surface.
+#[derive(Debug, Clone)]
+pub struct FlatMap {
+    /// The place of each point in the plane, mm.
+    pub uv: Vec<[f64; 2]>,
+    /// Unit normals (RAS+ mm) that point outside; NaN where there is no outside.
+    pub normals: Vec<Vector3<f64>>,
+    /// The sources, as vertices of the surface.
+    pub sources: Vec<u32>,
+    /// The eigenvalues of the scaling, mm², by falling magnitude.
+    pub eigenvalues: Vec<f64>,
+    /// The share of Σ λ² that the plane carries.
+    pub planarity: f64,
+    /// What flattening did to the distances.
+    pub distortion: Distortion,
+    /// How descent went, where the method descends.
+    pub convergence: Option<Convergence>,
+}

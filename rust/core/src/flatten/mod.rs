@@ -1,0 +1,18 @@
+//! Whole methods, composed from the stages: one file a method, and what they share.
+
+mod check;
+pub mod grossmann2002;
+mod map;
+mod memory;
+pub mod relaxation;
+pub mod schwartz1989;
+pub mod voxflat;
+pub mod zigelman2002;
+
+pub use check::{check_disk, check_flattenable};
+pub use grossmann2002::grossmann2002;
+pub use map::FlatMap;
+pub use relaxation::relax;
+pub use schwartz1989::schwartz1989;
+pub use voxflat::voxflat;
+pub use zigelman2002::zigelman2002;

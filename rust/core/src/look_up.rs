@@ -1,0 +1,183 @@
+//! The inverse look-up: which triangle of the plane holds a place, and where in it.
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// Of a triangle, by which rounding may put a place on a side that two share beside both.
+const SLACK: f64 = 1e-9;
+
+/// Places that one worker looks up between two looks at whether it should stop.
+const CHUNK: usize = 4096;
+
+/// Finds the triangles that hold places in the plane, by a grid of about as many cells as triangles.
+#[derive(Debug, Clone)]
+pub struct TriangleFinder {
+    corners: Vec<[Vector2<f64>; 3]>,
+    /// The lowest place, mm.
+    low: Vector2<f64>,
+    /// Side of a cell, mm.
+    side: f64,
+    /// Numbers of cells along u and v.
+    shape: [usize; 2],
+    /// Where each cell's triangles begin, row by row.
+    starts: Vec<usize>,
+    /// The triangles whose boxes reach into each cell, ascending.
+    inside: Vec<u32>,
+}
+
+impl TriangleFinder {
+    /// Of triangles by their corners, mm.
+    pub fn new(corners: &[[[f64; 2]; 3]]) -> Self {
+        let corners: Vec<[Vector2<f64>; 3]> = corners.iter().map(|triangle| triangle.map(Vector2::from)).collect();
+        let (low, high) = bounds(corners.as_flattened());
+        let (size, count) = (high - low, corners.len().max(1) as f64);
+        let mut side = (size.x * size.y / count).sqrt();
+        if side == 0.0 {
+            side = if size.max() > 0.0 { size.max() } else { 1.0 };
+        }
+        let side = side.max(size.max() / (4.0 * count)); // of a long thin map there are no more cells, too
+        let shape = [size.x, size.y].map(|size| (size / side).floor() as usize + 1);
+        let mut finder = Self { corners, low, side, shape, starts: Vec::new(), inside: Vec::new() };
+        finder.sort_into_cells();
+        finder
+    }
+
+    fn sort_into_cells(&mut self) {
+        let cells: Vec<[[usize; 2]; 2]> = self.corners.iter().map(|triangle| self.cells_of(triangle)).collect();
+        let [columns, rows] = self.shape;
+        let reached = |&[[u, v], [last_u, last_v]]: &[[usize; 2]; 2]| {
+            (v..=last_v).flat_map(move |v| (u..=last_u).map(move |u| v * columns + u))
+        };
+        let mut starts = vec![0; columns * rows + 1];
+        cells.iter().flat_map(reached).for_each(|cell| starts[cell + 1] += 1);
+        (1..starts.len()).for_each(|cell| starts[cell] += starts[cell - 1]);
+        let mut next = starts.clone();
+        let mut inside = vec![0; starts[columns * rows]];
+        for (triangle, cells) in (0..).zip(&cells) {
+            for cell in reached(cells) {
+                inside[next[cell]] = triangle;
+                next[cell] += 1;
+            }
+        }
+        (self.starts, self.inside) = (starts, inside);
+    }
+
+    /// The first and the last cell, along u and v, into which a triangle's box reaches.
+    fn cells_of(&self, triangle: &[Vector2<f64>; 3]) -> [[usize; 2]; 2] {
+        let (low, high) = bounds(triangle);
+        [low, high].map(|corner| {
+            let cell = (corner - self.low) / self.side;
+            [0, 1].map(|axis| (cell[axis].floor() as usize).min(self.shape[axis] - 1))
+        })
+    }
+
+    /// The first triangle that holds a place, and its barycentric coordinates there.
+    pub fn find(&self, place: [f64; 2]) -> Option<(u32, [f64; 3])> {
+        let place = Vector2::from(place);
+        let mut cell = [0; 2];
+        for axis in 0..2 {
+            let number = ((place[axis] - self.low[axis]) / self.side).floor();
+            let cells = self.shape[axis] as f64;
+            if !(0.0..=cells).contains(&number) {
+                return None; // what is not finite, too
+            }
+            cell[axis] = (number as usize).min(self.shape[axis] - 1); // the upper border
+        }
+        let cell = cell[1] * self.shape[0] + cell[0];
+        self.inside[self.starts[cell]..self.starts[cell + 1]].iter().find_map(|&triangle| {
+            let weights = barycentric(&self.corners[triangle as usize], place);
+            is_inside(&weights).then_some((triangle, weights))
+        })
+    }
+
+    /// As [`find`](Self::find), for many places.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<(u32, [f64; 3])>>> {
+        control.begin("looking places up", places.len().div_ceil(CHUNK) as u64);
+        let mut found = vec![None; places.len()];
+        found.par_chunks_mut(CHUNK).zip(places.par_chunks(CHUNK)).try_for_each(|(found, places)| {
+            control.check()?;
+            found.iter_mut().zip(places).for_each(|(found, &place)| *found = self.find(place));
+            control.advance();
+            Ok(())
+        })?;
+        Ok(found)
+    }
+}
+
+/// Do barycentric coordinates lie in their triangle, or so near its sides that rounding decides?
+pub(crate) fn is_inside(weights: &[f64; 3]) -> bool {
+    weights.iter().all(|&weight| weight >= -SLACK)
+}
+
+/// The barycentric coordinates of a place; NaN in a triangle without area.
+fn barycentric(triangle: &[Vector2<f64>; 3], place: Vector2<f64>) -> [f64; 3] {
+    let [a, b, c] = triangle.map(|corner| corner - place);
+    let area = (b - a).perp(&(c - a));
+    [b.perp(&c), c.perp(&a), a.perp(&b)].map(|part| part / area)
+}
+
+fn bounds(places: &[Vector2<f64>]) -> (Vector2<f64>, Vector2<f64>) {
+    let first = places.first().copied().unwrap_or_default();
+    places.iter().fold((first, first), |(low, high), place| (low.inf(place), high.sup(place)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn place_in(triangle: [[f64; 2]; 3], weights: [f64; 3]) -> [f64; 2] {
+        [0, 1].map(|axis| (0..3).map(|k| weights[k] * triangle[k][axis]).sum())
+    }
+
+    proptest! {
+        #[test]
+        fn the_first_of_all_triangles_that_hold_a_place_is_found(
+            triangles in prop::collection::vec(prop::array::uniform3(prop::array::uniform2(-9.0..9.0f64)), 1..60),
+            places in prop::collection::vec(prop::array::uniform2(-12.0..12.0f64), 40),
+        ) {
+            let finder = TriangleFinder::new(&triangles);
+            for place in places {
+                let at = Vector2::from(place);
+                let holds = |triangle: &[[f64; 2]; 3]| is_inside(&barycentric(&triangle.map(Vector2::from), at));
+                let found = finder.find(place);
+                prop_assert_eq!(found.map(|(triangle, _)| triangle as usize), triangles.iter().position(holds));
+                if let Some((triangle, weights)) = found {
+                    let [u, v] = place_in(triangles[triangle as usize], weights);
+                    prop_assert!((u - place[0]).hypot(v - place[1]) < 1e-9);
+                    prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn borders_belong_to_the_map_and_nothing_else_does() {
+        let square = [[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]], [[0.0, 0.0], [4.0, 4.0], [0.0, 4.0]]];
+        let finder = TriangleFinder::new(&square);
+        for (place, triangle) in [([0.0, 0.0], 0), ([4.0, 4.0], 0), ([4.0, 0.0], 0), ([0.0, 4.0], 1), ([2.0, 2.0], 0)] {
+            assert_eq!(finder.find(place).map(|(triangle, _)| triangle), Some(triangle));
+        }
+        for place in [[-0.1, 2.0], [4.1, 2.0], [2.0, 9.0], [f64::NAN, 2.0], [2.0, f64::INFINITY]] {
+            assert_eq!(finder.find(place), None);
+        }
+        let control = Control::default();
+        let places = vec![[2.0, 1.0]; 3 * CHUNK];
+        assert_eq!(finder.find_all(&places, &control).unwrap(), vec![finder.find([2.0, 1.0]); 3 * CHUNK]);
+        control.cancel();
+        assert_eq!(finder.find_all(&places, &control), Err(crate::Error::Cancelled));
+    }
+
+    #[test]
+    fn triangles_without_area_hold_nothing() {
+        let line = [[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], [[1.0, 0.0]; 3]];
+        assert_eq!(TriangleFinder::new(&line).find([1.0, 0.0]), None);
+        assert_eq!(TriangleFinder::new(&[]).find([0.0, 0.0]), None);
+    }
+}

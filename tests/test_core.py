@@ -1,0 +1,84 @@
+"""The compiled core as Python calls it: long work lets other threads run."""
+
+import sys
+import threading
+
+import numpy as np
+import pytest
+import shapes
+from test_bad_surfaces import grid
+
+from voxflat import _core
+
+IDENTITY = np.eye(4).tolist()
+
+
+@pytest.fixture(scope="module")
+def surface():
+    points, faces = grid(60)
+    return _core.Surface.from_triangles(points, faces)[0]
+
+
+@pytest.fixture(scope="module")
+def voxels():
+    return _core.VoxelSurface.from_mask(shapes.sheet((200, 200)) > 0, IDENTITY, "chain-code")
+
+
+SURFACE = {
+    "normals": lambda s: s.normals,
+    "part": lambda s: s.part(np.ones(len(s), dtype=bool)),
+    "part_of_faces": lambda s: s.part_of_faces(np.ones(len(s.faces), dtype=bool)),
+    "largest_piece": lambda s: s.largest_piece(),
+    "moved": lambda s: s.moved(s.points),
+    "cut": lambda s: s.cut([[30, 31, 32, 33]]),
+    "topology": lambda s: s.topology(),
+    "choose_sources": lambda s: s.choose_sources("curvature", 5, 0),
+    "fill_holes": lambda s: s.fill_holes(1.0),
+    "rows": lambda s: s.rows(np.arange(3, dtype=np.uint32)),
+    "error_of_links": lambda s: s.error_of_links(np.arange(1, dtype=np.uint32)),
+    "reference_sources": lambda s: _core.reference_sources(len(s), 500, 0),
+    "vertex_normals": lambda s: _core.vertex_normals(s.points, s.faces),
+    "finder": lambda s: _core.TriangleFinder(s.points[:, :2].copy(), s.faces).find(s.points[:9, :2].copy()),
+}
+VOXELS = {
+    "csr": lambda v: v.csr,
+    "component_sizes": lambda v: v.component_sizes(),
+    "find": lambda v: v.find(v.voxels.astype(np.int64)),
+    "nearest": lambda v: v.nearest([3, 3, 3]),
+    "topology": lambda v: v.topology(),
+    "rows": lambda v: v.rows(np.arange(3, dtype=np.uint32)),
+}
+
+
+def lets_others_run(call):
+    """Whether another thread runs while something is called, among threads that never give way by themselves."""
+    gate, has_run = threading.Event(), threading.Event()
+
+    def other():
+        gate.wait()
+        has_run.set()
+
+    interval = sys.getswitchinterval()
+    thread = threading.Thread(target=other)
+    thread.start()
+    sys.setswitchinterval(1000.0)  # seconds: who has the interpreter keeps it until it lets go
+    try:
+        gate.set()
+        return any(call() is not None and has_run.is_set() for _ in range(500))
+    finally:
+        sys.setswitchinterval(interval)
+        thread.join()
+
+
+def test_what_keeps_the_interpreter_is_found_out():
+    assert not lets_others_run(lambda: sorted(range(100)))
+
+
+@pytest.mark.parametrize("name", SURFACE)
+def test_surfaces_let_other_threads_run(surface, name):
+    assert lets_others_run(lambda: SURFACE[name](surface))
+
+
+@pytest.mark.parametrize("name", VOXELS)
+def test_voxel_surfaces_let_other_threads_run(voxels, name):
+    assert lets_others_run(lambda: VOXELS[name](voxels))
