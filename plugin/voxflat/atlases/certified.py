@@ -70,6 +70,10 @@ class Plane:
     normal: NDArray[np.float64]
     axes: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        origin, normal = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.origin, self.normal))
+        return f"<Plane through ({origin}) mm, normal ({normal})>"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FlatPatch(Piece):

@@ -234,7 +234,9 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If the path has another ending or cannot be written.
+            If the path has another ending.
+        OSError
+            If it cannot be written.
         """
         path = Path(path)
         name = path.name.lower()

@@ -236,7 +236,7 @@ pub enum Error {
         "cannot {doing} {path}: {reason}; finished rows are kept: see that the place is writable and has room, then run the \
          same again"
     )]
-    StoreFailed { doing: &'static str, path: String, reason: String },
+    StoreFailed { doing: &'static str, path: String, reason: String, code: Option<i32> },
 
     #[error("the store {path} is in use by {holder}: wait until that ends, or choose another directory")]
     StoreInUse { path: String, holder: String },
