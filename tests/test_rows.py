@@ -410,9 +410,11 @@ def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypat
     assert names(tmp_path) == []
 
 
-def test_a_complete_store_needs_no_room(stored, monkeypatch):
+def test_a_complete_store_needs_no_room(stored, expected, monkeypatch, log):
+    log.clear()
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 0}))
-    voxflat.geodesic(SHEET, SOURCES, store=stored.store)
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    assert f"{SOURCES} rows were in the store" in "\n".join(messages(log))  # none was measured again
 
 
 # ------------------------------------------------------------------------------------------- command line

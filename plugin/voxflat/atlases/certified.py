@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
 from voxflat.errors import InputError
+from voxflat.io.files import holding
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas", "patches"]
@@ -262,13 +262,8 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     FileNotFoundError
         If there is no such file.
     """
-    try:
-        with np.load(Path(path), allow_pickle=False) as file:
-            form = json.loads(str(file["text"]))["format"]
-    except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
-        raise
-    except Exception as error:  # what damage leads to is known to no one
-        raise InputError(f"{path} is not an atlas of voxflat or is damaged ({type(error).__name__})") from error
+    with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
+        form = json.loads(str(file["text"]))["format"]
     return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)
 
 

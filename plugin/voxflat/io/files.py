@@ -71,6 +71,17 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
 
 @contextmanager
+def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
+    try:
+        yield
+    except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+        raise
+    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
+        raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
+
+
+@contextmanager
 def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
     """Let errors of the system, such as a full disk, name the file that they are about; not a temporary one."""
     try:
