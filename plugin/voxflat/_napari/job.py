@@ -15,7 +15,7 @@ from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
 from voxflat.arguments import Progress
-from voxflat.atlases.certified import patches
+from voxflat.atlases.making import patches
 from voxflat.errors import Cancelled
 from voxflat.methods.flatten import flatten
 
