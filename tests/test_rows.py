@@ -159,13 +159,13 @@ class TestFlatten:
 
 # ----------------------------------------------------------------------------------------- interruptions
 
-LARGE = np.ones((200, 200, 1), dtype=np.uint8)
-MANY = 1000
-HEIGHT_OF_MANY = 63  # 16 blocks
+LARGE = np.ones((140, 140, 1), dtype=np.uint8)
+MANY = 500
+HEIGHT_OF_MANY = 32  # 16 blocks
 RUN = """
 import sys, logging, numpy, voxflat
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-print("computing", voxflat.geodesic(numpy.ones((200, 200, 1), numpy.uint8), 1000, store=sys.argv[1], sampling="random",
+print("computing", voxflat.geodesic(numpy.ones((140, 140, 1), numpy.uint8), 500, store=sys.argv[1], sampling="random",
                                     threads=int(sys.argv[2])))
 """
 
