@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 import voxflat
+from voxflat.figures.colours import patch_colours
 
 BOUND = 1.5
 SEEN = 45.0  # mm, the side of the part of the maps that is shown larger

@@ -1,14 +1,21 @@
-"""Whether the result of a command can be written."""
+"""What a command writes: whether it can, and as JSON."""
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import click
 
 from voxflat.errors import InputError
 
-__all__ = ["check_output"]
+__all__ = ["FIGURE_ENDINGS", "check_output", "print_json"]
+
+FIGURE_ENDINGS = (".png", ".pdf", ".svg")
+"""How the name of a figure's file may end."""
 
 
 def check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | None]) -> None:
@@ -25,3 +32,8 @@ def check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | Non
             pass
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """Print one JSON object to stdout."""
+    click.echo(json.dumps(content, allow_nan=False))

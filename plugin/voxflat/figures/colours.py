@@ -23,7 +23,7 @@ AREA_LABEL = "area, log2(flat / surface)"
 
 
 def patch_colours(atlas: FlatPieces) -> NDArray[np.uint8]:
-    """Return the colour of each triangle's patch, shape (F, 3), as `FlatPage.label_image` has it in files and textures."""
+    """Return the colour of each triangle's patch, shape (F, 3), as files and textures of a page have it."""
     return label_colours(atlas.patch_ids[:, None] + 1.0)[:, 0, :3]
 
 

@@ -1,5 +1,8 @@
 //! What can go wrong: every message names the value and says what to do.
 
+use std::io;
+use std::path::Path;
+
 /// The result of everything in this crate that can fail.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -255,4 +258,11 @@ pub enum Error {
 
     #[error("cancelled")]
     Cancelled,
+}
+
+impl Error {
+    /// Turns what the system says of a store's file into an error that names it.
+    pub(crate) fn of_store(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |error| Self::StoreFailed { doing, path: path.display().to_string(), reason: error.to_string() }
+    }
 }
