@@ -12,6 +12,7 @@ def made(request):
     return voxflat.flatten(hard_shapes.surface(request.param))
 
 
+@pytest.mark.slow
 def test_is_finite(made):
     assert np.isfinite(made.uv).all()
     figures = made.distortion.figures()
@@ -49,6 +50,7 @@ def test_sheets_that_unroll_do(shape):
     assert flat.triangles.edge < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shape", [hard_shapes.pocket, hard_shapes.sphere_with_pinhole], ids=lambda shape: shape.__name__
 )

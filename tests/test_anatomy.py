@@ -167,6 +167,7 @@ def hemisphere(request):
     return request.param, anatomy.fsaverage5(request.param)
 
 
+@pytest.mark.slow
 def test_fsaverage5_is_closed_outward_and_nested(hemisphere):
     side, surfaces = hemisphere
     faces = surfaces["faces"]
@@ -194,6 +195,7 @@ def test_fsaverage5_white_matter_is_one_component(hemisphere):
     assert ((fraction > 0.5) == labels).mean() > 0.998
 
 
+@pytest.mark.slow
 def test_mni152_hemispheres_have_no_cerebellum():
     pytest.importorskip("nilearn", reason="the template comes with nilearn")
     (left, affine, probability), (right, _, _) = map(anatomy.mni152_white_matter, anatomy.SIDES)

@@ -141,6 +141,7 @@ def hole():
     return points, faces[~inside[faces].all(axis=1)]
 
 
+@pytest.mark.slow
 def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
     import pyvista as pv
 

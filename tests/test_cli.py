@@ -186,6 +186,7 @@ def test_quiet_says_nothing(shared, tmp_path):
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
     result = program("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
@@ -484,6 +485,7 @@ def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no pseudo-terminals")
 def test_ctrl_c_during_the_long_work(tmp_path):
     import fcntl
@@ -550,6 +552,7 @@ def test_python_m(shared):
     assert re.search(r"can be flattened +yes", result.stdout)
 
 
+@pytest.mark.slow
 def test_starting_needs_no_plotting_and_no_gui():
     code = "import sys, voxflat.cli; print([m for m in ('matplotlib', 'napari', 'pyvista', 'itk') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -34,6 +34,7 @@ def total(cuts, reason):
     return sum(cut.length for cut in cuts if cut.reason == reason)
 
 
+@pytest.mark.slow
 def test_a_closed_surface_is_relaxed_unless_forbidden():
     mesh = ball()
     plain, relaxed = (voxflat.flatten(mesh, relax=relax, sources=60) for relax in (False, None))
@@ -46,6 +47,7 @@ def test_a_closed_surface_is_relaxed_unless_forbidden():
     assert errors[1] < 0.8 * errors[0]
 
 
+@pytest.mark.slow
 def test_a_disk_is_cut_only_if_asked_and_to_the_length():
     points, faces = ball()
     keep = below(points, 10)
@@ -74,6 +76,7 @@ def test_own_cuts_are_kept_and_count():
     assert np.isin(rim.ids[1:], doubled).all()
 
 
+@pytest.mark.slow
 def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
     points, faces = ball()
     drop = ~below(points, 10)
@@ -121,6 +124,7 @@ def test_the_medial_wall_is_where_the_surfaces_touch():
             voxflat.cut(whole, drop="medial wall")
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_flatten_takes(tmp_path):
     points, faces = ball()
     voxflat.io.write_mesh(tmp_path / "ball.ply", voxflat.io.Mesh(points, faces))

@@ -39,6 +39,7 @@ def test_what_is_developable_comes_out_as_it_is(bend):
     assert error.mean() < 1e-3
 
 
+@pytest.mark.slow
 def test_weighting_leads_from_near_to_far_distances():
     points, faces, _ = sheet(45, 45, dome)
     maps = [voxflat.flatten((points, faces), weighting=weighting) for weighting in (0, None, 1)]
@@ -78,6 +79,7 @@ def test_an_unknown_solver_is_refused():
         voxflat.flatten((points, faces), method="zigelman2002", weighting=0.3)
 
 
+@pytest.mark.slow
 def test_a_glove_does_not_lie_on_itself():
     x, y, z = np.indices((64, 34, 52))
     hand = (np.abs(x - 32) < 20) & (np.abs(y - 17) < 6) & (z > 3) & (z < 18)

@@ -288,6 +288,7 @@ def test_patch_3d_without_pyvista_names_the_remedy(flat_map, monkeypatch):
 # -------------------------------------------------------------------------------------------- files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".pdf", ".svg"])
 def test_save_writes_what_the_ending_says(tmp_path, ending, flat_map):
     path = tmp_path / f"figure{ending}"
@@ -325,6 +326,7 @@ def test_save_picture_keeps_every_pixel(tmp_path):
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
 
 
+@pytest.mark.slow
 def test_figures_need_neither_pyplot_nor_pyvista():
     code = "import sys, voxflat.figures; print(*({'matplotlib.pyplot', 'pyvista', 'vtkmodules'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() == []

@@ -102,6 +102,7 @@ class TestStages:
         with pytest.raises(voxflat.InputError, match=r"from \[0, 0, 1\] to \[8, 8, 1\]: they lie in different"):
             voxflat.path(volume, (0, 0, 1), (8, 8, 1), geodesic="chain")
 
+    @pytest.mark.slow
     @settings(max_examples=30, deadline=None)
     @given(st.tuples(*[st.floats(0.3, 3.0)] * 3), st.integers(0, 2**32))
     def test_link_lengths_are_unbiased_for_any_spacing(self, spacing, seed):
@@ -123,6 +124,7 @@ class TestStages:
 class TestPaper:
     """The figures of Grossmann, Kiryati, Kimmel (2002); `make paper-grossmann` prints them all."""
 
+    @pytest.mark.slow
     def test_curled_sheet_at_random_orientations(self):
         figures = []
         for seed in range(4):
@@ -134,6 +136,7 @@ class TestPaper:
         assert absolute <= 0.43
         assert relative <= 0.021
 
+    @pytest.mark.slow
     def test_head(self):
         distortion = grossmann2002(shapes.depth_surface(shapes.head_depth())).distortion
         assert distortion.mean_geodesic == pytest.approx(141.9, abs=2)
@@ -236,6 +239,7 @@ class TestView:
 
 
 class TestLongWork:
+    @pytest.mark.slow
     def test_progress_names_the_stages(self, bent):
         reports = []
         grossmann2002(shapes.depth_surface(shapes.head_depth()), progress=lambda *report: reports.append(report))
@@ -243,6 +247,7 @@ class TestLongWork:
         assert "measuring distances" in stages
         assert all(0 <= done <= total for _, done, total in reports)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("stage", ["choosing sources", "measuring distances", "scaling"])
     def test_cancelling_is_fast(self, stage):
         volume = shapes.depth_surface(shapes.head_depth())
@@ -291,6 +296,7 @@ class TestLongWork:
             amid.set()
         assert time.perf_counter() - pressed[0] < 2
 
+    @pytest.mark.slow
     def test_python_runs_on_meanwhile(self):
         volume = shapes.depth_surface(shapes.head_depth())
 

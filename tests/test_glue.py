@@ -106,6 +106,7 @@ class TestGlue:
         check(atlas, wide)
         assert wide.seams.closed_share >= glued.seams.closed_share
 
+    @pytest.mark.slow
     def test_the_number_of_threads_does_not_matter(self, atlas, glued):
         for threads in (1, 3):
             other = atlas.glue(1.1, threads=threads)
@@ -287,6 +288,7 @@ class TestOneMap:
         with pytest.raises(InputError, match=message):
             voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
 
+    @pytest.mark.slow
     def test_several_pieces_are_refused(self):
         mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
         assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1

@@ -263,6 +263,7 @@ rotations = st.builds(rotation, st.integers(0, 2**31))
 millimetres = st.floats(0.05, 20)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(rotations, st.tuples(*[millimetres] * 3), st.tuples(*[st.floats(-500, 500)] * 3), st.booleans())
 def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
@@ -720,6 +721,7 @@ def test_unwritable_places(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["file", "folder.nii"]
 
 
+@pytest.mark.slow
 def test_importing_io_imports_neither_package():
     code = "import sys, voxflat.io; assert not {'itk', 'nibabel'} & set(sys.modules), 'imported'"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -378,6 +378,7 @@ class TestCommandLine:
         assert "exact distances" in result.stdout
         assert "±" in result.stdout
 
+    @pytest.mark.slow
     def test_several_maps(self, files):
         arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
         result = self.run(*arguments, "--heat-maps", files / "maps.png")

@@ -181,6 +181,7 @@ def test_suspicious_units(tmp_path):
     assert read_mesh(tmp_path / "s.ply").remarks == (remark,)
 
 
+@pytest.mark.slow
 def test_packages_are_imported_late(tmp_path):
     code = "import sys, voxflat.io; print({'nibabel', 'pyvista', 'vtkmodules'} & set(sys.modules))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"

@@ -184,6 +184,7 @@ class TestLookUp:
         with pytest.raises(InputError, match="places have shape"):
             page.look_up([1.0, 2.0, 3.0])
 
+    @pytest.mark.slow
     @given(st.integers(0, 10**6), st.integers(1, 40), st.sampled_from([1.0, 1e-6, 1e6]))
     def test_it_agrees_with_brute_force(self, seed, count, scale):
         rng = np.random.default_rng(seed)

@@ -402,6 +402,7 @@ print(image.voxflat(sources=9, method="grossmann2002").n_points)
     assert fresh(code) == ["108"]
 
 
+@pytest.mark.slow
 def test_before_pyvista_0_48_importing_the_module_is_enough():
     code = """
 import numpy as np

@@ -186,6 +186,7 @@ def run_until(store, finished, threads, number):
         return process.communicate(timeout=60)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "times"), [(signal.SIGKILL, 3), (signal.SIGINT, 1)])
 def test_what_was_stopped_goes_on_and_ends_with_the_same_bits(tmp_path, number, times, log):
     store = tmp_path / "store"
@@ -209,6 +210,7 @@ def test_what_was_stopped_goes_on_and_ends_with_the_same_bits(tmp_path, number, 
     assert names(tmp_path) == ["store"]
 
 
+@pytest.mark.slow
 def test_what_was_cancelled_goes_on(tmp_path, expected):
     def refuse(stage, done, total):
         return stage != "measuring distances"

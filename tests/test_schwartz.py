@@ -47,6 +47,7 @@ def hemisphere():
 
 
 class TestFlatten:
+    @pytest.mark.slow
     @pytest.mark.parametrize("neighbourhood", [None, 1, 3, "all"])
     def test_a_cylinder_is_unrolled(self, neighbourhood):
         mesh, truth = cylinder(SMALL)
@@ -71,6 +72,7 @@ class TestFlatten:
         stress = ((distances - delta) ** 2 / delta).sum() / delta.sum()
         assert stress == pytest.approx(min(flat.metadata["starts"]), rel=1e-4)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("mesh", [hemisphere(), cylinder(SMALL)[0]], ids=["hemisphere", "cylinder"])
     def test_random_starts_end_in_the_same_map(self, mesh):
         options = {"method": "schwartz1989", "sources": list(range(0, 200, 5))}
@@ -132,6 +134,7 @@ class TestFlatten:
             np.testing.assert_array_equal(again.uv, flat.uv)
             assert again.metadata == flat.metadata
 
+    @pytest.mark.slow
     def test_it_can_be_cancelled_in_each_stage(self):
         seen = set()
 

@@ -161,6 +161,7 @@ class TestFromVoxels:
 
 
 class TestSheets:
+    @pytest.mark.slow
     @pytest.mark.parametrize("traversed", [False, True])
     def test_the_papers_curled_sheet_is_unrolled(self, traversed):
         """One surface with a boundary, not a pillow; its flat map is as long and wide as the sheet was."""
@@ -192,6 +193,7 @@ class TestSheets:
         assert (topology["euler"], len(topology["components"])) == (1, 1)
         np.testing.assert_allclose(surface.points[:, [0, 2]].sum(axis=1), 19, atol=1e-6)
 
+    @pytest.mark.slow
     def test_a_closed_organ_is_cut_open(self):
         i, j, k = np.indices((60, 44, 34)) - np.array([30, 22, 17])[:, None, None, None]
         kidney = ((i / 26) ** 2 + ((j - 0.012 * i**2) / 15) ** 2 + (k / 12) ** 2 < 1).astype(np.uint8)
@@ -257,6 +259,7 @@ class TestFlatten:
         )
         assert (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0).all()
 
+    @pytest.mark.slow
     def test_no_triangle_is_turned_over_and_descent_is_told(self, flat_map):
         of = flat_map.distortion.triangles
         assert (of.flipped, of.collapsed, of.crossings, of.covering) == (0, 0, 0, 0)
@@ -266,6 +269,7 @@ class TestFlatten:
         assert (np.diff(energies) < 0.01 * energies[0]).all()  # between rounds the scale is found anew
         assert energies[-1] < energies[0]
 
+    @pytest.mark.slow
     def test_better_than_the_shipped_map_in_every_column(self, white, shipped, flat_map):
         ours, theirs = (voxflat.measure(white, flat, sources=60) for flat in (flat_map, shipped))
         for name in ("relative_error", "relative_error_10mm", "relative_error_30mm", "stress_1"):
@@ -309,6 +313,7 @@ class TestFlatten:
         assert rows.shape[1] == len(points) + 10
         assert np.linalg.norm(flat.uv[both[0]] - flat.uv[both[1]]) > 5
 
+    @pytest.mark.slow
     def test_voxels_of_real_anatomy(self):
         labels, affine, probability = anatomy.mni152_white_matter("left")
         surface = voxflat.surface(labels, affine=affine, probability=probability, repair="voxels")
