@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from test_patches import singular_values
+from triangle_meshes import singular_values
 
 import voxflat
 from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from triangle_meshes import torus
 
 import voxflat
 from voxflat import InputError
@@ -17,12 +18,6 @@ from voxflat.io import meshes
 from voxflat.maps.look_up import TriangleFinder
 
 pv = pytest.importorskip("pyvista")
-
-
-def torus(resolution=40):
-    mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=resolution, v_res=resolution // 2, w_res=1)
-    mesh = mesh.clean().triangulate()
-    return np.asarray(mesh.points, dtype=float), np.asarray(mesh.regular_faces)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import shapes
 from click.testing import CliRunner
 from scipy.linalg import orthogonal_procrustes
 from scipy.spatial.distance import pdist, squareform
-from test_zigelman import cylinder
+from triangle_meshes import cylinder
 
 import voxflat
 from voxflat import Cancelled, InputError, figures

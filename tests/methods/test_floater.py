@@ -1,15 +1,9 @@
 """The peer of flat maps that we wrote ourselves: Floater's shape-preserving parameterization, in docs/benchmarks."""
 
-import sys
-from pathlib import Path
-
+import floater1997
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
-
-sys.path.append(str(Path(__file__).parents[1] / "docs" / "benchmarks"))
-
-import floater1997
 
 
 def sheet(count=200, seed=0):

@@ -14,6 +14,8 @@ import voxflat
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
 
+pytestmark = pytest.mark.slow  # a window
+
 
 @pytest.fixture
 def open_widget(open_widget):

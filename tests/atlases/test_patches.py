@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapes
 from click.testing import CliRunner
-from test_zigelman import cylinder
+from triangle_meshes import cylinder, singular_values
 
 import voxflat
 from voxflat import Cancelled, FlatAtlas, InputError, figures
@@ -26,13 +26,6 @@ def torus():
 @pytest.fixture(scope="module")
 def atlas(torus):
     return voxflat.patches(torus, 10)
-
-
-def singular_values(points, uv):
-    """Return σ1 and σ2 of triangles in space (G, 3, 3) and in the plane (G, 3, 2), by numpy's own decomposition."""
-    edges, flat = points[:, 1:] - points[:, :1], uv[:, 1:] - uv[:, :1]
-    jacobian = [np.linalg.pinv(e) @ f for e, f in zip(edges, flat, strict=True)]
-    return np.linalg.svd(np.array(jacobian), compute_uv=False)
 
 
 def check(atlas):

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 
 
 def sheet(size=(40, 40)):

@@ -1,14 +1,10 @@
 import sys
-from pathlib import Path
 
+import anatomy
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial import ConvexHull
-
-sys.path.append(str(Path(__file__).parents[1] / "docs" / "benchmarks"))
-
-import anatomy
 
 CENTRE = np.array([3.3, -20.1, 7.7])
 

@@ -4,24 +4,16 @@ import numpy as np
 import pytest
 import shapes
 from click.testing import CliRunner
+from triangle_meshes import square
 
 import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, write_mesh
 
 
-def grid(size=6):
-    """A sheet of triangles in the plane."""
-    i, j = np.mgrid[: size + 1, : size + 1]
-    points = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1).astype(float)
-    corner = (i * (size + 1) + j)[:-1, :-1].ravel()
-    a, b, c, d = corner, corner + size + 1, corner + size + 2, corner + 1
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
 def changed(*, points=None, faces=None):
     """The sheet with something done to it."""
-    places, triangles = grid()
+    places, triangles = square()
     return points(places) if points else places, faces(triangles) if faces else triangles
 
 
@@ -46,7 +38,7 @@ def mobius(n=12):
 
 
 def fin():
-    points, faces = grid()
+    points, faces = square()
     return np.vstack([points, [[0.2, 0.2, 3.0]]]), np.vstack([faces, [[faces[0][0], faces[0][2], len(points)]]])
 
 
@@ -59,11 +51,11 @@ MESHES = {
     "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
     "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
     "no point": (np.zeros((0, 3)), np.zeros((0, 3), int), r"no points"),
-    "no triangle": (grid()[0], np.zeros((0, 3), int), r"no (triangle|face)"),
-    "quads": (grid()[0], np.array([[0, 1, 8, 7]]), r"\(1, 4\)"),
+    "no triangle": (square()[0], np.zeros((0, 3), int), r"no (triangle|face)"),
+    "quads": (square()[0], np.array([[0, 1, 8, 7]]), r"\(1, 4\)"),
     "an edge of three": (fin(), r"more than two triangles meet at the edge of vertices 0 and 8 \(1 such edges\)"),
     "a vertex of two fans": (
-        (grid()[0], np.array([[0, 7, 8], [8, 16, 9]])),
+        (square()[0], np.array([[0, 7, 8], [8, 16, 9]])),
         r"touches itself at vertex 8 \(1 such",
     ),
     "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
@@ -71,7 +63,7 @@ MESHES = {
     "a triangle twice": (changed(faces=lambda f: np.vstack([f, f[4]])), r"triangle \d+ has the same corners"),
     "a Möbius strip": (mobius(), r"only one side, like a Möbius strip"),
     "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
-    "fractional faces": ((grid()[0], np.array([[0, 1.5, 8]])), r"float64"),
+    "fractional faces": ((square()[0], np.array([[0, 1.5, 8]])), r"float64"),
 }
 
 
@@ -126,7 +118,7 @@ def test_check_lists_all_defects():
 )
 def test_options(options, message):
     with pytest.raises(voxflat.InputError, match=message):
-        voxflat.flatten(grid(), **options)
+        voxflat.flatten(square(), **options)
 
 
 def test_a_ring_without_cuts_is_refused():
@@ -136,7 +128,7 @@ def test_a_ring_without_cuts_is_refused():
 
 def hole():
     """A sheet with a hole that is too large to be closed."""
-    points, faces = grid(20)
+    points, faces = square(20)
     inside = (np.abs(points[:, :2] - 10) <= 4).all(axis=1)
     return points, faces[~inside[faces].all(axis=1)]
 
@@ -158,8 +150,8 @@ def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
 
 
 def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
-    coarse = np.array([10.0, 10.0, 1.0]) * grid(4)[0], grid(4)[1]  # 1,600 mm² in 32 triangles
-    fine = np.array([1.0, 1.0, 1.0]) * grid(20)[0] + [0.0, 0.0, 9.0], grid(20)[1]  # 400 mm² in 800
+    coarse = np.array([10.0, 10.0, 1.0]) * square(4)[0], square(4)[1]  # 1,600 mm² in 32 triangles
+    fine = np.array([1.0, 1.0, 1.0]) * square(20)[0] + [0.0, 0.0, 9.0], square(20)[1]  # 400 mm² in 800
     for first, second in ((coarse, fine), (fine, coarse)):
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
         flat = voxflat.flatten(both, sources=9)
@@ -173,12 +165,12 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
 
 
 def test_metres_are_suspected():
-    points, faces = grid()
+    points, faces = square()
     assert any("are they metres?" in remark for remark in voxflat.surface((points / 1000, faces)).remarks)
 
 
 def test_flipped_and_unused_are_mended_and_told():
-    points, faces = grid()
+    points, faces = square()
     faces[3] = faces[3][[1, 0, 2]]
     surface = voxflat.surface((np.vstack([points, [[9.0, 9.0, 9.0]]]), faces))
     assert surface.remarks[0] == "1 of 72 triangles were turned over, so that all face outside"
@@ -203,16 +195,16 @@ def test_a_label_at_the_border_is_told():
 
 
 def test_pial_must_correspond():
-    points, faces = grid()
+    points, faces = square()
     with pytest.raises(voxflat.InputError, match="pial surface has 36 vertices, the given one 49"):
-        voxflat.surface((points, faces), pial=grid(5))
+        voxflat.surface((points, faces), pial=square(5))
     with pytest.raises(voxflat.InputError, match="pial is ndarray; give a mesh"):
         voxflat.surface((points, faces), pial=points)
 
 
 def test_repair_of_what_cannot_be_repaired():
     with pytest.raises(voxflat.InputError, match="a mesh has no voxels; give 'cuts'"):
-        voxflat.surface(grid(), repair="voxels")
+        voxflat.surface(square(), repair="voxels")
     with pytest.raises(voxflat.InputError, match="repair is 'glue'"):
         voxflat.surface(shapes.ball(5), repair="glue")
 
@@ -238,9 +230,9 @@ def test_command_line(name, tmp_path):
         (np.zeros((48, 2)), "the map has 48 points, the surface 49 vertices"),
         (np.zeros(49), r"float64 of shape \(49,\); give places"),
         (np.full((49, 2), NAN), "no triangle of the surface has a place"),
-        (grid()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
+        (square()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
     ],
 )
 def test_maps_to_measure(flat, message):
     with pytest.raises(voxflat.InputError, match=message):
-        voxflat.measure(grid(), flat)
+        voxflat.measure(square(), flat)

@@ -8,21 +8,11 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
+from triangle_meshes import cylinder
 
 import voxflat
 from voxflat import InputError, _core
 from voxflat.cli import main
-
-
-def cylinder(shape=(81, 61), turns=0.7):
-    """Return a range image's worth of pixels curled into a cylinder, and their places on the unrolled one."""
-    row, column = np.indices(shape).reshape(2, -1).astype(float)
-    radius = shape[1] / (2 * np.pi * turns)
-    points = np.stack([radius * np.sin(column / radius), -row, radius * np.cos(column / radius)], axis=1)
-    number = np.arange(row.size).reshape(shape)
-    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return (points, faces), np.stack([column, -row], axis=1)
 
 
 def waves(side=60):

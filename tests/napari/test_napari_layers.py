@@ -15,6 +15,8 @@ napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Points, Surface  # noqa: E402
 from qtpy.QtCore import QPoint, Qt  # noqa: E402
 
+pytestmark = pytest.mark.slow  # a window
+
 # -------------------------------------------------------------------------------------- layers to volumes
 
 TRANSFORMS = [

@@ -8,7 +8,7 @@ import shapes
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
-from test_pages import torus
+from triangle_meshes import torus
 
 import voxflat
 from voxflat import figures

@@ -3,7 +3,7 @@ import pytest
 import pyvista as pv
 from click.testing import CliRunner
 from PIL import Image
-from test_texture import chessboard, cylinder
+from textures import chessboard, cylinder
 
 import voxflat
 from voxflat import InputError, cli
