@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,11 +29,11 @@ def check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | Non
             raise InputError(f"cannot write {path}: it is an input; choose another name")
     try:
         if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def print_json(content: dict[str, Any]) -> None:

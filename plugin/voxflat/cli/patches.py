@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import patches
 from voxflat.atlases.layout import PACKINGS
+from voxflat.atlases.making import patches
 from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars

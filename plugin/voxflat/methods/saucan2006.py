@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress
-from voxflat.atlases.certified import patches
+from voxflat.atlases.making import patches
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import How, map_over_triangles
