@@ -30,10 +30,11 @@ check: setup ## what one runs between edits: lint, and the tests that are quick 
 
 lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
 
+# cargo takes the whole workspace, so that dependencies have the same features as in the extension and are not compiled again
 lint-rust: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet -p voxflat
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet --workspace
 
 lint-python: setup
 	$(RUN) ruff check
@@ -44,7 +45,7 @@ lint-python: setup
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
 test-rust: setup ## tests of the core
-	cargo test --release --quiet -p voxflat
+	cargo test --release --quiet --workspace
 
 test-python: setup ## tests of the Python package, napari's real window among them
 	$(PYTEST)
@@ -97,7 +98,7 @@ import-graph: setup ## the graph of the package's imports: figures, and the pict
 	$(RUN) python docs/decisions/import_graph.py -o docs/pictures/imports_after.png
 
 docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
-	cargo doc --no-deps -p voxflat
+	cargo doc --release --no-deps --workspace
 
 format: setup ## format everything
 	cargo fmt --all

@@ -8,6 +8,8 @@ import pytest
 
 import voxflat
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 
 
