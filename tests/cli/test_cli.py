@@ -1,3 +1,4 @@
+import inspect
 import json
 import os
 import re
@@ -126,7 +127,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         given.update(options)
         raise voxflat.Cancelled
 
-    monkeypatch.setattr(voxflat, "flatten", flatten)
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
     options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
     options += (
         " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
@@ -410,6 +411,71 @@ def test_help(command):
         assert result.stdout.startswith("Usage: voxflat")
 
 
+def help_on(command, option):
+    """What --help says of an option, in one line."""
+    text = run(command, "--help").stdout
+    found = re.search(rf"^  {option} .*?(?=^  -|\Z)", text, re.MULTILINE | re.DOTALL)
+    return " ".join(found[0].split())
+
+
+def told_default(command, option, method):
+    """The default that --help tells for a method: the one of its name, else the first."""
+    told = re.search(r"\[default: ([^]]*)\]", help_on(command, option))[1].split("; ")
+    by_name = dict(part.split(": ") for part in told[1:])
+    return by_name.get(method, told[0])
+
+
+@pytest.mark.parametrize(
+    ("method", "size", "options"),
+    [
+        ("voxflat", 24, ["sources", "sampling", "geodesic", "weighting"]),
+        ("grossmann2002", 33, ["sources", "sampling", "link_lengths"]),
+        ("zigelman2002", 30, ["sources", "sampling"]),
+        ("schwartz1989", 12, ["sources", "sampling", "starts"]),
+        ("saucan2006", 12, ["bound"]),
+    ],
+)
+def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, options):
+    np.save(tmp_path / "sheet.npy", np.ones((size, size, 1), np.uint8))
+    result = run("flatten", tmp_path / "sheet.npy", "--method", method, "--json", "-o", tmp_path / "map.npz")
+    used = json.loads(result.stdout)
+    used["starts"] = len(used.get("starts", ()))  # the stress of each
+    for option in options:
+        assert told_default("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
+
+
+def test_the_default_method_in_help_is_the_one_that_is_used(shared):
+    used = voxflat.load(shared / "map.npz").metadata["method"]
+    assert told_default("flatten", "--method", None) == used
+
+
+def test_the_default_of_patches_in_help_is_the_one_that_is_used(tmp_path):
+    np.save(tmp_path / "sheet.npy", np.ones((9, 9, 1), np.uint8))
+    limit = voxflat.patches(tmp_path / "sheet.npy").metadata["limit"]
+    assert limit == {"angle": float(told_default("patches", "--max-angle", None))}
+
+
+@pytest.mark.parametrize(
+    ("command", "function"),
+    [
+        ("flatten", voxflat.flatten),
+        ("check", voxflat.check),
+        ("surface", voxflat.surface),
+        ("cut", voxflat.cut),
+        ("path", voxflat.path),
+        ("measure", voxflat.compare),
+        ("patches", voxflat.patches),
+        ("rows", voxflat.geodesic),
+    ],
+)
+def test_commands_and_functions_have_the_same_defaults(command, function):
+    usual = {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
+    for option in cli.main.commands[command].params:
+        if option.name in usual and not option.required:
+            told = option.to_info_dict()["default"]
+            assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
+
+
 def test_version():
     assert run("--version").stdout == f"voxflat {voxflat.__version__}\n"
 
@@ -455,7 +521,7 @@ def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
     def flatten(*arguments, **options):
         raise ZeroDivisionError("first line\nsecond line")
 
-    monkeypatch.setattr(voxflat, "flatten", flatten)
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
     arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
     result = run(*arguments)
     assert result.exit_code == 1
@@ -469,7 +535,7 @@ def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
     def flatten(*arguments, **options):
         raise raised
 
-    monkeypatch.setattr(voxflat, "flatten", flatten)
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
     assert (result.exit_code, result.stderr) == (1, "voxflat: cancelled\n")
 

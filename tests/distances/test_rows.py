@@ -462,7 +462,7 @@ def test_the_command_passes_every_option(tmp_path, monkeypatch):
         given.update(options, surface=surface, sources=sources)
         raise voxflat.Cancelled
 
-    monkeypatch.setattr(voxflat, "geodesic", geodesic)
+    monkeypatch.setattr("voxflat.cli.rows.geodesic", geodesic)
     options = "--label 2 --threshold 0.5 --keep k.nii --drop d.nii --seed-point 7 --radius 4.5 --spacing 0.5,1,2"
     options += " --geodesic chain --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G"
     run("rows", "volume.npy", "--sources", 70, "--store", "rows", *options.split())

@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import voxflat
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.results.maps import flat_map_reader
+from voxflat._napari.readers import flat_map_reader
 from voxflat._napari.results.report import figures
 
 napari = pytest.importorskip("napari")
