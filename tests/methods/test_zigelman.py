@@ -184,7 +184,7 @@ class TestRangeImage:
         assert (np.cross(b - a, c - a)[:, 2] > 0).all()
         assert image.ids.tolist() == list(range(6))
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     @given(st.integers(0, 2**32 - 1))
     def test_every_pixel_that_can_be_is_a_vertex(self, seed):
         rng = np.random.default_rng(seed)
