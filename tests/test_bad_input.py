@@ -118,7 +118,7 @@ API = {
         r"source \[9, 9, 2\] is given 2 times",
     ),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
-    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices of shape"),
+    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices .*, whole"),
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},

@@ -10,6 +10,7 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
+from voxflat.figures.maps import _add_scale_bar
 from voxflat.figures.space import load_pyvista
 from voxflat.io.volumes import Volume
 from voxflat.maps.raster import FlatImage
@@ -196,7 +197,7 @@ def test_scale_bar_hides_least_of_the_map(corner):
     row, column = corner
     shown[20 * row : 20 * row + 20, 30 * column : 30 * column + 30] = np.nan  # the only corner without a map
     axes = Figure().subplots()
-    figures._add_scale_bar(axes, FlatImage(shown, 1.0, (0.0, 0.0), "made up"))
+    _add_scale_bar(axes, FlatImage(shown, 1.0, (0.0, 0.0), "made up"))
     (bar,) = axes.lines
     right, low = np.mean(bar.get_xdata()) > 30, np.mean(bar.get_ydata()) < -20
     assert (int(low), int(right)) == corner
