@@ -415,7 +415,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
     with pytest.raises(voxflat.InputError, match=message):
         flat_map.save(out)
     # the command line must find out before the long work
-    monkeypatch.setattr(voxflat, "flatten", lambda *_, **__: pytest.fail("flattened first"))
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", lambda *_, **__: pytest.fail("flattened first"))
     with pytest.raises(voxflat.InputError, match=message):
         raise voxflat.InputError(fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", out))
 

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 import shapes
-from test_bad_surfaces import grid
+from triangle_meshes import square
 
 from voxflat import _core
 
@@ -15,7 +15,7 @@ IDENTITY = np.eye(4).tolist()
 
 @pytest.fixture(scope="module")
 def surface():
-    points, faces = grid(60)
+    points, faces = square(60)
     return _core.Surface.from_triangles(points, faces)[0]
 
 
