@@ -216,7 +216,7 @@ class TestFlatAtlas:
         assert loaded.certificate == atlas.certificate
         assert loaded.metadata == atlas.metadata
         assert loaded.table() == atlas.table()
-        for name in ("points", "faces", "ids", "labels", "stretch", "uv", "planes", "measured"):
+        for name in ("points", "faces", "ids", "piece_ids", "stretch", "uv", "planes", "measured"):
             assert np.array_equal(getattr(loaded, name), getattr(atlas, name))
         check(loaded)
 

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 import voxflat
-from voxflat.figures.atlases import _colours
+from voxflat.figures.colours import patch_colours
 
 BOUND = 1.5
 SEEN = 45.0  # mm, the side of the part of the maps that is shown larger
@@ -158,7 +158,7 @@ def picture(surface):
     share = [covering(theirs), covering(ours[largest])]
     figure = Figure(figsize=(11.0, 11.2), layout="constrained")
     axes = figure.subplots(2, 2)
-    colours = _colours(len(atlas))[atlas.piece_ids]
+    colours = patch_colours(atlas) / 255
     outline = glued.uv[glued.outline[np.isin(glued.outline[:, 0], np.unique(glued.uv_faces[largest]))]]
     shown = np.concatenate([ours[largest].reshape(-1, 2), theirs.reshape(-1, 2)])
     centre, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.52 * np.ptp(shown, axis=0).max()

@@ -5,8 +5,10 @@ The two in space return a picture, which `save_picture` writes, drawn by PyVista
 threads, and beside the user's own figures.
 """
 
-from voxflat.figures.atlases import atlas_3d, atlas_heat_map, atlas_page
-from voxflat.figures.maps import flat_image, heat_map, heat_maps, patch_3d, save, save_picture, scatter, spectrum
+from voxflat.figures.atlases import atlas_heat_map, atlas_page
+from voxflat.figures.files import save, save_picture
+from voxflat.figures.maps import flat_image, heat_map, heat_maps, scatter, spectrum
+from voxflat.figures.space import atlas_3d, patch_3d
 
 __all__ = [
     "atlas_3d",

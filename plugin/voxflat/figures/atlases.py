@@ -1,27 +1,18 @@
-"""Pictures of an atlas: its patches on a page, and in colours on the surface."""
+"""Figures of atlases in the plane: the page of their patches, and what happened to their triangles."""
 
 from __future__ import annotations
 
-import os
-import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
-from voxflat.errors import InputError
+from voxflat.figures.colours import ERRORS, patch_colours
 
-if TYPE_CHECKING:
-    from voxflat.atlases.atlas import Atlas
-
-__all__ = ["atlas_3d", "atlas_heat_map", "atlas_page"]
-
-_GOLDEN = 0.6180339887498949  # of a turn between the hues of patches that follow each other
+__all__ = ["atlas_heat_map", "atlas_page"]
 
 
 def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
@@ -37,11 +28,11 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        All at the same scale, in mm; colours as in `atlas_3d`.
+        All at the same scale, in mm; a colour for each patch, as in `atlas_3d`, image files and textures.
     """
     places = atlas.layout(packing=packing)
     corners: Any = places[atlas.uv_faces]
-    colours = _colours(int(atlas.patch_ids.max()) + 1)[atlas.patch_ids]
+    colours = patch_colours(atlas) / 255
     width, height = np.ptp(places, axis=0)
     figure = Figure(figsize=(8.0, float(np.clip(7.2 * height / width, 2.0, 12.0)) + 0.8), layout="constrained")
     axes = figure.add_subplot(xlabel="mm", ylabel="mm", aspect="equal")
@@ -77,96 +68,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     axes = figure.add_subplot(xlabel="mm", ylabel="mm")
     low = min(least, 1.0) if of == "areal" else 1.0
     shown = axes.imshow(
-        image.data, cmap="inferno", vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"
+        image.data, cmap=ERRORS, vmin=low, vmax=max(most, low + 1e-6), extent=image.extent, interpolation="nearest"
     )
     figure.colorbar(shown, ax=axes, label=image.name, extend="both" if of == "areal" else "max", shrink=0.8)
     return figure
-
-
-def atlas_3d(atlas: Atlas, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
-    """Draw the surface with its patches in colours, by PyVista, or by matplotlib where that is missing.
-
-    Parameters
-    ----------
-    atlas : Atlas
-        An atlas, of patches or glued.
-    towards : sequence of 3 floats
-        From where it is seen, RAS+.
-    size : int
-        Width and height, pixels.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W, 3)
-        A picture, for `save_picture`.
-
-    Raises
-    ------
-    InputError
-        If `towards` is no direction.
-    """
-    direction = np.asarray(towards, dtype=float)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputError(f"towards is {towards!r}; give a direction of three numbers")
-    colours = (255 * _colours(int(atlas.patch_ids.max()) + 1)).astype(np.uint8)[atlas.patch_ids]
-    pyvista = _load_pyvista()
-    if pyvista is None:
-        return _by_matplotlib(atlas, colours, direction, size)
-    mesh = pyvista.PolyData.from_regular_faces(atlas.points, atlas.faces)
-    mesh.cell_data["colours"] = colours
-    with pyvista.vtk_verbosity("error"):  # without a display VTK warns before it draws without
-        plotter = pyvista.Plotter(off_screen=True, window_size=[size, size], theme=pyvista.themes.DocumentTheme())
-        try:
-            plotter.add_mesh(mesh, scalars="colours", rgb=True, ambient=0.35, diffuse=0.75, specular=0.0)
-            plotter.view_vector(direction, _up(direction))
-            plotter.enable_anti_aliasing("ssaa")
-            return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
-        finally:
-            plotter.close()
-
-
-def _load_pyvista() -> Any:
-    """Import PyVista; None where it is missing, or where its VTK is old and would end a process without a display."""
-    try:
-        import pyvista
-    except ImportError:
-        return None
-    blind = sys.platform == "linux" and "DISPLAY" not in os.environ
-    return None if blind and pyvista.vtk_version_info < (9, 4) else pyvista
-
-
-def _by_matplotlib(
-    atlas: Atlas, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
-) -> NDArray[np.uint8]:
-    """Draw the triangles from the farthest to the nearest."""
-    direction = direction / np.linalg.norm(direction)
-    right = np.cross(_up(direction), direction)
-    axes_of_view = np.stack([right / np.linalg.norm(right), np.cross(direction, right) / np.linalg.norm(right)])
-    corners = atlas.points[atlas.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = normals @ direction / np.linalg.norm(normals, axis=1)
-    order = np.argsort((corners.mean(axis=1) @ direction), kind="stable")
-    shade = (0.35 + 0.65 * np.abs(facing))[:, None] * colours / 255
-    figure = Figure(figsize=(size / 100, size / 100), dpi=100)
-    axes = figure.add_axes((0, 0, 1, 1), aspect="equal")
-    axes.add_collection(
-        PolyCollection(corners[order] @ axes_of_view.T, facecolor=shade[order], edgecolor=shade[order], linewidth=0.2)
-    )
-    axes.autoscale()
-    axes.set_axis_off()
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _up(direction: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return superior, or anterior where that is looked along."""
-    return (0.0, 1.0, 0.0) if abs(direction[2]) > 0.9 * np.linalg.norm(direction) else (0.0, 0.0, 1.0)
-
-
-def _colours(count: int) -> NDArray[np.float64]:
-    """Return a colour for each patch; those of patches that follow each other are far apart."""
-    number = np.arange(count)
-    saturation = 0.45 + 0.2 * (number % 3)
-    value = 0.95 - 0.13 * (number // 3 % 3)
-    return np.asarray(hsv_to_rgb(np.stack([number * _GOLDEN % 1.0, saturation, value], axis=1)))

@@ -1,22 +1,23 @@
 //! **voxflat** flattens curved surfaces, above all the cortex, into the plane while keeping geodesic distances.
 //!
-//! The way through, one direction; each module is one stage and imports only what stands above it:
+//! The way through, one direction; each module is one stage and imports only what stands above it (`tests/layers.rs`):
 //!
 //! | module | stage | concept |
 //! |---|---|---|
 //! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
+//! | `turns`, `boxes` | | parallel work whose order is kept; boxes in the plane that meet |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
+//! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far; what hangs together |
 //! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes; decimation |
-//! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far |
 //! | [`geodesic`] | | chain-code links over voxels, straight links over triangles; shortest paths |
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
 //! | [`rows`] | sources → distance rows | many sources in parallel |
 //! | [`store`] | | distance rows on disk |
-//! | [`embed`] | distance rows → embedding | classical scaling |
-//! | [`place`] | embedding → every point | radial functions, re-insertion, bilinear placement |
-//! | [`orient`] | | the map's up and its handedness |
 //! | [`distortion`] | flat map → figures | what flattening did to distances and triangles |
+//! | [`place`] | places of some → of every point | radial functions, re-insertion, bilinear placement |
+//! | [`embed`] | distance rows → places | classical scaling, stress, Sammon's stress |
+//! | [`orient`] | | the map's up and its handedness |
 //! | [`look_up`] | flat map → surface | the triangle that holds a place, and where in it |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |

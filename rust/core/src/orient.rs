@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use crate::adjacency::{Arc, Graph, Links};
+use crate::adjacency::{Arc, Links};
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::graph::VoxelGraph;
 
 /// The share of a direction's variance that the map must explain for the direction to become the map's up.
 const EXPLAINED: f64 = 0.05;
@@ -16,7 +17,7 @@ const SHORTEST_NORMAL: f64 = 0.3;
 
 /// Unit normals (RAS+ mm) that point outside, to the background. NaN throughout for a sheet, most of which has background
 /// on both sides alike; elsewhere thin places take over the normals around them.
-pub fn outward_normals(surface: &VoxelSurface, graph: &Graph) -> Vec<Vector3<f64>> {
+pub fn outward_normals(surface: &VoxelSurface, graph: &VoxelGraph) -> Vec<Vector3<f64>> {
     let points = 0..surface.len();
     let mut normals: Vec<_> =
         points.clone().map(|v| surface.outward(v).try_normalize(0.0).unwrap_or_else(Vector3::zeros)).collect();
@@ -48,7 +49,7 @@ pub fn outward_normals(surface: &VoxelSurface, graph: &Graph) -> Vec<Vector3<f64
 }
 
 /// The mean over a point and its neighbours.
-fn mean_around(graph: &Graph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
+fn mean_around(graph: &VoxelGraph, normals: &[Vector3<f64>], vertex: usize) -> Vector3<f64> {
     let add = |(sum, count), arc: Arc| (sum + normals[arc.to as usize], count + 1.0);
     let (sum, count): (Vector3<f64>, f64) = graph.arcs(vertex as u32).fold((normals[vertex], 1.0), add);
     sum / count
@@ -76,7 +77,7 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 
 /// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
 /// the outward direction, turns in the map.
-pub fn handedness(surface: &VoxelSurface, graph: &Graph, uv: &[[f64; 2]]) -> f64 {
+pub fn handedness(surface: &VoxelSurface, graph: &VoxelGraph, uv: &[[f64; 2]]) -> f64 {
     let points = surface.points();
     let at_point = |v: usize| {
         let (mut du, mut dv) = (Vector3::zeros(), Vector3::zeros());
@@ -123,7 +124,7 @@ mod tests {
     use crate::volume::{Affine, Mask};
 
     /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
-    fn side(affine: [[f64; 4]; 4], on_side: impl Fn([u32; 3]) -> bool) -> (VoxelSurface, Graph) {
+    fn side(affine: [[f64; 4]; 4], on_side: impl Fn([u32; 3]) -> bool) -> (VoxelSurface, VoxelGraph) {
         let control = Control::default();
         let mask = Mask::from_fn([14, 15, 16], |v| (0..3).all(|a| (2..12).contains(&v[a]))).unwrap();
         let whole = VoxelSurface::from_mask(&mask, Affine::new(affine).unwrap(), &control).unwrap();
@@ -132,7 +133,7 @@ mod tests {
         (surface, graph)
     }
 
-    fn check(surface: &VoxelSurface, graph: &Graph, right: Vector3<f64>, up: Vector3<f64>) {
+    fn check(surface: &VoxelSurface, graph: &VoxelGraph, right: Vector3<f64>, up: Vector3<f64>) {
         let points = surface.points();
         let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         for (angle, mirror) in [(0.0f64, 1.0), (2.0, 1.0), (0.5, -1.0), (4.0, -1.0)] {

@@ -8,10 +8,11 @@
 use nalgebra::Vector2;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-use crate::adjacency::{Graph, Links};
+use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::look_up::is_inside;
+use crate::surface::voxels::graph::VoxelGraph;
 
 /// Most pixels of an image: 10,000 by 10,000 take 2.4 GB.
 const MOST_PIXELS: f64 = 1e8;
@@ -147,7 +148,7 @@ pub struct Faces {
 ///
 /// # Errors
 /// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
-pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Faces> {
+pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
     let places =
         uv.iter().enumerate().map(|(vertex, &[u, v])| Place { position: Point2::new(u, v), vertex: vertex as u32 });
@@ -176,7 +177,7 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &Graph, control: &Control) -> Result<Fa
 }
 
 /// The median flat distance between neighbours, mm.
-pub fn usual_step(uv: &[[f64; 2]], graph: &Graph) -> f64 {
+pub fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];
         graph.arcs(v as u32).map(move |arc| (uv[arc.to as usize][0] - x).hypot(uv[arc.to as usize][1] - y))
@@ -189,7 +190,7 @@ pub fn usual_step(uv: &[[f64; 2]], graph: &Graph) -> f64 {
     *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-fn within_two_links(graph: &Graph, a: u32, b: u32) -> bool {
+fn within_two_links(graph: &VoxelGraph, a: u32, b: u32) -> bool {
     let joined = |x: u32| graph.arcs(x).any(|arc| arc.to == b);
     joined(a) || graph.arcs(a).any(|arc| joined(arc.to))
 }

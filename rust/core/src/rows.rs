@@ -256,13 +256,14 @@ pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adjacency::{Graph, Links};
+    use crate::adjacency::Links;
     use crate::geodesic::chain::LinkLengths;
     use crate::geodesic::chain::chain_graph;
     use crate::surface::VoxelSurface;
+    use crate::surface::voxels::graph::VoxelGraph;
     use crate::volume::{Affine, Mask};
 
-    fn sheet(gap: bool) -> Graph {
+    fn sheet(gap: bool) -> VoxelGraph {
         let mask = Mask::from_fn([60, 50, 9], |[i, j, k]| k == j / 6 && !(gap && i == 30)).unwrap();
         let control = Control::default();
         let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 1.0, 0.7]).unwrap(), &control).unwrap();

@@ -9,7 +9,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
 use crate::surface::Surface;
-use crate::surface::curvature::mean_curvature;
+use crate::surface::mesh::curvature::mean_curvature;
 
 /// Fewest sources that span a plane.
 pub const FEWEST_SOURCES: usize = 3;
@@ -140,16 +140,16 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::adjacency::Graph;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
     use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;
+    use crate::surface::voxels::graph::VoxelGraph;
     use crate::volume::{Affine, Mask};
 
-    fn bent_sheet() -> Graph {
+    fn bent_sheet() -> VoxelGraph {
         let mask = Mask::from_fn([12, 15, 8], |[i, j, k]| k == j / 3 + usize::from(i > 6)).unwrap();
         let control = Control::default();
         let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();

@@ -10,7 +10,7 @@ use voxflat::distortion::{Distortion, Figures};
 use voxflat::flatten::FlatMap;
 use voxflat::geodesic::marching::Wave;
 use voxflat::sources::Sources;
-use voxflat::surface::level::Level;
+use voxflat::surface::voxels::level::Level;
 use voxflat::volume::Mask;
 
 use crate::work::{InputError, to_python};

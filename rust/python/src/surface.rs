@@ -18,8 +18,8 @@ use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch;
 use voxflat::surface::Surface as CoreSurface;
 use voxflat::surface::mesh;
-use voxflat::surface::repair::to_genus_zero;
-use voxflat::surface::voxelmesh::{Kind, VoxelMesh};
+use voxflat::surface::voxels::repair::to_genus_zero;
+use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
 
 use crate::convert;

@@ -6,18 +6,19 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use voxflat::adjacency::{Graph, Links};
+use voxflat::adjacency::Links;
 use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
 use voxflat::geodesic::shortest::trace_path;
-use voxflat::patch::{Disk, Patch, cut_out};
+use voxflat::patch::{Disk, Selection, cut_out};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::Sources;
 use voxflat::store::Store;
 use voxflat::surface::VoxelSurface as CoreSurface;
-use voxflat::surface::cubes::CubeTopology;
+use voxflat::surface::voxels::cubes::CubeTopology;
+use voxflat::surface::voxels::graph::VoxelGraph;
 use voxflat::volume::Affine;
 
 use crate::convert;
@@ -32,7 +33,7 @@ pub struct VoxelSurface(Arc<Inner>);
 
 struct Inner {
     surface: CoreSurface,
-    graph: Graph,
+    graph: VoxelGraph,
     lengths: LinkLengths,
 }
 
@@ -80,8 +81,8 @@ impl VoxelSurface {
         let disk = seed_point.zip(radius).map(|(seed_point, radius)| Disk { seed_point, radius });
         let inner = Arc::clone(&self.0);
         run(py, Some(1), progress.as_ref(), move |control| {
-            let patch = Patch { keep: keep.as_ref(), disk };
-            let (surface, graph) = cut_out(&inner.surface, &patch, inner.lengths, control)?;
+            let selection = Selection { keep: keep.as_ref(), disk };
+            let (surface, graph) = cut_out(&inner.surface, &selection, inner.lengths, control)?;
             Ok(Self(Arc::new(Inner { surface, graph, lengths: inner.lengths })))
         })
     }

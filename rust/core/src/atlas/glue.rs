@@ -28,7 +28,7 @@ use crate::distortion::overlap::overlaps;
 use crate::embed::stress::descent::Until;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
-use seams::{Gluing, Reason};
+use seams::{Gluing, Obstacle};
 use settle::are_within;
 use sheet::Sheet;
 
@@ -138,7 +138,7 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     for piece in 0..sheet.members.len() as u32 {
         if !is_valid(&sheet, piece, bound, control)? {
             for side in sheet.members[piece as usize].iter().flat_map(|&facet| 3 * facet..3 * facet + 3) {
-                reasons[side as usize] = Some(Reason::Overlap);
+                reasons[side as usize] = Some(Obstacle::Overlap);
             }
             sheet.take_apart(piece, &patches);
         }
@@ -232,7 +232,7 @@ fn measured(sheet: &Sheet<'_>, members: &[u32], area: f64, stretch: &mut [[f64; 
 }
 
 /// What became of the seams.
-fn seams(sheet: &Sheet<'_>, reasons: &[Option<Reason>]) -> Seams {
+fn seams(sheet: &Sheet<'_>, reasons: &[Option<Obstacle>]) -> Seams {
     let mut found = Seams { length: 0.0, closed: 0.0, holonomy: 0.0, bound: 0.0, overlap: 0.0 };
     for (side, twin) in (0..).zip(&sheet.twins).filter(|&(side, &twin)| sheet.seams[side as usize] && side < twin) {
         let length = sheet.lengths[side as usize];
@@ -240,7 +240,7 @@ fn seams(sheet: &Sheet<'_>, reasons: &[Option<Reason>]) -> Seams {
         found.length += length;
         let share = match reasons[side as usize] {
             _ if !sheet.is_cut(side) => &mut found.closed,
-            Some(Reason::Overlap) => &mut found.overlap,
+            Some(Obstacle::Overlap) => &mut found.overlap,
             _ if is_one => &mut found.holonomy,
             _ => &mut found.bound,
         };

@@ -7,7 +7,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::Figures;
+use super::figures::Figures;
 use super::sums::Sums;
 use crate::control::Control;
 use crate::error::Result;

@@ -2,7 +2,7 @@
 
 use std::iter::Sum;
 
-use super::Figures;
+use super::figures::Figures;
 
 /// Where bands of distances end, mm; an end belongs to the band below it.
 const BANDS_MM: [f64; 4] = [5.0, 10.0, 15.0, 30.0];

@@ -3,7 +3,7 @@
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::sources::FEWEST_SOURCES;
-use crate::surface::cubes::CubeTopology;
+use crate::surface::voxels::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
 /// Can this surface be flattened as it is?
@@ -14,7 +14,7 @@ pub fn check_disk(surface: &Surface) -> Result<()> {
     if surface.len() < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
     }
-    let (_, components) = surface.components();
+    let components = surface.components().count();
     let loops = surface.boundary().len();
     let euler = (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64;
     if components != 1 || euler != 1 {

@@ -5,7 +5,6 @@ use nalgebra::Vector3;
 use super::check::check_flattenable;
 use super::map::FlatMap;
 use super::memory::{BASE_BYTES, reference_memory_need};
-use crate::adjacency::Graph;
 use crate::control::Control;
 use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::classical_scaling;
@@ -16,6 +15,7 @@ use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
 /// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
@@ -24,7 +24,7 @@ use crate::surface::VoxelSurface;
 /// Those of [`check_flattenable`] and of the stages.
 pub fn grossmann2002(
     surface: &VoxelSurface,
-    graph: &Graph,
+    graph: &VoxelGraph,
     sources: &Sources,
     seed: u64,
     keep_rows: bool,

@@ -14,9 +14,9 @@ use super::check::check_disk;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
+use crate::surface::cuts::inward::{Inward, spread};
 use crate::surface::cuts::{Cut, Reason, described};
 use crate::surface::decimate::{Options, decimate};
-use crate::surface::inward::{Inward, spread};
 use sketch::{LANDMARKS, Sketch};
 
 /// Vertices of the coarse surface on which cuts are tried.

@@ -21,10 +21,10 @@ use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
 
 /// The part of the surface that a neighbourhood covers: "roughly 10 percent of the surface area of the entire problem".
-const PATCH: f64 = 0.1;
+const SHARE: f64 = 0.1;
 
 /// Vertices of a neighbourhood at least, where the surface has so many: of small surfaces a tenth is little.
-const SMALLEST_PATCH: f64 = 100.0;
+const SMALLEST: f64 = 100.0;
 
 /// Which distances are kept, and from where descent begins.
 #[derive(Debug, Clone)]
@@ -137,7 +137,7 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
-    let wanted = (PATCH * vertices).max(SMALLEST_PATCH.min(vertices));
+    let wanted = (SHARE * vertices).max(SMALLEST.min(vertices));
     let mut rings = 1;
     // neighbourhoods are small beside the surface: no need to go on to its far end
     for most in std::iter::successors(Some(16), |most| Some(2 * most)) {

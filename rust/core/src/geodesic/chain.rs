@@ -26,10 +26,10 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::adjacency::Graph;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::graph::VoxelGraph;
 
 /// The weights of Kiryati and Kübler, in voxels: direct, minor diagonal, major diagonal link.
 pub const KIRYATI_KUBLER: [f64; 3] = [0.9016, 1.289, 1.615];
@@ -139,10 +139,10 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
 /// The 26-neighbour graph of a surface.
 ///
 /// # Errors
-/// As [`ChainWeights::new`] and [`Graph::of_voxels`].
-pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<Graph> {
+/// As [`ChainWeights::new`] and [`VoxelGraph::of`].
+pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
-    Graph::of_voxels(surface, weights.lengths(), control)
+    VoxelGraph::of(surface, weights.lengths(), control)
 }
 
 #[cfg(test)]

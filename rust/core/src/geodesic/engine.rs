@@ -1,7 +1,7 @@
 //! The way to the rows of many sources: one search after the other, or sweeps over a prepared graph.
 
-use super::Solver;
-use super::sweep::{self, Sweep, SweepScratch};
+use super::solver::Solver;
+use super::sweep::{self, Sweep, SweepScratch, SweepTargets};
 use crate::control::Control;
 use crate::error::Result;
 
@@ -27,7 +27,7 @@ pub struct EngineScratch<T> {
 #[derive(Debug)]
 pub struct Targets<'a> {
     vertices: &'a [u32],
-    sweep: Option<sweep::Targets>,
+    sweep: Option<SweepTargets>,
 }
 
 impl<'a, S: Solver> Engine<'a, S> {

@@ -13,18 +13,14 @@ mod envelope;
 mod frame;
 mod path;
 mod rings;
+mod solver;
 #[cfg(test)]
 mod tests;
 mod wave;
 mod window;
 
-use super::{Fingerprint, Solver};
-use crate::control::Control;
-use crate::error::Result;
 use crate::surface::mesh::Surface;
 use frame::Frames;
-
-pub use wave::Wave;
 
 /// How far distances are wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,48 +56,5 @@ impl<'a> Exact<'a> {
     #[must_use]
     pub fn within(self, reach: Reach) -> Self {
         Self { reach, ..self }
-    }
-
-    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then knows the
-    /// [paths](Self::path), too.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    ///
-    /// # Panics
-    /// If `row` has not one value a vertex.
-    pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {
-        wave.run(self, source, control)?;
-        row.copy_from_slice(&wave.distance);
-        Ok(())
-    }
-}
-
-impl Solver for Exact<'_> {
-    type Scratch = Wave;
-
-    fn scratch(&self) -> Wave {
-        Wave::new(self)
-    }
-
-    fn columns(&self) -> usize {
-        self.surface.len()
-    }
-
-    fn row(&self, source: u32, row: &mut [f32], wave: &mut Wave, control: &Control) -> Result<()> {
-        wave.run(self, source, control)?;
-        row.iter_mut().zip(&wave.distance).for_each(|(value, &distance)| *value = distance as f32);
-        Ok(())
-    }
-
-    fn fingerprint(&self, control: &Control) -> Result<u64> {
-        control.check()?;
-        let mut hash = Fingerprint::default();
-        let coordinates = self.surface.points().iter().flat_map(|point| point.iter());
-        coordinates.for_each(|coordinate| hash.mix(coordinate.to_bits()));
-        self.surface.faces().iter().flatten().for_each(|&vertex| hash.mix(u64::from(vertex)));
-        hash.mix(self.reach.mm.to_bits());
-        hash.mix(self.reach.rings.map_or(0, |rings| 1 + u64::from(rings)));
-        Ok(hash.finish())
     }
 }

@@ -10,7 +10,7 @@
 //! surface were unfolded up to there: exact as long as no vertex lies between. Around the source straight lines over unfolded
 //! triangles are the start, for there a triangle's side may be longer than the distance, and no front passes it in time.
 
-mod descent;
+pub mod descent;
 mod sight;
 
 use std::cmp::Reverse;
@@ -19,13 +19,11 @@ use std::collections::BinaryHeap;
 use nalgebra::Vector2;
 
 use super::graph::{Beyond, unfold};
-use super::{Fingerprint, Solver};
+use super::solver::{Fingerprint, Solver};
 use crate::adjacency::Arc;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
-
-pub use descent::Marched;
 
 /// Triangles that are unfolded at most to split an obtuse corner.
 const MOST_UNFOLDED: usize = 12;

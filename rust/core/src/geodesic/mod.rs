@@ -1,8 +1,19 @@
 //! Geodesic distances: link lengths, shortest paths, and the one trait of all solvers.
+//!
+//! | module | concept |
+//! |---|---|
+//! | [`shortest`] | shortest paths in a graph, one source after the other |
+//! | [`sweep`] | the same for many sources at once, over a graph that was prepared |
+//! | [`solver`] | the trait [`Solver`], which every graph has |
+//! | [`engine`] | which of the two ways is taken |
+//! | [`chain`] | lengths of the chain-code links of a graph of voxels |
+//! | [`graph`] | straight links over unfolded triangles |
+//! | [`path`] | paths across triangles |
+//! | [`marching`] | fast marching over triangles |
+//! | [`exact`] | exact distances over triangles |
+//! | [`neighbourhood`] | exact distances within so many rings |
 
 pub mod chain;
-mod contraction;
-mod dissection;
 pub mod engine;
 pub mod exact;
 pub mod graph;
@@ -10,60 +21,7 @@ pub mod marching;
 pub mod neighbourhood;
 pub mod path;
 pub mod shortest;
+pub mod solver;
 pub mod sweep;
-mod table;
 
-use crate::control::Control;
-use crate::error::Result;
-use sweep::Sweep;
-
-/// A geodesic solver fills one row: the distances from a source to every vertex.
-pub trait Solver: Sync {
-    /// What a worker keeps from one row to the next.
-    type Scratch: Send;
-
-    /// Scratch for one worker.
-    fn scratch(&self) -> Self::Scratch;
-
-    /// Number of vertices, the length of a row.
-    fn columns(&self) -> usize;
-
-    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
-
-    /// A hash of what distances depend on, the same on every machine.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    fn fingerprint(&self, control: &Control) -> Result<u64>;
-
-    /// The same distances, prepared for the rows of many sources at once, if that is the faster way to those of so many and
-    /// needs no more than so many bytes. Depends on what is to be solved and on these numbers alone.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
-        let _ = (sources, bytes, control);
-        Ok(None)
-    }
-}
-
-/// A hash of words: the same on every machine, other for another order.
-#[derive(Debug, Default)]
-pub(crate) struct Fingerprint(u64);
-
-impl Fingerprint {
-    /// Takes in another word.
-    pub fn mix(&mut self, word: u64) {
-        self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
-        self.0 ^= self.0 >> 32;
-    }
-
-    /// The hash of all words.
-    pub fn finish(&self) -> u64 {
-        self.0
-    }
-}
+pub use solver::Solver;

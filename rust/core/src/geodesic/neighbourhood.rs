@@ -6,10 +6,11 @@
 use rayon::prelude::*;
 
 use super::exact::{Exact, Reach};
+use super::solver::Solver;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
-use crate::surface::paths::Network;
+use crate::surface::mesh::paths::Network;
 
 /// Vertices around which neighbourhoods are counted, where there are more.
 const COUNTED: usize = 1024;
@@ -66,7 +67,7 @@ impl Neighbourhoods {
             let near = reached.filter(|near| near.distance.is_finite() && near.distance > 0.0);
             Ok(near.collect::<Vec<_>>().into_boxed_slice())
         };
-        let scratch = || (vec![0.0; surface.len()], super::Solver::scratch(&everywhere));
+        let scratch = || (vec![0.0; surface.len()], Solver::scratch(&everywhere));
         let rows: Vec<Box<[Near]>> =
             (0..surface.len() as u32).into_par_iter().map_init(scratch, row_of).collect::<Result<_>>()?;
         let kept = keep_rows.then(|| {
@@ -190,7 +191,7 @@ pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -
         is_reached[front[0] as usize] = true;
         let (mut size, mut sizes) = (1, Vec::new());
         while !front.is_empty() && most.is_none_or(|most| sizes.len() < most as usize) {
-            let beyond = front.iter().flat_map(|&vertex| edges.arcs(vertex)).map(|arc| arc.to);
+            let beyond = front.iter().flat_map(|&vertex| edges.incident(vertex)).map(|arc| arc.to);
             front = beyond.filter(|&vertex| !std::mem::replace(&mut is_reached[vertex as usize], true)).collect();
             size += front.len();
             sizes.push(size);

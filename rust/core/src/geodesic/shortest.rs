@@ -4,8 +4,6 @@
 //! bucket is then final, as in Dijkstra's algorithm, but the queue costs no comparison. Only the few buckets that one link
 //! can span are alive at a time, so they are kept in a ring.
 
-use super::sweep::Sweep;
-use super::{Fingerprint, Solver};
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -142,41 +140,6 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
     }
 }
 
-impl<G: Links> Solver for G {
-    type Scratch = Search;
-
-    fn scratch(&self) -> Search {
-        Search::new(self)
-    }
-
-    fn columns(&self) -> usize {
-        self.vertices()
-    }
-
-    fn row(&self, source: u32, row: &mut [f32], search: &mut Search, control: &Control) -> Result<()> {
-        row.fill(f32::INFINITY);
-        row[source as usize] = 0.0;
-        search.lower(self, &[source], row, control)
-    }
-
-    fn fingerprint(&self, control: &Control) -> Result<u64> {
-        let mut hash = Fingerprint::default();
-        hash.mix(self.vertices() as u64);
-        for vertex in 0..self.vertices() as u32 {
-            if vertex.is_multiple_of(4096) {
-                control.check()?;
-            }
-            hash.mix(u64::from(vertex));
-            self.arcs(vertex).for_each(|arc| hash.mix(u64::from(arc.to) << 32 | u64::from(arc.length.to_bits())));
-        }
-        Ok(hash.finish())
-    }
-
-    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
-        Sweep::where_it_pays(self, sources, bytes, control)
-    }
-}
-
 /// The vertices of a shortest path from the source of `row` to `target`, both included; of equal paths the one through the
 /// lowest vertices. (Grossmann et al., figure 3: the black path.)
 ///
@@ -202,16 +165,17 @@ pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adjacency::Graph;
+    use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
     use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;
+    use crate::surface::voxels::graph::VoxelGraph;
     use crate::volume::{Affine, Mask};
     use proptest::prelude::*;
 
-    fn graph_of(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, Graph) {
+    fn graph_of(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
         let control = Control::default();
         let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
         let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();

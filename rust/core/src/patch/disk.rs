@@ -1,7 +1,6 @@
 //! Geodesic disks of a surface.
 
-use super::{NONE, pieces};
-use crate::adjacency::Links;
+use crate::adjacency::{Components, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::shortest::Search;
@@ -39,17 +38,17 @@ pub fn disk(
     let near: Vec<bool> = surface.faces().iter().map(is_near).collect();
     let of_seed = (0..near.len()).find(|&f| near[f] && surface.faces()[f].contains(&seed));
     let Some(start) = of_seed else { return Err(Error::EmptyDisk { vertex: seed as usize, radius }) };
-    let inside = pieces(surface, |face| near[face]);
+    let inside = surface.pieces(|face| near[face as usize]);
     let mut keep: Vec<bool> = inside.labels.iter().map(|&label| label == inside.labels[start]).collect();
     control.check()?;
 
     let areas = surface.areas();
     let own: f64 = (0..keep.len()).filter(|&f| keep[f]).map(|f| areas[f]).sum();
-    let (component, _) = surface.components();
-    let outside = pieces(surface, |face| !keep[face] && component[face] == component[start]);
-    let mut size = vec![0.0; outside.count];
-    let mut is_open = vec![false; outside.count];
-    for (face, &label) in outside.labels.iter().enumerate().filter(|&(_, &label)| label != NONE) {
+    let component = surface.components().labels;
+    let outside = surface.pieces(|face| !keep[face as usize] && component[face as usize] == component[start]);
+    let mut size = vec![0.0; outside.count()];
+    let mut is_open = vec![false; outside.count()];
+    for (face, &label) in outside.labels.iter().enumerate().filter(|&(_, &label)| label != Components::NONE) {
         size[label as usize] += areas[face];
         is_open[label as usize] |= surface.twins()[3 * face..3 * face + 3].contains(&BORDER);
     }
@@ -61,7 +60,7 @@ pub fn disk(
         return Err(Error::DiskEncloses { radius, area: size[piece], own, at });
     }
     let mut filled = 0;
-    for (face, &label) in outside.labels.iter().enumerate().filter(|&(_, &label)| label != NONE) {
+    for (face, &label) in outside.labels.iter().enumerate().filter(|&(_, &label)| label != Components::NONE) {
         if enclosed(label as usize) {
             keep[face] = true;
             filled += 1;

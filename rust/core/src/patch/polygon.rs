@@ -3,7 +3,7 @@
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
-use crate::surface::cuts::{along_path, shortest_path};
+use crate::surface::mesh::paths::{along_path, shortest_path};
 
 /// The smaller side, by area, of the closed shortest path along edges through `corners` in their order; and that path, whose
 /// last vertex is its first. Where the path touches itself and cuts off several pieces, all but the largest are taken.
@@ -18,9 +18,10 @@ pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<
     let closed: Vec<u32> = corners.iter().chain(&corners[..1]).copied().collect();
     let path = shortest_path(surface, &closed, None, control)?;
     let half_edges = along_path(surface, &path)?;
-    let (before, _) = surface.components();
+    let before = surface.components().labels;
     let own = half_edges.first().map(|&h| before[h as usize / 3]);
-    let (side, count) = surface.cut_open(half_edges).components();
+    let sides = surface.cut_open(half_edges).components();
+    let (side, count) = (&sides.labels, sides.count());
     let mut area = vec![0.0; count];
     let is_own = |face: usize| Some(before[face]) == own;
     let areas = surface.areas();

@@ -1,16 +1,17 @@
 //! The part of a voxel surface, on the paper's 26-neighbour graph.
 
-use crate::adjacency::{Graph, Links};
+use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::chain::{LinkLengths, chain_graph};
 use crate::geodesic::shortest::Search;
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::graph::VoxelGraph;
 use crate::volume::Mask;
 
 /// Which part of a surface to take.
 #[derive(Debug, Clone, Default)]
-pub struct Patch<'a> {
+pub struct Selection<'a> {
     /// Keep the surface voxels that are foreground here; of the volume's shape.
     pub keep: Option<&'a Mask>,
     /// Keep the geodesic disk around a point.
@@ -46,7 +47,12 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
 ///
 /// # Errors
 /// [`Error::RadiusNotPositive`], [`Error::SeedOffSurface`], [`Error::Cancelled`].
-pub fn geodesic_disk(surface: &VoxelSurface, graph: &Graph, disk: Disk, control: &Control) -> Result<VoxelSurface> {
+pub fn geodesic_disk(
+    surface: &VoxelSurface,
+    graph: &VoxelGraph,
+    disk: Disk,
+    control: &Control,
+) -> Result<VoxelSurface> {
     let Disk { seed_point, radius } = disk;
     if !(radius > 0.0 && radius.is_finite()) {
         return Err(Error::RadiusNotPositive { radius });
@@ -64,7 +70,7 @@ pub fn geodesic_disk(surface: &VoxelSurface, graph: &Graph, disk: Disk, control:
 }
 
 /// The largest connected component.
-pub fn largest_component(surface: &VoxelSurface, graph: &Graph) -> VoxelSurface {
+pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSurface {
     let components = graph.components();
     let largest = components.largest();
     let inside: Vec<bool> = components.labels.iter().map(|&label| Some(label) == largest).collect();
@@ -77,23 +83,23 @@ pub fn largest_component(surface: &VoxelSurface, graph: &Graph) -> VoxelSurface 
 /// Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
 pub fn cut_out(
     surface: &VoxelSurface,
-    patch: &Patch<'_>,
+    selection: &Selection<'_>,
     lengths: LinkLengths,
     control: &Control,
-) -> Result<(VoxelSurface, Graph)> {
+) -> Result<(VoxelSurface, VoxelGraph)> {
     control.begin("cutting out the patch", 1);
-    let mut part = match patch.keep {
+    let mut part = match selection.keep {
         Some(mask) => keep(surface, mask)?,
         None => surface.clone(),
     };
     let mut graph = chain_graph(&part, lengths, control)?;
-    if let Some(disk) = patch.disk {
+    if let Some(disk) = selection.disk {
         part = geodesic_disk(&part, &graph, disk, control)?;
         graph = chain_graph(&part, lengths, control)?;
     }
     let components = graph.components();
     if components.sizes.len() > 1 {
-        if patch.keep.is_some() {
+        if selection.keep.is_some() {
             return Err(Error::Disconnected { count: components.sizes.len(), sizes: components.describe() });
         }
         part = largest_component(&part, &graph);

@@ -5,7 +5,6 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use super::failed;
 use crate::error::{Error, Result};
 
 /// The first line of every journal begins with this.
@@ -38,7 +37,7 @@ pub fn header(identity: &str, rows: usize, columns: usize, block_rows: usize) ->
 pub fn read(path: &Path, header: &str, blocks: usize) -> Result<Option<Entries>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        result => result.map_err(failed("read", path))?,
+        result => result.map_err(Error::of_store("read", path))?,
     };
     let text = String::from_utf8_lossy(&bytes);
     let mut lines = text.lines();
@@ -88,7 +87,7 @@ impl Journal {
             fs::rename(&beside, &path)?;
             OpenOptions::new().append(true).open(&path)
         };
-        let file = Mutex::new(write().map_err(failed("write", &path))?);
+        let file = Mutex::new(write().map_err(Error::of_store("write", &path))?);
         Ok(Self { path, file })
     }
 
@@ -107,12 +106,12 @@ impl Journal {
     pub fn complete(&self) -> Result<()> {
         self.append(&format!("{COMPLETE}\n"))?;
         let file = self.file.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        file.sync_all().map_err(failed("write", &self.path))
+        file.sync_all().map_err(Error::of_store("write", &self.path))
     }
 
     fn append(&self, line: &str) -> Result<()> {
         let mut file = self.file.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        file.write_all(line.as_bytes()).map_err(failed("write", &self.path))
+        file.write_all(line.as_bytes()).map_err(Error::of_store("write", &self.path))
     }
 }
 

@@ -10,10 +10,10 @@
 //! Numbers depend on the solver and the sources alone. Neither threads nor interruptions change a bit.
 
 mod journal;
-mod table;
+mod npy;
 
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, Read, Write};
+use std::io::{Read, Write};
 use std::ops::Range;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ use crate::geodesic::sweep::LANES;
 use crate::rows::{Rows, finish};
 use crate::turns::in_turn;
 use journal::Journal;
-use table::{CHUNK, Table, VALUE};
+use npy::{CHUNK, NpyFile, VALUE};
 
 /// Most bytes of a block, if a row is not longer.
 const BLOCK_BYTES: usize = 64 << 20;
@@ -69,7 +69,7 @@ pub struct Found {
 /// All rows from some sources, on disk. No other process can compute them while this lives.
 #[derive(Debug)]
 pub struct Store {
-    table: Table,
+    table: NpyFile,
     sources: Vec<u32>,
     columns: usize,
     checksums: Vec<u32>,
@@ -99,7 +99,7 @@ impl Store {
         let header = journal::header(identity, sources.len(), columns, blocks.height);
         let path = directory.join("journal.jsonl");
         let entries = journal::read(&path, &header, blocks.len())?;
-        let table = Table::new(directory.join("rows.npy"), sources.len(), columns);
+        let table = NpyFile::new(directory.join("rows.npy"), sources.len(), columns);
         table.lay_out()?;
 
         let (known, is_complete) = entries.map_or((vec![None; blocks.len()], false), |e| (e.checksums, e.complete));
@@ -184,7 +184,7 @@ impl Blocks {
 }
 
 /// The known blocks whose data agree with their checksums.
-fn verify(table: &Table, blocks: Blocks, known: &[Option<u32>], control: &Control) -> Result<Vec<Option<u32>>> {
+fn verify(table: &NpyFile, blocks: Blocks, known: &[Option<u32>], control: &Control) -> Result<Vec<Option<u32>>> {
     control.begin("checking the store", known.iter().flatten().count() as u64);
     let agrees = |(block, checksum): (usize, &Option<u32>)| {
         let Some(checksum) = *checksum else { return Ok(None) };
@@ -198,7 +198,7 @@ fn verify(table: &Table, blocks: Blocks, known: &[Option<u32>], control: &Contro
 
 /// Computes and writes the blocks that have no checksum; the checksums of all blocks.
 fn compute_missing<S: Solver>(
-    table: &Table,
+    table: &NpyFile,
     journal: &Journal,
     blocks: Blocks,
     known: &[Option<u32>],
@@ -231,7 +231,7 @@ fn compute_missing<S: Solver>(
 /// its holder's process, for messages.
 fn lock(directory: &Path, control: &Control) -> Result<File> {
     let path = directory.join("lock");
-    let failed = || failed("write", &path);
+    let failed = || Error::of_store("write", &path);
     let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
     let mut file = open.map_err(failed())?;
     let start = Instant::now();
@@ -239,13 +239,7 @@ fn lock(directory: &Path, control: &Control) -> Result<File> {
         control.check()?;
         match file.try_lock() {
             Ok(()) => break,
-            Err(TryLockError::Error(error)) => {
-                return Err(Error::StoreFailed {
-                    doing: "lock",
-                    path: path.display().to_string(),
-                    reason: error.to_string(),
-                });
-            }
+            Err(TryLockError::Error(error)) => return Err(Error::of_store("lock", &path)(error)),
             Err(TryLockError::WouldBlock) if start.elapsed() > PATIENCE => {
                 let mut holder = String::new();
                 let known = file.read_to_string(&mut holder).is_ok_and(|read| read > 0);
@@ -258,11 +252,6 @@ fn lock(directory: &Path, control: &Control) -> Result<File> {
     let number = format!("{}\n", std::process::id());
     file.set_len(0).and_then(|()| file.write_all(number.as_bytes())).map_err(failed())?;
     Ok(file)
-}
-
-/// Turns what the system says into an error that names the file.
-fn failed(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Error {
-    move |error| Error::StoreFailed { doing, path: path.display().to_string(), reason: error.to_string() }
 }
 
 #[cfg(test)]

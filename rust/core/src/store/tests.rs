@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::adjacency::Graph;
 use crate::geodesic::chain::LinkLengths;
 use crate::geodesic::chain::chain_graph;
 use crate::rows::DistanceRows;
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::graph::VoxelGraph;
 use crate::volume::{Affine, Mask};
 use proptest::prelude::*;
 
@@ -47,7 +47,7 @@ const ROWS: usize = 53;
 /// Rows of a block, of so many rows; the fourteenth has one only.
 const HEIGHT: usize = 4;
 
-fn sheet() -> Graph {
+fn sheet() -> VoxelGraph {
     let mask = Mask::from_fn([9, 8, 1], |_| true).unwrap();
     let control = Control::default();
     let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
@@ -59,10 +59,10 @@ fn sources() -> Vec<u32> {
 }
 
 /// A solver that fails after so many rows, and counts them.
-struct Counting<'a>(&'a Graph, AtomicUsize, usize);
+struct Counting<'a>(&'a VoxelGraph, AtomicUsize, usize);
 
 impl<'a> Counting<'a> {
-    fn until(graph: &'a Graph, last: usize) -> Self {
+    fn until(graph: &'a VoxelGraph, last: usize) -> Self {
         Self(graph, AtomicUsize::new(0), last)
     }
 
@@ -72,7 +72,7 @@ impl<'a> Counting<'a> {
 }
 
 impl Solver for Counting<'_> {
-    type Scratch = <Graph as Solver>::Scratch;
+    type Scratch = <VoxelGraph as Solver>::Scratch;
 
     fn scratch(&self) -> Self::Scratch {
         self.0.scratch()

@@ -1,25 +1,17 @@
-//! Surfaces: the triangles that everything works on, and the surface voxels of the paper's own graph.
+//! Surfaces: the triangles that everything works on, and how a label volume becomes such.
+//!
+//! | module | concept |
+//! |---|---|
+//! | [`mesh`] | the [`Surface`] itself, loose triangles joined to one, paths along its edges, curvature |
+//! | [`topology`] | components, handles and the loops around them, boundary loops; thin places |
+//! | [`cuts`] | along paths, or until a disk is left; small holes closed |
+//! | [`decimate`] | fewer vertices, each of them one of the surface's own |
+//! | [`voxels`] | surface voxels and their graph; repair; surfels, nodes and their places: a volume's surface |
 
-pub mod cubes;
-pub mod curvature;
 pub mod cuts;
 pub mod decimate;
-pub mod holes;
-mod homology;
-pub(crate) mod inward;
-pub mod level;
-pub mod loops;
 pub mod mesh;
-pub mod nodes;
-pub(crate) mod paths;
-pub mod positions;
-pub mod repair;
-pub mod sheets;
-pub mod surfels;
-pub mod thin;
 pub mod topology;
-pub mod triangles;
-pub mod voxelmesh;
 pub mod voxels;
 
 pub use mesh::Surface;

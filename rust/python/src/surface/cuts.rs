@@ -6,11 +6,11 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use voxflat::flatten::relaxation::{Relaxation, relax};
+use voxflat::surface::cuts::holes::{fill_holes, small_holes};
 use voxflat::surface::cuts::{self, Cut, Reason};
-use voxflat::surface::holes::{fill_holes, small_holes};
-use voxflat::surface::loops::{Handle, cut_handles, handles};
-use voxflat::surface::thin::thin_places;
 use voxflat::surface::topology::Topology;
+use voxflat::surface::topology::loops::{Handle, cut_handles, handles};
+use voxflat::surface::topology::thin::thin_places;
 
 use super::Surface;
 use crate::convert;

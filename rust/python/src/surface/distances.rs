@@ -15,7 +15,7 @@ use voxflat::geodesic::shortest::trace_path;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::{Sources, by_curvature};
 use voxflat::store::Store;
-use voxflat::surface::cuts;
+use voxflat::surface::mesh::paths::shortest_path;
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
@@ -176,7 +176,7 @@ impl Surface {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         let (path, length) = run(py, Some(1), None, move |control| {
-            let path = cuts::shortest_path(&inner.surface, &[source, target], None, control)?;
+            let path = shortest_path(&inner.surface, &[source, target], None, control)?;
             let points = inner.surface.points();
             let steps = path.windows(2).map(|two| (points[two[0] as usize] - points[two[1] as usize]).norm());
             let length = steps.sum::<f64>();

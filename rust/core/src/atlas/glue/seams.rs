@@ -26,7 +26,7 @@ pub(super) const BRIEFLY: Until = Until { steps: 20, gain: 1e-3, enough: 1e-16 }
 
 /// Why a cut is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Reason {
+pub(super) enum Obstacle {
     /// Triangles would change beyond the bound.
     Bound,
     /// The piece would lie on itself.
@@ -37,7 +37,7 @@ pub(super) enum Reason {
 pub(super) struct Gluing<'a> {
     pub sheet: Sheet<'a>,
     /// Why each side was not closed when that was tried last.
-    pub reasons: Vec<Option<Reason>>,
+    pub reasons: Vec<Option<Obstacle>>,
     /// The length of the boundary of each piece, mm.
     pub(super) boundaries: Vec<f64>,
     bound: f64,
@@ -84,7 +84,7 @@ impl<'a> Gluing<'a> {
             self.sheet.place_rigidly(pieces[1], turn, shift);
         }
         let too_wide = cuts.iter().any(|&side| self.sheet.gap(side) > WIDE * self.sheet.lengths[side as usize]);
-        let reason = if too_wide { Some(Reason::Bound) } else { self.closed(cuts, pieces)? };
+        let reason = if too_wide { Some(Obstacle::Bound) } else { self.closed(cuts, pieces)? };
         for &side in cuts {
             self.reasons[side as usize] = reason;
             self.reasons[self.sheet.twins[side as usize] as usize] = reason;
@@ -96,9 +96,9 @@ impl<'a> Gluing<'a> {
     }
 
     /// Joins cuts and settles what is around; says why not, if that is so.
-    fn closed(&mut self, cuts: &[u32], pieces: [u32; 2]) -> Result<Option<Reason>> {
+    fn closed(&mut self, cuts: &[u32], pieces: [u32; 2]) -> Result<Option<Obstacle>> {
         let joined = self.sheet.join(cuts);
-        let mut reason = Reason::Bound;
+        let mut reason = Obstacle::Bound;
         for rings in RINGS {
             let around = Around::new(&self.sheet, &joined.at, rings, self.control)?;
             if let Some(before) = around.settle(&mut self.sheet, self.bound, STEPS, self.control)? {
@@ -111,7 +111,7 @@ impl<'a> Gluing<'a> {
                     return Ok(None);
                 }
                 around.write(&mut self.sheet, &before);
-                reason = Reason::Overlap;
+                reason = Obstacle::Overlap;
                 break;
             }
             if around.is_all {

@@ -11,7 +11,7 @@ use super::local::ease;
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
-use super::triangles::{Shape, Triangles};
+use super::triangles::{Shape, TriangleEnergy};
 use super::tutte;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -158,7 +158,7 @@ struct Levels<'a> {
 /// What descent on a level needs.
 struct Level {
     pairs: Pairs,
-    triangles: Triangles,
+    triangles: TriangleEnergy,
     springs: Springs,
     outline: Outline,
 }
@@ -199,7 +199,7 @@ impl<'a> Levels<'a> {
 
     fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
         let surface = self.surface(depth);
-        let triangles = Triangles::new(surface);
+        let triangles = TriangleEnergy::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
         Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
     }

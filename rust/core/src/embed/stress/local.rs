@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::triangles::{Rest, Shape, Triangles, cofactors};
+use super::triangles::{Rest, Shape, TriangleEnergy, cofactors};
 use crate::control::Control;
 use crate::error::Result;
 
@@ -28,7 +28,7 @@ const BATCH: usize = 1 << 12;
 /// # Errors
 /// [`crate::Error::Cancelled`].
 pub fn ease(
-    triangles: &Triangles,
+    triangles: &TriangleEnergy,
     shape: Shape,
     may_move: &[bool],
     uv: &mut [Vector2<f64>],
@@ -50,7 +50,7 @@ pub fn ease(
 }
 
 /// One step of Newton's method for a vertex, shorter where it would not go downhill.
-fn step(triangles: &Triangles, shape: Shape, vertex: usize, uv: &mut [Vector2<f64>]) {
+fn step(triangles: &TriangleEnergy, shape: Shape, vertex: usize, uv: &mut [Vector2<f64>]) {
     let from = uv[vertex];
     let mut here = Local::default();
     triangles.around(vertex).for_each(|(rest, corner)| here.add(rest, corner, uv, shape));

@@ -17,7 +17,7 @@ use descent::{Objective, SAFE};
 use outline::Outline;
 use pairs::{Bands, Pairs};
 use springs::{Factor, Springs};
-use triangles::{Shape, Triangles};
+use triangles::{Shape, TriangleEnergy};
 
 /// The energy of a map: the stress of its distances and the price of what happens to its triangles.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ pub struct MapEnergy<'a> {
     /// What they count.
     pub bands: Bands,
     /// Triangles to keep.
-    pub triangles: &'a Triangles,
+    pub triangles: &'a TriangleEnergy,
     /// What changes them.
     pub shape: Shape,
     /// β, the weight of the triangles' mean energy beside the stress.

@@ -29,7 +29,7 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
     let all: Vec<u32> = (0..surface.len() as u32).collect();
     let control = Control::default();
     let pairs = Pairs::new(&rows, &all, &control).unwrap();
-    let triangles = Triangles::new(&surface);
+    let triangles = TriangleEnergy::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &control).unwrap();
     let shape = Shape { barrier: 0.3, area: 2.0, outlier: 0.4 };
     let bands = Bands { weights: [1.0, 0.5, 2.0], outliers: [0.2, 0.05] };
@@ -141,7 +141,7 @@ fn without_outliers_the_energy_is_plain_and_next_to_a_fold_it_is_infinite() {
 #[test]
 fn the_energy_of_triangles_is_that_of_their_singular_values() {
     let surface = shapes::surface(shapes::sheet(6, 5));
-    let triangles = Triangles::new(&surface);
+    let triangles = TriangleEnergy::new(&surface);
     let uv = shaken(&surface, 0.15);
     let shape = Shape { barrier: 0.4, area: 3.0, outlier: 0.5 };
     let mut expected = 0.0;
@@ -184,7 +184,7 @@ fn the_first_landmarks_are_as_if_there_were_no_others() {
 #[test]
 fn the_factor_solves_what_the_springs_say() {
     let surface = shapes::surface(shapes::sheet(5, 4));
-    let triangles = Triangles::new(&surface);
+    let triangles = TriangleEnergy::new(&surface);
     let springs = Springs::new(triangles.corners().collect(), surface.len(), &Control::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let entries: Vec<[f64; 3]> = triangles.corners().map(|_| [0; 3].map(|_| -rng.random_range(0.1..2.0))).collect();
@@ -210,7 +210,7 @@ fn the_factor_solves_what_the_springs_say() {
 #[test]
 fn a_step_ends_where_the_first_triangle_has_no_area() {
     let surface = shapes::surface(shapes::sheet(4, 4));
-    let triangles = Triangles::new(&surface);
+    let triangles = TriangleEnergy::new(&surface);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for _ in 0..50 {
         let uv: Vec<_> = surface.points().iter().map(|p| p.xy()).collect();
@@ -305,7 +305,7 @@ fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
     let overlap = overlaps(surface.faces(), &uv, &control).unwrap();
     assert_eq!((overlap.crossings, overlap.covering), (0, 0));
     let uv: Vec<_> = uv.into_iter().map(Into::into).collect();
-    assert_eq!(Triangles::new(&surface).folded(&uv), 0);
+    assert_eq!(TriangleEnergy::new(&surface).folded(&uv), 0);
 }
 
 #[test]

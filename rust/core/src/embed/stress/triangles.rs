@@ -174,7 +174,7 @@ struct Part {
 
 /// The triangles of a surface.
 #[derive(Debug)]
-pub struct Triangles {
+pub struct TriangleEnergy {
     rests: Vec<Rest>,
     area: f64,
     /// For each vertex its corners: triangle × 3 + corner.
@@ -182,7 +182,7 @@ pub struct Triangles {
     corners: Vec<u32>,
 }
 
-impl Triangles {
+impl TriangleEnergy {
     /// Those of a surface.
     pub fn new(surface: &Surface) -> Self {
         let rests = |thinnest| surface.faces().iter().map(move |&face| Rest::new(surface.points(), face, thinnest));

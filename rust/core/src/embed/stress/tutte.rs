@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix2, Vector2};
 
 use super::springs::Springs;
-use super::triangles::Triangles;
+use super::triangles::TriangleEnergy;
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::Surface;
@@ -43,7 +43,7 @@ const NARROWEST: f64 = 0.005;
 pub fn spread(
     surface: &Surface,
     places: &[Vector2<f64>],
-    triangles: &Triangles,
+    triangles: &TriangleEnergy,
     springs: &Springs,
     control: &Control,
 ) -> Result<Vec<Vector2<f64>>> {

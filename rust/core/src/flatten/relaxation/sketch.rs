@@ -9,7 +9,7 @@ use crate::embed::stress::descent::{Until, descend};
 use crate::embed::stress::levels::{self, Dials, FINAL};
 use crate::embed::stress::pairs::{Bands, Pairs};
 use crate::embed::stress::springs::Springs;
-use crate::embed::stress::triangles::{Shape, Triangles};
+use crate::embed::stress::triangles::{Shape, TriangleEnergy};
 use crate::error::Result;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::{DistanceRows, Rows};
@@ -95,7 +95,7 @@ impl Sketch {
         let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
         let all: Vec<u32> = (0..self.surface.len() as u32).collect();
         let pairs = Pairs::new(&rows, &all, &quiet)?;
-        let triangles = Triangles::new(&self.surface);
+        let triangles = TriangleEnergy::new(&self.surface);
         let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
         let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
         let Dials { bands, shape, stiffness } = WORTH;

@@ -3,12 +3,14 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::Error;
+use crate::control::Control;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::path::{
     Site,
     checks::{assert_on_surface, bumpy},
     length,
 };
+use crate::geodesic::solver::Solver;
 use crate::surface::mesh::{BORDER, next, previous, shapes};
 
 fn row(surface: &Surface, source: u32) -> Vec<f64> {

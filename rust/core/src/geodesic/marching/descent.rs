@@ -18,10 +18,10 @@ use super::sight::{First, Side, View};
 use super::{Marching, SEEN, Wave};
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geodesic::Solver;
 use crate::geodesic::graph::{Outgoing, outgoing};
 use crate::geodesic::path::{PathPoint, Site};
-use crate::surface::cuts::shortest_path;
+use crate::geodesic::solver::Solver;
+use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, Surface, next, previous};
 
 /// A crossing this near to an end of its side, as a part of the side, is taken for the end itself.

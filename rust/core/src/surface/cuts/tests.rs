@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
-use super::super::mesh::{BORDER, shapes};
 use super::*;
+use crate::surface::mesh::{BORDER, shapes};
 
 fn opened(surface: &Surface) -> Opened {
     open_to_disk(surface, &Control::default()).unwrap()
@@ -81,7 +81,8 @@ fn a_ball_with_a_small_handle_gets_a_seam_too() {
     });
     let affine = crate::volume::Affine::from_spacing([1.0; 3]).unwrap();
     let solid =
-        crate::surface::voxelmesh::VoxelMesh::of_solid(&mask.unwrap(), &affine, None, &Control::default()).unwrap();
+        crate::surface::voxels::voxelmesh::VoxelMesh::of_solid(&mask.unwrap(), &affine, None, &Control::default())
+            .unwrap();
     assert_eq!(Topology::of(&solid.surface).genus, 1);
     let open = opened(&solid.surface);
     assert_opened(&solid.surface, &open);
@@ -151,9 +152,9 @@ proptest! {
         let torus = shapes::surface(shapes::torus(12, 7));
         let keep: Vec<bool> = keep.iter().enumerate().map(|(n, &kept)| kept || (n % 12 < 4 * all)).collect();
         let part = torus.part(&keep);
-        let (label, components) = part.components();
-        for component in 0..components as u32 {
-            let piece = part.part(&label.iter().map(|&l| l == component).collect::<Vec<_>>());
+        let components = part.components();
+        for component in 0..components.count() as u32 {
+            let piece = part.part(&components.labels.iter().map(|&l| l == component).collect::<Vec<_>>());
             let open = opened(&piece);
             assert_opened(&piece, &open);
             let topology = Topology::of(&piece);

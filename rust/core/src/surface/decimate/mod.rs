@@ -18,9 +18,9 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector3;
 
-use super::mesh::Surface;
 use crate::control::Control;
 use crate::error::{Error, Result};
+use crate::surface::mesh::Surface;
 use connectivity::{Connectivity, Ring};
 use quadric::Quadric;
 

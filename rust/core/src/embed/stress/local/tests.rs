@@ -6,12 +6,12 @@ use rand_chacha::ChaCha8Rng;
 const SHAPE: Shape = Shape { barrier: 0.2, area: 1.5, outlier: 0.3 };
 
 /// A sheet that is moved about a little.
-fn shaken() -> (Triangles, Vec<Vector2<f64>>) {
+fn shaken() -> (TriangleEnergy, Vec<Vector2<f64>>) {
     let surface = shapes::surface(shapes::sheet(8, 6));
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut by = || rng.random_range(-0.2..0.2);
     let uv = surface.points().iter().map(|p| p.xy() + Vector2::new(by(), by())).collect();
-    (Triangles::new(&surface), uv)
+    (TriangleEnergy::new(&surface), uv)
 }
 
 #[test]

@@ -1,0 +1,289 @@
+"""Pictures in space: `patch_3d` of maps, `atlas_3d` of atlases, drawn by PyVista."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from voxflat.atlases.pieces import FlatPieces
+from voxflat.errors import InputError
+from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
+from voxflat.io.volumes import as_volume
+from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.foreground import foreground
+from voxflat.surfaces.making import surface
+from voxflat.surfaces.surface import triangle_keys
+
+if TYPE_CHECKING:  # drawing alone brings it in
+    import pyvista
+
+__all__ = ["atlas_3d", "load_pyvista", "patch_3d"]
+
+_CLOSED = 0.05  # of what the normals would sum up to on a plane
+_SAME_PLACE = 1e-3  # mm
+_SURROUNDINGS = "#d8d8d4"
+_DPI = 200
+_SCENE = 0.87  # width of the scene in a picture, the rest is the colour bar's
+
+
+def patch_3d(
+    flat_map: FlatMap, whole: object | None = None, *, size: tuple[int, int] = (1200, 1000)
+) -> NDArray[np.uint8]:
+    """Picture the surface patch in space, in the colours of `heat_map`.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    whole : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface, optional
+        The volume or mesh that was flattened: the surface around the patch is shown in grey, too.
+    size : tuple of 2 ints
+        Width and height in pixels.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        Seen from outside, superior up.
+
+    Raises
+    ------
+    InputError
+        If PyVista is missing or cannot draw, or the volume or mesh is another.
+    """
+    pyvista = load_pyvista()
+    if flat_map.is_voxels:
+        patch, *around = [_patch_alone(flat_map)] if whole is None else _patch_in_place(flat_map, whole)
+    else:
+        patch, *around = _patch_of_mesh(pyvista, flat_map, whole)
+    width, height = size
+    highest = top_error(flat_map)
+    material = {"smooth_shading": True, "ambient": 0.35, "diffuse": 0.8, "specular": 0.0, "show_scalar_bar": False}
+    coloured = {"scalars": "error", "cmap": ERRORS, "clim": (0, highest), **material}
+    meshes = [(patch, coloured), *((mesh, {"color": _SURROUNDINGS, **material}) for mesh in around)]
+    window = (round(_SCENE * width), height)
+    scene = _drawn(pyvista, meshes, window, lambda plotter: _look_from_outside(plotter, flat_map))
+    return _beside_colour_bar(scene, width, highest)
+
+
+def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 1000) -> NDArray[np.uint8]:
+    """Draw the surface with its patches in colours, by PyVista, or by matplotlib where that is missing.
+
+    Parameters
+    ----------
+    atlas : Atlas
+        An atlas, of patches or glued.
+    towards : sequence of 3 floats
+        From where it is seen, RAS+.
+    size : int
+        Width and height, pixels.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 3)
+        A picture, for `save_picture`.
+
+    Raises
+    ------
+    InputError
+        If `towards` is no direction.
+    """
+    direction = np.asarray(towards, dtype=float)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise InputError(f"towards is {towards!r}; give a direction of three numbers")
+    colours = patch_colours(atlas)
+    try:
+        pyvista = load_pyvista()
+    except InputError:
+        return _by_matplotlib(atlas, colours, direction, size)
+    mesh = pyvista.PolyData.from_regular_faces(atlas.points, atlas.faces)
+    mesh.cell_data["colours"] = colours
+    material = {"scalars": "colours", "rgb": True, "ambient": 0.35, "diffuse": 0.75, "specular": 0.0}
+    return _drawn(
+        pyvista, [(mesh, material)], (size, size), lambda plotter: plotter.view_vector(direction, _up(direction))
+    )
+
+
+# ------------------------------------------------------------------------------------------ drawing
+
+
+def load_pyvista() -> Any:
+    """Import PyVista, and refuse what would end the process: an old VTK without a display."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise InputError("pictures in space need PyVista: pip install 'voxflat[pyvista]'") from error
+    if sys.platform == "linux" and "DISPLAY" not in os.environ and pyvista.vtk_version_info < (9, 4):
+        raise InputError("this VTK draws only with a display: run it under xvfb-run, or take VTK 9.4 or later")
+    return pyvista
+
+
+def _drawn(
+    pyvista: Any, meshes: Sequence[tuple[Any, dict[str, Any]]], window: tuple[int, int], look: Callable[[Any], None]
+) -> NDArray[np.uint8]:
+    """Draw meshes with their materials, as the camera sees them that `look` places."""
+    with pyvista.vtk_verbosity("error"):  # without a display VTK warns before it draws without
+        plotter = pyvista.Plotter(off_screen=True, window_size=list(window), theme=pyvista.themes.DocumentTheme())
+        try:
+            for mesh, material in meshes:
+                plotter.add_mesh(mesh, **material)
+            look(plotter)
+            plotter.enable_anti_aliasing("ssaa")
+            return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
+        finally:
+            plotter.close()
+
+
+def _up(direction: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return superior, or anterior where that is looked along."""
+    return (0.0, 1.0, 0.0) if abs(direction[2]) > 0.9 * np.linalg.norm(direction) else (0.0, 0.0, 1.0)
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _by_matplotlib(
+    atlas: FlatPieces, colours: NDArray[np.uint8], direction: NDArray[np.float64], size: int
+) -> NDArray[np.uint8]:
+    """Draw the triangles from the farthest to the nearest."""
+    direction = direction / np.linalg.norm(direction)
+    right = np.cross(_up(direction), direction)
+    axes_of_view = np.stack([right / np.linalg.norm(right), np.cross(direction, right) / np.linalg.norm(right)])
+    corners = atlas.points[atlas.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = normals @ direction / np.linalg.norm(normals, axis=1)
+    order = np.argsort((corners.mean(axis=1) @ direction), kind="stable")
+    shade = (0.35 + 0.65 * np.abs(facing))[:, None] * colours / 255
+    figure = Figure(figsize=(size / 100, size / 100), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1), aspect="equal")
+    axes.add_collection(
+        PolyCollection(corners[order] @ axes_of_view.T, facecolor=shade[order], edgecolor=shade[order], linewidth=0.2)
+    )
+    axes.autoscale()
+    axes.set_axis_off()
+    return _pixels(figure)
+
+
+def _patch_alone(flat_map: FlatMap) -> pyvista.PolyData:
+    """Return a skin around the patch's voxels; the map's faces would leave holes where the map is torn."""
+    low, high = flat_map.ids.min(axis=0) - 3, flat_map.ids.max(axis=0) + 3
+    field = np.zeros(high - low + 1, dtype=np.float32)
+    field[tuple((flat_map.ids - low).T)] = 1
+    return _iso_surface(flat_map, gaussian_filter(field, 1.0), 0.2, low)
+
+
+def _patch_in_place(flat_map: FlatMap, volume: object) -> list[pyvista.PolyData]:
+    """Return the patch and what surrounds it, as the surface between foreground and background voxels."""
+    data = as_volume(volume).data
+    if data.shape != flat_map.volume_shape:
+        raise InputError(f"the volume has shape {data.shape}, the flattened one {flat_map.volume_shape}; give that one")
+    mask = foreground(data, label=flat_map.metadata["label"], threshold=flat_map.metadata["threshold"])
+    if not mask[tuple(flat_map.ids.T)].all():
+        raise InputError("the map's points are no foreground of this volume; give the one that was flattened")
+    mesh = _iso_surface(flat_map, np.pad(mask, 1).astype(np.float32), 0.5, np.array([-1, -1, -1]))
+    # a point of this surface lies half-way between a foreground voxel and a background voxel
+    mesh["inside"] = (mesh["distance"] < 0.51).astype(np.float32)
+    return list(mesh.clip_scalar(scalars="inside", value=0.5, invert=False, both=True))
+
+
+def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> list[pyvista.PolyData]:
+    """Return the map's own triangles on the surface, and those of the whole mesh that are around them."""
+    faces = flat_map.faces[~flat_map.torn].astype(np.int64)
+    patch = pyvista.PolyData.from_regular_faces(flat_map.points, faces)
+    patch["error"] = 100 * flat_map.distortion.per_point
+    if whole is None:
+        return [patch]
+    mesh = surface(whole)
+    if mesh.is_voxels or mesh.count != flat_map.metadata["vertices"]:
+        raise InputError(
+            f"the mesh has {mesh.count} vertices, the flattened one {flat_map.metadata['vertices']}; give that one"
+        )
+    place = np.full((mesh.count, 3), np.nan)
+    place[mesh.ids] = mesh.points
+    apart = np.abs(place[flat_map.ids] - flat_map.points).max()
+    if not apart <= _SAME_PLACE:
+        raise InputError(
+            f"the mesh lies up to {apart:.3g} mm apart from the map; give the one that was flattened: where it had a "
+            "pial surface, voxflat.surface(white, pial=...)"
+        )
+    is_around = ~np.isin(triangle_keys(mesh.ids[mesh.faces]), triangle_keys(flat_map.ids[faces]))
+    if not is_around.any():
+        return [patch]
+    around = mesh.faces[is_around].astype(np.int64)
+    return [patch, pyvista.PolyData.from_regular_faces(mesh.points, around).clean()]
+
+
+def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:
+    """Return where a field has a level, as a smooth surface in RAS+ mm with the error of the nearest point in %.
+
+    `first` has the voxel indices of the field's first voxel. `distance` is that to the nearest point, in voxels.
+    """
+    import pyvista
+
+    grid = pyvista.ImageData(dimensions=field.shape, origin=first)
+    grid["field"] = field.ravel(order="F")
+    mesh = grid.contour([level], "field")
+    mesh["distance"], nearest = cKDTree(flat_map.ids).query(mesh.points)
+    mesh["error"] = 100 * flat_map.distortion.per_point[nearest]
+    mesh.transform(flat_map.affine, inplace=True)
+    smooth: pyvista.PolyData = mesh.smooth_taubin(n_iter=30, pass_band=0.05).compute_normals(cell_normals=False)
+    return smooth
+
+
+def _look_from_outside(plotter: pyvista.Plotter, flat_map: FlatMap) -> None:
+    """Point the camera at the patch against its mean normal, superior up, as near as it fits.
+
+    What was closed has no such side: it is seen from the left if it lies on the left, else from the right.
+    """
+    a, b, c = (flat_map.points[flat_map.faces[~flat_map.torn, corner]] for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    outward = normals.sum(axis=0)
+    if np.linalg.norm(outward) < _CLOSED * np.linalg.norm(normals, axis=1).sum():
+        outward = np.array([-1.0 if flat_map.points[:, 0].mean() < 0 else 1.0, 0.0, 0.0])
+    outward = _unit(outward)
+    right = _unit(np.cross(_up(outward), outward))
+    axes = np.stack([right, np.cross(outward, right), outward])
+    seen = flat_map.points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height, depth = high - low
+    pixels = plotter.window_size
+    camera = plotter.camera
+    camera.focal_point = axes.T @ (low + high) / 2
+    camera.position = np.asarray(camera.focal_point) + (width + height + depth) * outward
+    camera.up = axes[1]
+    camera.parallel_projection = True
+    camera.parallel_scale = 0.58 * max(height, width * pixels[1] / pixels[0])  # half of what is seen of the height
+    plotter.reset_camera_clipping_range()
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(vector)
+    return np.asarray(vector / length if length > 0 else (0.0, -1.0, 0.0))  # nothing to see: from the front, then
+
+
+def _beside_colour_bar(scene: NDArray[np.uint8], width: int, highest: float) -> NDArray[np.uint8]:
+    """Return a picture with a scene on its left and the colours of the errors on its right."""
+    height = scene.shape[0]
+    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+    share = scene.shape[1] / width
+    axes = figure.add_axes((0, 0, share, 1))
+    axes.imshow(scene, interpolation="none", aspect="auto")
+    axes.set_axis_off()
+    colours = ScalarMappable(Normalize(0, highest), ERRORS)
+    bar = figure.add_axes((share + 0.015, 0.1, 0.03, 0.8))
+    figure.colorbar(colours, cax=bar, label=ERROR_LABEL, extend="max")
+    return _pixels(figure)

@@ -1,0 +1,26 @@
+//! The figures of distances.
+
+/// Figures of a map at one scale.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figures {
+    /// The factor by which flat distances were multiplied.
+    pub scale: f64,
+    /// Mean of |d − δ|/δ (Grossmann et al.: ε̄_r).
+    pub relative_error: f64,
+    /// The same over pairs with δ ≤ 5 mm.
+    pub relative_error_0_5mm: f64,
+    /// The same over pairs with 5 mm < δ ≤ 15 mm.
+    pub relative_error_5_15mm: f64,
+    /// The same over pairs with 15 mm < δ ≤ 30 mm.
+    pub relative_error_15_30mm: f64,
+    /// The same over pairs with δ ≤ 10 mm.
+    pub relative_error_10mm: f64,
+    /// The same over pairs with δ ≤ 30 mm.
+    pub relative_error_30mm: f64,
+    /// Mean of |d − δ|, mm (Grossmann et al.: ε̄).
+    pub absolute_error: f64,
+    /// √(Σ(d − δ)² / Σδ²) (Kruskal).
+    pub stress_1: f64,
+    /// (1/Σδ) Σ (d − δ)²/δ (Schwartz et al., equation 1.0).
+    pub sammon_stress: f64,
+}

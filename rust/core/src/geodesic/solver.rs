@@ -1,0 +1,93 @@
+//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, or by sweeps where there are many sources.
+
+use super::shortest::Search;
+use super::sweep::Sweep;
+use crate::adjacency::Links;
+use crate::control::Control;
+use crate::error::Result;
+
+/// A geodesic solver fills one row: the distances from a source to every vertex.
+pub trait Solver: Sync {
+    /// What a worker keeps from one row to the next.
+    type Scratch: Send;
+
+    /// Scratch for one worker.
+    fn scratch(&self) -> Self::Scratch;
+
+    /// Number of vertices, the length of a row.
+    fn columns(&self) -> usize;
+
+    /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
+
+    /// A hash of what distances depend on, the same on every machine.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn fingerprint(&self, control: &Control) -> Result<u64>;
+
+    /// The same distances, prepared for the rows of many sources at once, if that is the faster way to those of so many and
+    /// needs no more than so many bytes. Depends on what is to be solved and on these numbers alone.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
+        let _ = (sources, bytes, control);
+        Ok(None)
+    }
+}
+
+/// A hash of words: the same on every machine, other for another order.
+#[derive(Debug, Default)]
+pub(crate) struct Fingerprint(u64);
+
+impl Fingerprint {
+    /// Takes in another word.
+    pub fn mix(&mut self, word: u64) {
+        self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15); // odd, so nothing is lost
+        self.0 ^= self.0 >> 32;
+    }
+
+    /// The hash of all words.
+    pub fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+impl<G: Links> Solver for G {
+    type Scratch = Search;
+
+    fn scratch(&self) -> Search {
+        Search::new(self)
+    }
+
+    fn columns(&self) -> usize {
+        self.vertices()
+    }
+
+    fn row(&self, source: u32, row: &mut [f32], search: &mut Search, control: &Control) -> Result<()> {
+        row.fill(f32::INFINITY);
+        row[source as usize] = 0.0;
+        search.lower(self, &[source], row, control)
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        let mut hash = Fingerprint::default();
+        hash.mix(self.vertices() as u64);
+        for vertex in 0..self.vertices() as u32 {
+            if vertex.is_multiple_of(4096) {
+                control.check()?;
+            }
+            hash.mix(u64::from(vertex));
+            self.arcs(vertex).for_each(|arc| hash.mix(u64::from(arc.to) << 32 | u64::from(arc.length.to_bits())));
+        }
+        Ok(hash.finish())
+    }
+
+    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
+        Sweep::where_it_pays(self, sources, bytes, control)
+    }
+}

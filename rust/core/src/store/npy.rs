@@ -1,0 +1,182 @@
+//! A table of f32 on disk, as `numpy.save` writes it: little-endian, row by row, behind a header of version 1.0.
+
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+
+/// Bytes of a value.
+pub const VALUE: usize = size_of::<f32>();
+
+/// Bytes that are moved at a time, between two looks at the control.
+pub const CHUNK: usize = 1 << 20;
+
+/// A file of `rows` × `columns` values. Each call opens it anew, so that threads need not share a position.
+#[derive(Debug)]
+pub struct NpyFile {
+    path: PathBuf,
+    header: Vec<u8>,
+    rows: usize,
+    columns: usize,
+}
+
+impl NpyFile {
+    /// The table of this shape at `path`, which need not exist.
+    pub fn new(path: PathBuf, rows: usize, columns: usize) -> Self {
+        Self { path, header: header(rows, columns), rows, columns }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the file its header and its length, where it has not got them; what values it holds stay.
+    pub fn lay_out(&self) -> Result<()> {
+        let write = || {
+            let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&self.path)?;
+            let mut found = vec![0; self.header.len()];
+            match file.read_exact(&mut found) {
+                Err(error) if error.kind() != ErrorKind::UnexpectedEof => return Err(error),
+                _ if found == self.header => {}
+                _ => {
+                    file.rewind()?;
+                    file.write_all(&self.header)?;
+                }
+            }
+            let length = self.offset(self.rows);
+            if file.metadata()?.len() != length { file.set_len(length) } else { Ok(()) }
+        };
+        write().map_err(Error::of_store("write", &self.path))
+    }
+
+    /// Writes whole rows from the `first` on, and returns their checksum.
+    pub fn write(&self, first: usize, values: &[f32], control: &Control) -> Result<u32> {
+        let failed = || Error::of_store("write", &self.path);
+        let mut file = OpenOptions::new().write(true).open(&self.path).map_err(failed())?;
+        file.seek(SeekFrom::Start(self.offset(first))).map_err(failed())?;
+        let mut hasher = crc32fast::Hasher::new();
+        let mut bytes = Vec::with_capacity(CHUNK.min(values.len() * VALUE));
+        for chunk in values.chunks(CHUNK / VALUE) {
+            control.check()?;
+            bytes.clear();
+            bytes.extend(chunk.iter().flat_map(|value| value.to_le_bytes()));
+            hasher.update(&bytes);
+            file.write_all(&bytes).map_err(failed())?;
+        }
+        Ok(hasher.finalize())
+    }
+
+    /// Reads whole rows from the `first` on, and returns their checksum.
+    pub fn read(&self, first: usize, values: &mut [f32], control: &Control) -> Result<u32> {
+        let length = values.len() * VALUE;
+        let mut places = values.iter_mut();
+        self.pass(first, length, control, |bytes| {
+            for (value, place) in bytes.chunks_exact(VALUE).zip(&mut places) {
+                *place = f32::from_le_bytes([value[0], value[1], value[2], value[3]]);
+            }
+        })
+    }
+
+    /// The checksum of `count` rows from the `first` on.
+    pub fn checksum(&self, first: usize, count: usize, control: &Control) -> Result<u32> {
+        self.pass(first, count * self.columns * VALUE, control, |_| ())
+    }
+
+    /// Waits until everything that was written is on the disk.
+    pub fn sync(&self) -> Result<()> {
+        let sync = || OpenOptions::new().write(true).open(&self.path)?.sync_all();
+        sync().map_err(Error::of_store("write", &self.path))
+    }
+
+    /// Passes `length` bytes from a row on to `visit`, in pieces, and returns their checksum.
+    fn pass(&self, first: usize, length: usize, control: &Control, mut visit: impl FnMut(&[u8])) -> Result<u32> {
+        let failed = || Error::of_store("read", &self.path);
+        let mut file = File::open(&self.path).map_err(failed())?;
+        file.seek(SeekFrom::Start(self.offset(first))).map_err(failed())?;
+        let mut hasher = crc32fast::Hasher::new();
+        let mut bytes = vec![0; CHUNK.min(length)];
+        let mut left = length;
+        while left > 0 {
+            control.check()?;
+            let piece = &mut bytes[..CHUNK.min(left)];
+            file.read_exact(piece).map_err(failed())?;
+            hasher.update(piece);
+            visit(piece);
+            left -= piece.len();
+        }
+        Ok(hasher.finalize())
+    }
+
+    fn offset(&self, row: usize) -> u64 {
+        self.header.len() as u64 + (row * self.columns) as u64 * VALUE as u64
+    }
+}
+
+/// The header of NumPy's format 1.0; values begin at a multiple of 64 bytes.
+fn header(rows: usize, columns: usize) -> Vec<u8> {
+    let mut text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    let prefix = 10; // magic, version, length
+    let end = (prefix + text.len() + 1).next_multiple_of(64);
+    text.push_str(&" ".repeat(end - prefix - text.len() - 1));
+    text.push('\n');
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend((text.len() as u16).to_le_bytes()); // far below 65536
+    header.extend(text.bytes());
+    header
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::tests::Folder;
+
+    #[test]
+    fn what_was_written_is_read_again() {
+        let folder = Folder::new("table");
+        let columns = CHUNK / VALUE + 7; // rows that are no whole number of chunks
+        let table = NpyFile::new(folder.path().join("rows.npy"), 3, columns);
+        table.lay_out().unwrap();
+        let values: Vec<f32> = (0..2 * columns).map(|n| n as f32 / 3.0).collect();
+        let control = Control::default();
+        let written = table.write(1, &values, &control).unwrap();
+        let mut again = vec![0.0; 3 * columns];
+        assert_eq!(table.read(1, &mut again[columns..], &control).unwrap(), written);
+        assert_eq!(table.checksum(1, 2, &control).unwrap(), written);
+        table.read(0, &mut again[..columns], &control).unwrap();
+        assert!(again[..columns].iter().all(|&value| value == 0.0) && again[columns..] == values);
+    }
+
+    #[test]
+    fn headers_are_those_of_numpy() {
+        for (rows, columns) in [(1, 1), (1000, 1_000_000), (12345, 678_901_234)] {
+            let header = header(rows, columns);
+            assert!(
+                header.len().is_multiple_of(64) && header.ends_with(b"\n") && header.starts_with(b"\x93NUMPY\x01\x00")
+            );
+            assert_eq!(u16::from_le_bytes([header[8], header[9]]) as usize, header.len() - 10);
+            let text = String::from_utf8_lossy(&header[10..]).into_owned();
+            assert_eq!(
+                text.trim_end(),
+                format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}), }}")
+            );
+        }
+    }
+
+    #[test]
+    fn a_truncated_table_gets_its_length_again() {
+        let folder = Folder::new("truncated");
+        let path = folder.path().join("rows.npy");
+        let table = NpyFile::new(path.clone(), 2, 5);
+        let control = Control::default();
+        table.lay_out().unwrap();
+        table.write(0, &[1.0; 10], &control).unwrap();
+        OpenOptions::new().write(true).open(&path).unwrap().set_len(128 + 20 + 8).unwrap();
+        table.lay_out().unwrap();
+        let mut values = [9.0; 10];
+        table.read(0, &mut values, &control).unwrap();
+        assert_eq!(values, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+    }
+}

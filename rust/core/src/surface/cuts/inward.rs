@@ -1,0 +1,68 @@
+//! The shortest ways from the boundary of a surface into its inside.
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::mesh::Surface;
+use crate::surface::mesh::paths::{EdgeSearch, Network};
+
+/// The shortest ways along edges from the boundary to every vertex.
+#[derive(Debug)]
+pub(crate) struct Inward<'a> {
+    surface: &'a Surface,
+    network: Network,
+    search: EdgeSearch,
+}
+
+impl<'a> Inward<'a> {
+    /// Takes O(n log n).
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn of(surface: &'a Surface, control: &Control) -> Result<Self> {
+        let mut inward = Self { surface, network: Network::of(surface), search: EdgeSearch::new(surface.len()) };
+        let borders = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h));
+        borders.for_each(|h| inward.search.seed(surface.origin(h)));
+        inward.settle(control)?;
+        Ok(inward)
+    }
+
+    fn settle(&mut self, control: &Control) -> Result<()> {
+        while self.search.settle(&self.network, |_| true).is_some() {
+            control.check()?;
+        }
+        Ok(())
+    }
+
+    /// The half-edges of the way from the boundary to the vertex with an id; none to one on the boundary.
+    pub fn to(&self, id: u32) -> Option<Vec<u32>> {
+        let mut vertex = self.surface.ids().iter().position(|&other| other == id)? as u32;
+        let mut path = Vec::new();
+        for step in self.search.back(vertex) {
+            let leads_here = self.surface.target(step.half_edge) == vertex;
+            path.push(if leads_here { step.half_edge } else { self.surface.twins()[step.half_edge as usize] });
+            vertex = step.from;
+        }
+        path.reverse();
+        (!path.is_empty()).then_some(path)
+    }
+}
+
+/// Vertices inside a surface, each the one farthest from the boundary and from those before it.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub(crate) fn spread(surface: &Surface, count: usize, control: &Control) -> Result<Vec<u32>> {
+    let mut from = Inward::of(surface, control)?;
+    let mut nearest = vec![f64::INFINITY; surface.len()];
+    let mut chosen = Vec::new();
+    while chosen.len() < count {
+        (0..).zip(&mut nearest).for_each(|(v, nearest)| *nearest = nearest.min(from.search.distance(v)));
+        let is_farther = |&a: &usize, &b: &usize| nearest[a].total_cmp(&nearest[b]).then(b.cmp(&a));
+        let Some(vertex) = (0..surface.len()).max_by(is_farther).filter(|&v| nearest[v] > 0.0) else { break };
+        chosen.push(vertex as u32);
+        from.search.clear();
+        from.search.seed(vertex as u32);
+        from.settle(control)?;
+    }
+    Ok(chosen)
+}

@@ -1,0 +1,244 @@
+//! Cuts: along chosen paths, or those that make any surface a disk.
+
+pub mod holes;
+pub(crate) mod inward;
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::mesh::Surface;
+use crate::surface::mesh::curvature::mean_curvature;
+use crate::surface::mesh::paths::{EdgeSearch, Network, Step, length};
+use crate::surface::topology::Topology;
+use crate::surface::topology::homology::{Sets, Shrunk};
+use crate::surface::topology::loops::{TOLL, cut_handles};
+
+/// A surface that was cut open to a disk.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Opened {
+    /// The disk: the faces of the input, whose seam vertices are doubled and keep their ids.
+    pub surface: Surface,
+    /// Where it was cut.
+    pub cuts: Vec<Cut>,
+}
+
+/// One cut.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cut {
+    /// The vertices of the input along it; a closed loop ends where it begins.
+    pub vertices: Vec<u32>,
+    /// Its length, mm.
+    pub length: f64,
+    /// Why it was made.
+    pub reason: Reason,
+}
+
+/// Why a cut was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reason {
+    /// It opens a handle.
+    Handle,
+    /// It joins two boundary loops, or such a cut and another loop.
+    JoinBoundaries,
+    /// The surface was closed like a sphere's, or with the other cuts alone it would be all but closed.
+    Sphere,
+    /// It relieves the map ([`crate::flatten::relaxation`]).
+    Relaxation,
+}
+
+/// How much a seam avoids crowns: an edge on one counts up to this many times as long as one in a fold's depth.
+const AVOIDS_CROWNS: f64 = 4.0;
+
+/// A surface of area A is all but closed if the square of its boundary is less than this times A; for a plane disk that is at
+/// least 4 π A, for a sphere cut from pole to pole π A.
+const SHORT: f64 = 1.0;
+
+/// Over how many rings of neighbours crowns and depths are told apart.
+const RINGS: usize = 3;
+
+/// The surface cut open along paths of vertices; ids are kept.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::NotAnEdge`].
+pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
+    let network = Network::of(surface);
+    let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;
+    Ok(surface.cut_open(half_edges.into_iter().flatten()))
+}
+
+/// Cuts a connected surface open to a disk.
+///
+/// Handles are cut along short loops ([`cut_handles`]). The boundary loops are then joined by a tree of shortest paths, at most
+/// twice as long as the shortest tree (Mehlhorn 1988). If the surface is still closed, or all but closed, it also gets
+/// a seam between two points that lie far apart, preferably along the depths of folds. A disk is left as it is. Takes
+/// O(n log n) beside the handles; the result is the same each time.
+///
+/// # Errors
+/// [`Error::NoFaces`], [`Error::SeveralComponents`], [`Error::NotADisk`], [`Error::Cancelled`].
+pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
+    let topology = Topology::of(surface);
+    require_connected(&topology)?;
+    control.check()?;
+    if topology.is_disk() {
+        return Ok(Opened { surface: surface.clone(), cuts: Vec::new() });
+    }
+    let (mut open, handles) = cut_handles(surface, control)?;
+    let of_handles = handles.iter().flat_map(|handle| pieces(surface, &handle.half_edges));
+    let mut paths: Vec<(Reason, Vec<u32>)> = of_handles.map(|path| (Reason::Handle, path)).collect();
+    control.begin("joining boundaries", 1);
+    let mut joining = joins(&open, control)?;
+    if is_all_but_closed(&open, &joining) {
+        let seam = seam(&open, control)?;
+        paths.extend(pieces(surface, &seam).into_iter().map(|path| (Reason::Sphere, path)));
+        open = open.cut_open(seam);
+        joining = joins(&open, control)?;
+    }
+    paths.extend(joining.into_iter().map(|path| (Reason::JoinBoundaries, path)));
+    control.advance();
+    let cuts = paths.iter().map(|(reason, path)| described(surface, path, *reason)).collect();
+    require_disk(surface.cut_open(paths.into_iter().flat_map(|(_, path)| path)), cuts)
+}
+
+fn require_disk(surface: Surface, cuts: Vec<Cut>) -> Result<Opened> {
+    let topology = Topology::of(&surface);
+    if !topology.is_disk() {
+        let (components, loops) = (topology.components.len(), topology.loops.len());
+        return Err(Error::NotADisk { components, loops, handles: topology.genus, euler: topology.euler });
+    }
+    Ok(Opened { surface, cuts })
+}
+
+fn require_connected(topology: &Topology) -> Result<()> {
+    match &topology.components[..] {
+        [] => Err(Error::NoFaces { points: 0 }),
+        [_] => Ok(()),
+        components => {
+            let mut sizes: Vec<String> = components.iter().take(5).map(|c| c.faces.to_string()).collect();
+            sizes.extend((components.len() > 5).then(|| "...".to_owned()));
+            Err(Error::SeveralComponents { count: components.len(), sizes: sizes.join(", ") })
+        }
+    }
+}
+
+/// A cut along half-edges of the surface, each of which begins where the one before ends.
+pub(crate) fn described(surface: &Surface, path: &[u32], reason: Reason) -> Cut {
+    let end = path.last().map(|&h| surface.target(h));
+    Cut {
+        vertices: path.iter().map(|&h| surface.origin(h)).chain(end).collect(),
+        length: path.iter().map(|&h| surface.length(h)).sum(),
+        reason,
+    }
+}
+
+/// The connected pieces of a loop of half-edges, parts of which may be missing.
+fn pieces(surface: &Surface, half_edges: &[u32]) -> Vec<Vec<u32>> {
+    let count = half_edges.len();
+    let is_end = |n: usize| surface.target(half_edges[n]) != surface.origin(half_edges[(n + 1) % count]);
+    let first = (0..count).find(|&n| is_end(n)).map_or(0, |end| end + 1);
+    let mut turned = half_edges.to_vec();
+    turned.rotate_left(first % count.max(1));
+    turned.chunk_by(|&a, &b| surface.target(a) == surface.origin(b)).map(<[u32]>::to_vec).collect()
+}
+
+/// Paths that join all boundary loops of a surface without handles: from every loop the region that lies nearer to it than to
+/// any other, then the shortest ways between these regions, as far as they join what is not joined yet. Where two paths come
+/// together the later ends; so no two cross.
+fn joins(surface: &Surface, control: &Control) -> Result<Vec<Vec<u32>>> {
+    let boundary = surface.boundary();
+    if boundary.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let shrunk = Shrunk::new(surface, 0.0);
+    let mut search = EdgeSearch::new(surface.len());
+    let mut is_reached = vec![false; surface.len()];
+    for border in &boundary {
+        let node = shrunk.node[surface.origin(border[0]) as usize];
+        is_reached[node as usize] = true;
+        search.seed(node);
+    }
+    let mut region: Vec<u32> = (0..surface.len() as u32).collect();
+    while let Some(node) = search.settle(&shrunk.network, |_| true) {
+        control.check()?;
+        if let Some(step) = search.step(node) {
+            region[node as usize] = region[step.from as usize];
+        }
+    }
+    let regions = |h: u32| shrunk.ends(h).map(|v| region[v as usize]);
+    let way = |h: u32| shrunk.ends(h).map(|v| search.distance(v)).iter().sum::<f64>() + length(surface, h);
+    let is_between = |h: &u32| surface.is_inner(*h) && regions(*h)[0] != regions(*h)[1];
+    let mut bridges: Vec<(f64, u32)> = surface.edges().filter(is_between).map(|h| (way(h), h)).collect();
+    bridges.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut joined = Sets::new(surface.len());
+    let mut paths = Vec::new();
+    for (_, bridge) in bridges {
+        control.check()?;
+        let [a, b] = regions(bridge);
+        if joined.join(a, b) {
+            let [left, right] = shrunk.ends(bridge).map(|node| new_steps(&search, node, &mut is_reached));
+            paths.push(shrunk.through(&left, bridge, &right));
+        }
+    }
+    Ok(paths)
+}
+
+/// The steps from a node back to the first that was reached, which all are now.
+fn new_steps(search: &EdgeSearch, mut node: u32, is_reached: &mut [bool]) -> Vec<Step> {
+    let mut steps = Vec::new();
+    while !std::mem::replace(&mut is_reached[node as usize], true) {
+        let Some(step) = search.step(node) else { break };
+        steps.push(step);
+        node = step.from;
+    }
+    steps
+}
+
+/// Would the boundary be too short to spread the surface out, with these cuts?
+fn is_all_but_closed(surface: &Surface, cuts: &[Vec<u32>]) -> bool {
+    let border = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h)).map(|h| surface.length(h));
+    let cuts = cuts.iter().flatten().map(|&h| 2.0 * surface.length(h));
+    let boundary = border.chain(cuts).sum::<f64>();
+    boundary * boundary <= SHORT * surface.areas().iter().sum::<f64>()
+}
+
+/// A path between two places that lie far apart, in the depth of folds rather than over their crowns. On its way it may come to
+/// a boundary loop, and go on from another place there. At least two edges long if possible: one alone doubles no vertex.
+fn seam(surface: &Surface, control: &Control) -> Result<Vec<u32>> {
+    let shrunk = Shrunk::new(surface, TOLL);
+    let mut search = EdgeSearch::new(surface.len());
+    let first = shrunk.node[0];
+    let start = explored(&mut search, &shrunk, first, control)?;
+    let end = explored(&mut search, &shrunk, start, control)?;
+    let factors = factors(surface);
+    let weighted = Shrunk::weighted(surface, TOLL, |v| factors[v as usize]);
+    explored(&mut search, &weighted, start, control)?;
+    let mut edges: Vec<u32> = search.back(end).map(|step| step.half_edge).collect();
+    edges.reverse();
+    if edges.len() == 1 {
+        let beyond = shrunk.network.incident(end).iter().find(|arc| arc.to != start && arc.to != end);
+        edges.extend(beyond.map(|arc| arc.half_edge));
+    }
+    Ok(shrunk.directed(start, edges.into_iter()))
+}
+
+/// Searches everything from a node; the node that is farthest away.
+fn explored(search: &mut EdgeSearch, shrunk: &Shrunk, from: u32, control: &Control) -> Result<u32> {
+    search.clear();
+    search.seed(from);
+    let mut last = from;
+    while let Some(node) = search.settle(&shrunk.network, |_| true) {
+        control.check()?;
+        last = node;
+    }
+    Ok(last)
+}
+
+/// From 1 in the depth of folds to [`AVOIDS_CROWNS`] on crowns.
+fn factors(surface: &Surface) -> Vec<f64> {
+    let curvature = mean_curvature(surface, RINGS);
+    let mean = curvature.iter().map(|h| h.abs()).sum::<f64>() / curvature.len().max(1) as f64;
+    let share = |h: f64| if mean > 0.0 { (1.0 + (h / mean).tanh()) / 2.0 } else { 0.0 };
+    let factor = |&h: &f64| 1.0 + (AVOIDS_CROWNS - 1.0) * share(h);
+    curvature.iter().map(factor).map(|f| if f.is_finite() { f } else { 1.0 }).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,83 @@
+//! How a surface bends: outwards on the crown of a gyrus, inwards in the depth of a sulcus.
+
+use crate::surface::mesh::Surface;
+
+/// The mean curvature at each vertex, 1/mm: positive where the surface bulges outwards (1/r on a ball of radius r), negative in
+/// a fold's depth.
+///
+/// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003), half of which falls to either
+/// end; a face carries a third of its area to each corner. Both are summed over a neighbourhood of so many `rings` before they
+/// are divided, which tames the steps of surfaces from voxels. The boundary has no angle. Takes O(n) for each ring.
+pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
+    let normals = surface.face_normals();
+    let mut bend = vec![0.0; surface.len()];
+    for h in surface.edges().filter(|&h| surface.is_inner(h)) {
+        let [a, b] = [surface.origin(h), surface.target(h)];
+        let along = surface.points()[b as usize] - surface.points()[a as usize];
+        let [left, right] = [h, surface.twins()[h as usize]].map(|side| normals[side as usize / 3]);
+        let length = along.norm();
+        let turn = right.cross(&left).dot(&along); // sine of the angle · length
+        let angle = if length > 0.0 { (turn / length).atan2(left.dot(&right)) } else { 0.0 };
+        [a, b].iter().for_each(|&v| bend[v as usize] -= angle * length / 4.0);
+    }
+    let mut area = vec![0.0; surface.len()];
+    for (face, size) in surface.faces().iter().zip(surface.areas()) {
+        face.iter().for_each(|&v| area[v as usize] += size / 3.0);
+    }
+    for _ in 0..rings {
+        (bend, area) = (gathered(surface, &bend), gathered(surface, &area));
+    }
+    bend.iter().zip(&area).map(|(bend, area)| if *area > 0.0 { bend / area } else { 0.0 }).collect()
+}
+
+/// Each vertex's value and its neighbours', added up.
+fn gathered(surface: &Surface, values: &[f64]) -> Vec<f64> {
+    let mut sums = values.to_vec();
+    for h in surface.edges() {
+        let [a, b] = [surface.origin(h), surface.target(h)].map(|v| v as usize);
+        sums[a] += values[b];
+        sums[b] += values[a];
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    #[test]
+    fn a_sphere_has_its_curvature_everywhere() {
+        let sphere = shapes::surface(shapes::sphere(4));
+        let off = |surface: &Surface, rings: usize, expected: f64| {
+            mean_curvature(surface, rings).iter().map(|h| (h / expected - 1.0).abs()).fold(0.0, f64::max)
+        };
+        // a single ring is as good as its triangles are even
+        assert!(off(&sphere, 0, 1.0) < 0.6 && off(&sphere, 1, 1.0) < 0.08 && off(&sphere, 4, 1.0) < 0.03);
+        let twice = sphere.moved(sphere.points().iter().map(|p| p * 2.0).collect()).unwrap();
+        assert!(off(&twice, 4, 0.5) < 0.03);
+    }
+
+    #[test]
+    fn a_torus_bends_less_where_it_faces_itself() {
+        let torus = shapes::surface(shapes::torus(90, 30));
+        let exact = |v: usize| {
+            let r = torus.points()[v].xy().norm();
+            (1.0 + (r - 3.0) / r) / 2.0 // a circle of radius 1, and one around the axis
+        };
+        assert!(mean_curvature(&torus, 0).iter().enumerate().all(|(v, h)| (h - exact(v)).abs() < 0.02));
+    }
+
+    #[test]
+    fn a_furrow_is_negative_and_a_plane_is_zero() {
+        let sheet = shapes::surface(shapes::sheet(8, 8));
+        assert!(mean_curvature(&sheet, 1).iter().all(|&h| h == 0.0));
+        let furrow = sheet.points().iter().map(|p| [p.x, p.y, (p.x - 4.0).abs()].into()).collect();
+        let furrow = sheet.moved(furrow).unwrap();
+        for (p, h) in furrow.points().iter().zip(mean_curvature(&furrow, 0)) {
+            let expected = p.x == 4.0 && p.y > 0.0 && p.y < 8.0;
+            assert_eq!(h < -0.1, expected || (p.x == 4.0 && h < 0.0), "{p} {h}");
+            assert!(h <= 0.0);
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! Loose triangles: what is wrong with them, and how they are joined to a surface.
+
+use nalgebra::Vector3;
+
+use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
+use crate::error::{Error, Result};
+
+/// What was mended when a mesh was read.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Mended {
+    /// Faces that were turned over, so that neighbours agree and closed components point outside.
+    pub turned: usize,
+    /// Vertices that no face uses, which were left out.
+    pub unused: usize,
+}
+
+/// Everything that keeps triangles from being a surface.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Defects {
+    /// Faces of which two corners are the same vertex, or all three lie on a line.
+    pub degenerate: Vec<u32>,
+    /// Faces whose corners another face has already.
+    pub duplicate: Vec<u32>,
+    /// Edges of more than two faces, by their vertices.
+    pub crowded_edges: Vec<[u32; 2]>,
+    /// Vertices at which several sheets touch.
+    pub pinched: Vec<u32>,
+    /// One face of each component that has only one side, like a Möbius strip.
+    pub one_sided: Vec<u32>,
+    /// Faces that are turned over against their neighbours; these are mended.
+    pub turned: Vec<u32>,
+    /// Vertices that lie exactly where another one lies: the mesh may be torn there.
+    pub coincident: Vec<u32>,
+}
+
+impl Defects {
+    /// The first reason why the triangles are no surface.
+    ///
+    /// # Errors
+    /// [`Error::DegenerateFace`], [`Error::DuplicateFace`], [`Error::CrowdedEdge`], [`Error::PinchedVertex`],
+    /// [`Error::OneSided`].
+    pub fn refuse(&self) -> Result<()> {
+        let count = |list: &[u32]| list.len();
+        if let Some(&face) = self.degenerate.first() {
+            return Err(Error::DegenerateFace { face: face as usize, count: count(&self.degenerate) });
+        }
+        if let Some(&face) = self.duplicate.first() {
+            return Err(Error::DuplicateFace { face: face as usize, count: count(&self.duplicate) });
+        }
+        if let Some(&[a, b]) = self.crowded_edges.first() {
+            let (a, b) = (a as usize, b as usize);
+            return Err(Error::CrowdedEdge { a, b, count: self.crowded_edges.len() });
+        }
+        if let Some(&face) = self.one_sided.first() {
+            return Err(Error::OneSided { face: face as usize });
+        }
+        if let Some(&vertex) = self.pinched.first() {
+            return Err(Error::PinchedVertex { vertex: vertex as usize, count: count(&self.pinched) });
+        }
+        Ok(())
+    }
+}
+
+impl Surface {
+    /// A surface from points (mm) and triangles, with what was mended.
+    ///
+    /// # Errors
+    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`] and those of
+    /// [`Defects::refuse`].
+    pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+        let mut faces = checked(points, faces)?;
+        let mut defects = Defects::default();
+        let twins = join(points, &mut faces, &mut defects);
+        defects.refuse()?;
+        let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
+        let ids: Vec<u32> = (0..points.len() as u32).collect();
+        let surface = Self::assemble(&points, &ids, &faces, twins);
+        let mended = Mended { turned: defects.turned.len(), unused: points.len() - surface.len() };
+        Ok((surface, mended))
+    }
+
+    /// Everything that is wrong with a mesh.
+    ///
+    /// # Errors
+    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`].
+    pub fn defects(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Defects> {
+        let mut faces = checked(points, faces)?;
+        let mut defects = Defects::default();
+        join(points, &mut faces, &mut defects);
+        defects.coincident = coincident(points);
+        Ok(defects)
+    }
+}
+
+/// The faces with indices in range, where everything is finite.
+fn checked(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Vec<[u32; 3]>> {
+    let most = (u32::MAX / 8) as usize;
+    if points.len() > most || faces.len() > most {
+        return Err(Error::GraphTooLarge { points: points.len().max(faces.len()), most });
+    }
+    if faces.is_empty() {
+        return Err(Error::NoFaces { points: points.len() });
+    }
+    finite(points.iter().copied())?;
+    let fits = |&v: &i64| usize::try_from(v).is_ok_and(|v| v < points.len());
+    match faces.iter().position(|face| !face.iter().all(&fits)) {
+        Some(face) => {
+            let corner = faces[face].into_iter().find(|v| !fits(v)).unwrap_or_default();
+            Err(Error::CornerOutOfRange { face, corner, points: points.len() })
+        }
+        None => Ok(faces.iter().map(|face| face.map(|v| v as u32)).collect()),
+    }
+}
+
+/// Joins faces along their edges and turns them so that neighbours agree; lists what does not fit.
+fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> Vec<u32> {
+    let place = |v: u32| Vector3::from(points[v as usize]);
+    let has_no_area = |&[a, b, c]: &[u32; 3]| {
+        let (ab, ac) = (place(b) - place(a), place(c) - place(a));
+        let longest = ab.norm_squared().max(ac.norm_squared()).max((ac - ab).norm_squared());
+        ab.cross(&ac).norm() <= 4.0 * f64::EPSILON * longest // what rounding leaves of zero
+    };
+    defects.degenerate = (0..faces.len() as u32).filter(|&f| has_no_area(&faces[f as usize])).collect();
+    defects.duplicate = duplicates(faces);
+    let pairs = pair_up(faces, defects);
+    let turned = turn(points, faces, &pairs, defects);
+    let twins = twins_of_turned(&pairs, &turned);
+    defects.turned = (0..faces.len() as u32).filter(|&f| turned[f as usize]).collect();
+    for &face in &defects.turned {
+        faces[face as usize].swap(1, 2);
+    }
+    let corner = fans(faces, &twins);
+    let mut fan_of = vec![u32::MAX; points.len()];
+    for (c, &vertex) in faces.as_flattened().iter().enumerate() {
+        let known = &mut fan_of[vertex as usize];
+        if *known == u32::MAX {
+            *known = corner[c];
+        } else if *known != corner[c] {
+            defects.pinched.push(vertex);
+        }
+    }
+    defects.pinched.sort_unstable();
+    defects.pinched.dedup();
+    twins
+}
+
+fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
+    let sorted = |mut face: [u32; 3]| {
+        face.sort_unstable();
+        face
+    };
+    let mut keyed: Vec<([u32; 3], u32)> = faces.iter().zip(0..).map(|(&face, n)| (sorted(face), n)).collect();
+    keyed.sort_unstable();
+    let mut found: Vec<u32> = keyed.windows(2).filter(|two| two[0].0 == two[1].0).map(|two| two[1].1).collect();
+    found.sort_unstable();
+    found
+}
+
+/// For each half-edge the one that joins the same two vertices, whichever way it leads; [`BORDER`] where there is none,
+/// or more than one.
+fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
+    let corners = faces.as_flattened();
+    let ends = |h: u32| {
+        let (a, b) = (corners[h as usize], corners[next(h) as usize]);
+        [a.min(b), a.max(b)]
+    };
+    let mut order: Vec<([u32; 2], u32)> = (0..corners.len() as u32).map(|h| (ends(h), h)).collect();
+    order.sort_unstable();
+    let mut pairs = vec![BORDER; corners.len()];
+    for group in order.chunk_by(|a, b| a.0 == b.0) {
+        match *group {
+            [_] => {}
+            [(_, g), (_, h)] => (pairs[g as usize], pairs[h as usize]) = (h, g),
+            _ => defects.crowded_edges.push(group[0].0),
+        }
+    }
+    pairs
+}
+
+/// Which faces have to be turned over for all to agree: the fewer of a component, or those that make a closed one point
+/// outside.
+fn turn(points: &[[f64; 3]], faces: &[[u32; 3]], pairs: &[u32], defects: &mut Defects) -> Vec<bool> {
+    let corners = faces.as_flattened();
+    let mut turned = vec![None; faces.len()];
+    let mut members = Vec::new();
+    for start in 0..faces.len() {
+        if turned[start].is_some() {
+            continue;
+        }
+        members.clear();
+        members.push(start as u32);
+        turned[start] = Some(false);
+        let (mut has_sides, mut is_closed, mut at) = (true, true, 0);
+        while let Some(&face) = members.get(at) {
+            at += 1;
+            for h in 3 * face..3 * face + 3 {
+                let pair = pairs[h as usize];
+                if pair == BORDER {
+                    is_closed = false;
+                    continue;
+                }
+                let disagree = corners[h as usize] == corners[pair as usize]; // both lead the same way
+                let wanted = turned[face as usize].map(|here| here ^ disagree);
+                let there = &mut turned[pair as usize / 3];
+                if there.is_none() {
+                    *there = wanted;
+                    members.push(pair / 3);
+                } else if *there != wanted {
+                    has_sides = false;
+                }
+            }
+        }
+        if !has_sides {
+            defects.one_sided.push(start as u32);
+        }
+        let is_turned = |&face: &u32| turned[face as usize] == Some(true);
+        let all_over = if is_closed && has_sides {
+            let sign = |face: &u32| if is_turned(face) { -1.0 } else { 1.0 };
+            members.iter().map(|face| sign(face) * six_volumes(points, faces[*face as usize])).sum::<f64>() < 0.0
+        } else {
+            2 * members.iter().filter(|face| is_turned(face)).count() > members.len()
+        };
+        if all_over {
+            members.iter().for_each(|&face| turned[face as usize] = turned[face as usize].map(|here| !here));
+        }
+    }
+    turned.into_iter().map(|here| here == Some(true)).collect()
+}
+
+/// Six times the signed volume between a face and the first point.
+fn six_volumes(points: &[[f64; 3]], face: [u32; 3]) -> f64 {
+    let origin = Vector3::from(points[0]);
+    let [a, b, c] = face.map(|v| Vector3::from(points[v as usize]) - origin);
+    a.dot(&b.cross(&c))
+}
+
+/// Vertices that lie where an earlier one lies.
+fn coincident(points: &[[f64; 3]]) -> Vec<u32> {
+    let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.sort_unstable_by_key(|&v| (bits(v), v));
+    let mut found: Vec<u32> = order.windows(2).filter(|two| bits(two[0]) == bits(two[1])).map(|two| two[1]).collect();
+    found.sort_unstable();
+    found
+}

@@ -1,0 +1,522 @@
+//! The surface itself: an oriented triangle mesh in which every point has a disk or a half-disk around it.
+//!
+//! A mesh from a file and the boundary of a label volume ([`surfels`](crate::surface::voxels::surfels)) both become a [`Surface`]; whatever comes
+//! after knows no difference. A surface is never changed: a part of it, or a cut one, is a new surface whose
+//! [`ids`](Surface::ids) say which vertex of the input each vertex is.
+
+pub mod curvature;
+pub mod loose;
+pub mod paths;
+
+use nalgebra::Vector3;
+
+use crate::adjacency::Components;
+use crate::error::{Error, Result};
+
+/// No face lies beyond this half-edge.
+pub const BORDER: u32 = u32::MAX;
+
+/// An oriented 2-manifold of triangles, with or without a boundary.
+///
+/// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`; seen from outside, faces run
+/// counterclockwise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    points: Vec<Vector3<f64>>,
+    faces: Vec<[u32; 3]>,
+    twins: Vec<u32>,
+    ids: Vec<u32>,
+}
+
+/// The next half-edge of the same face.
+#[inline]
+pub const fn next(half_edge: u32) -> u32 {
+    if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
+}
+
+/// The half-edge before, of the same face.
+#[inline]
+pub const fn previous(half_edge: u32) -> u32 {
+    if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
+}
+
+/// Unit normals of the vertices of faces, weighted by the faces' areas, on the side from which the faces run counterclockwise;
+/// zero where there is none.
+///
+/// # Panics
+/// If a corner is no point.
+pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+    let mut sums = vec![Vector3::zeros(); points.len()];
+    for face in faces {
+        let [a, b, c] = face.map(|v| points[v as usize]);
+        let area = (b - a).cross(&(c - a));
+        face.iter().for_each(|&v| sums[v as usize] += area);
+    }
+    sums.into_iter().map(|sum: Vector3<f64>| sum.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
+impl Surface {
+    /// A surface from faces that are already joined: `twins` says which half-edge lies beyond each one. Every fan of faces
+    /// around a vertex becomes a vertex of its own, so that a vertex of several sheets is split and one that no face uses is
+    /// left out; the others keep their order.
+    pub(crate) fn assemble(points: &[Vector3<f64>], ids: &[u32], faces: &[[u32; 3]], twins: Vec<u32>) -> Self {
+        let corner = fans(faces, &twins);
+        let old = faces.as_flattened();
+        // the fans in the order of their vertices, then of their first corners
+        let mut firsts: Vec<u32> = (0..corner.len() as u32).filter(|&c| corner[c as usize] == c).collect();
+        firsts.sort_by_key(|&c| old[c as usize]);
+        let mut number = vec![0; corner.len()];
+        firsts.iter().enumerate().for_each(|(n, &c)| number[c as usize] = n as u32);
+        Self {
+            points: firsts.iter().map(|&c| points[old[c as usize] as usize]).collect(),
+            ids: firsts.iter().map(|&c| ids[old[c as usize] as usize]).collect(),
+            faces: corner.chunks_exact(3).map(|c| [0, 1, 2].map(|k| number[c[k] as usize])).collect(),
+            twins,
+        }
+    }
+
+    /// Into how many fans the faces around each of `vertices` vertices fall: one where they are a surface.
+    pub(crate) fn fans_of(faces: &[[u32; 3]], twins: &[u32], vertices: usize) -> Vec<u32> {
+        let mut count = vec![0; vertices];
+        for (corner, &first) in (0..).zip(&fans(faces, twins)) {
+            count[faces.as_flattened()[corner as usize] as usize] += u32::from(first == corner);
+        }
+        count
+    }
+
+    /// The faces for which `keep` is true, and their vertices.
+    ///
+    /// # Panics
+    /// If `keep` has not one value a face.
+    pub fn part(&self, keep: &[bool]) -> Self {
+        assert_eq!(keep.len(), self.faces.len(), "one value a face");
+        let mut number = vec![BORDER; keep.len()];
+        let kept: Vec<u32> = (0..keep.len() as u32).filter(|&f| keep[f as usize]).collect();
+        kept.iter().enumerate().for_each(|(n, &f)| number[f as usize] = n as u32);
+        let twin = |h: u32| match self.twins[h as usize] {
+            BORDER => BORDER,
+            t if number[t as usize / 3] == BORDER => BORDER,
+            t => 3 * number[t as usize / 3] + t % 3,
+        };
+        let twins = kept.iter().flat_map(|&f| [3 * f, 3 * f + 1, 3 * f + 2]).map(twin).collect();
+        let faces: Vec<[u32; 3]> = kept.iter().map(|&f| self.faces[f as usize]).collect();
+        Self::assemble(&self.points, &self.ids, &faces, twins)
+    }
+
+    /// The faces with all three corners among the vertices for which `keep` is true.
+    ///
+    /// # Panics
+    /// If `keep` has not one value a vertex.
+    pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
+        assert_eq!(keep.len(), self.points.len(), "one value a vertex");
+        let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
+        self.part(&faces)
+    }
+
+    /// The surface cut open along half-edges (and their twins): vertices on the seam are doubled and keep their ids.
+    pub fn cut_open(&self, half_edges: impl IntoIterator<Item = u32>) -> Self {
+        let mut twins = self.twins.clone();
+        for half_edge in half_edges {
+            let twin = std::mem::replace(&mut twins[half_edge as usize], BORDER);
+            if twin != BORDER {
+                twins[twin as usize] = BORDER;
+            }
+        }
+        Self::assemble(&self.points, &self.ids, &self.faces, twins)
+    }
+
+    /// The same vertices elsewhere: distances are measured there.
+    ///
+    /// # Errors
+    /// [`crate::Error::PointNotFinite`].
+    ///
+    /// # Panics
+    /// If there is not one point a vertex.
+    pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
+        assert_eq!(points.len(), self.points.len(), "one point a vertex");
+        finite(points.iter().map(|p| (*p).into()))?;
+        Ok(Self { points, ..self.clone() })
+    }
+
+    /// The same as an input of its own, each vertex with its number as id; faces run the other way if it was mirrored.
+    pub(crate) fn into_input(mut self, is_mirrored: bool) -> Self {
+        self.ids = (0..self.points.len() as u32).collect();
+        if is_mirrored {
+            self.faces.iter_mut().for_each(|face| face.swap(1, 2));
+            self.twins = twins_of_turned(&self.twins, &vec![true; self.faces.len()]);
+        }
+        self
+    }
+
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Is there no vertex?
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// The vertices' places, RAS+ mm.
+    pub fn points(&self) -> &[Vector3<f64>] {
+        &self.points
+    }
+
+    /// The triangles.
+    pub fn faces(&self) -> &[[u32; 3]] {
+        &self.faces
+    }
+
+    /// The half-edge on the other side of each half-edge, or [`BORDER`].
+    pub fn twins(&self) -> &[u32] {
+        &self.twins
+    }
+
+    /// The vertex of the input that each vertex is; the two sides of a seam share one.
+    pub fn ids(&self) -> &[u32] {
+        &self.ids
+    }
+
+    /// The vertex from which a half-edge leads.
+    #[inline]
+    pub fn origin(&self, half_edge: u32) -> u32 {
+        self.faces.as_flattened()[half_edge as usize]
+    }
+
+    /// The vertex to which a half-edge leads.
+    #[inline]
+    pub fn target(&self, half_edge: u32) -> u32 {
+        self.origin(next(half_edge))
+    }
+
+    /// The length of a half-edge, mm.
+    pub fn length(&self, half_edge: u32) -> f64 {
+        let [a, b] = [self.origin(half_edge), self.target(half_edge)].map(|v| self.points[v as usize]);
+        (a - b).norm()
+    }
+
+    /// One half-edge of each edge: of two the lower.
+    pub fn edges(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.twins.len() as u32).filter(|&h| h < self.twins[h as usize])
+    }
+
+    /// Are there faces on both sides of an edge?
+    pub fn is_inner(&self, half_edge: u32) -> bool {
+        self.twins[half_edge as usize] != BORDER
+    }
+
+    /// Unit normals of the faces; zero where a face has no area.
+    pub fn face_normals(&self) -> Vec<Vector3<f64>> {
+        let normal = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| self.points[v as usize]);
+            (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
+        };
+        self.faces.iter().map(normal).collect()
+    }
+
+    /// Outward unit normals of the vertices: [`vertex_normals`].
+    pub fn normals(&self) -> Vec<Vector3<f64>> {
+        vertex_normals(&self.points, &self.faces)
+    }
+
+    /// The areas of the faces, mm².
+    pub fn areas(&self) -> Vec<f64> {
+        let area = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| self.points[v as usize]);
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        self.faces.iter().map(area).collect()
+    }
+
+    /// The connected components of the faces.
+    pub fn components(&self) -> Components {
+        self.pieces(|_| true)
+    }
+
+    /// The connected pieces of the faces that a rule allows.
+    pub(crate) fn pieces(&self, is_allowed: impl Fn(u32) -> bool) -> Components {
+        let beyond = |face: u32| {
+            let twins = self.twins[3 * face as usize..3 * face as usize + 3].iter();
+            twins.filter(|&&twin| twin != BORDER).map(|twin| twin / 3)
+        };
+        Components::of(self.faces.len(), beyond, is_allowed)
+    }
+
+    /// The boundary loops, each as half-edges with the surface on their left, in order.
+    pub fn boundary(&self) -> Vec<Vec<u32>> {
+        let mut seen = vec![false; self.twins.len()];
+        let mut loops = Vec::new();
+        for start in 0..self.twins.len() as u32 {
+            if self.twins[start as usize] != BORDER || seen[start as usize] {
+                continue;
+            }
+            let mut path = Vec::new();
+            let mut half_edge = start;
+            while !seen[half_edge as usize] {
+                seen[half_edge as usize] = true;
+                path.push(half_edge);
+                half_edge = next(half_edge); // turn around the target until the fan ends
+                while self.twins[half_edge as usize] != BORDER {
+                    half_edge = next(self.twins[half_edge as usize]);
+                }
+            }
+            loops.push(path);
+        }
+        loops
+    }
+}
+
+/// The pairs of half-edges after faces were turned over by exchanging their corners 1 and 2, which exchanges half-edges
+/// 0 and 2.
+fn twins_of_turned(pairs: &[u32], turned: &[bool]) -> Vec<u32> {
+    let renamed = |h: u32| if turned[h as usize / 3] { h - h % 3 + (2 - h % 3) } else { h };
+    let mut twins = vec![BORDER; pairs.len()];
+    for (h, &pair) in pairs.iter().enumerate() {
+        if pair != BORDER {
+            twins[renamed(h as u32) as usize] = renamed(pair);
+        }
+    }
+    twins
+}
+
+/// For each corner the first corner of its fan: of the corners around a vertex that are joined by edges.
+fn fans(faces: &[[u32; 3]], twins: &[u32]) -> Vec<u32> {
+    let mut first = vec![BORDER; 3 * faces.len()];
+    for start in 0..first.len() as u32 {
+        if first[start as usize] != BORDER {
+            continue;
+        }
+        // counterclockwise around the vertex until the boundary or the start, then clockwise
+        let mut corner = start;
+        loop {
+            first[corner as usize] = start;
+            match twins[previous(corner) as usize] {
+                BORDER => break,
+                twin if twin == start => break,
+                twin if first[twin as usize] != BORDER => break, // only where faces do not agree
+                twin => corner = twin,
+            }
+        }
+        corner = start;
+        loop {
+            match twins[corner as usize] {
+                BORDER => break,
+                twin if first[next(twin) as usize] != BORDER => break,
+                twin => corner = next(twin),
+            }
+            first[corner as usize] = start;
+        }
+    }
+    first
+}
+
+fn finite(mut points: impl Iterator<Item = [f64; 3]>) -> Result<()> {
+    match points.position(|p| !p.iter().all(|x| x.is_finite())) {
+        Some(vertex) => Err(Error::PointNotFinite { vertex }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod shapes {
+    use super::*;
+
+    /// A sheet of `m` × `n` squares of side 1 in the plane z = 0, each cut along a diagonal.
+    pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+        let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
+        (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
+    }
+
+    /// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
+    pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+        let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;
+        let place = |i: usize, j: usize| {
+            let (r, z) = (3.0 + angle(j, n).cos(), angle(j, n).sin());
+            [r * angle(i, m).cos(), r * angle(i, m).sin(), z]
+        };
+        let points = (0..m).flat_map(|i| (0..n).map(move |j| place(i, j))).collect();
+        (points, grid_faces(m, n, |i, j| i % m * n + j % n))
+    }
+
+    /// An octahedron whose faces were cut into four `times` times, on the unit sphere.
+    pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+        let mut points: Vec<Vector3<f64>> = Vec::new();
+        for axis in 0..3 {
+            for sign in [1.0, -1.0] {
+                points.push(Vector3::from_fn(|a, _| if a == axis { sign } else { 0.0 }));
+            }
+        }
+        let mut faces: Vec<[i64; 3]> = Vec::new();
+        for (x, y, z) in (0..8).map(|n| (n & 1, n >> 1 & 1, n >> 2)) {
+            let face = [x, 2 + y, 4 + z];
+            faces.push(if (x + y + z) % 2 == 0 { face } else { [face[0], face[2], face[1]] });
+        }
+        for _ in 0..times {
+            let mut middle = std::collections::HashMap::new();
+            let mut halve = |a: i64, b: i64| {
+                *middle.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    points.push((points[a as usize] + points[b as usize]).normalize());
+                    points.len() as i64 - 1
+                })
+            };
+            faces = faces
+                .iter()
+                .flat_map(|&[a, b, c]| {
+                    let (d, e, f) = (halve(a, b), halve(b, c), halve(c, a));
+                    [[a, d, f], [b, e, d], [c, f, e], [d, e, f]]
+                })
+                .collect();
+        }
+        (points.into_iter().map(Into::into).collect(), faces)
+    }
+
+    fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
+        let squares = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
+        squares
+            .flat_map(|(i, j)| {
+                let [a, b, c, d] =
+                    [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)].map(|v| v as i64);
+                [[a, b, c], [a, c, d]]
+            })
+            .collect()
+    }
+
+    /// Half-edges of the same edge lead opposite ways, and every vertex has one fan.
+    pub fn assert_sound(surface: &Surface) {
+        for (h, &twin) in (0..).zip(surface.twins()) {
+            if twin != BORDER {
+                assert_eq!(surface.twins()[twin as usize], h);
+                assert_eq!((surface.origin(h), surface.target(h)), (surface.target(twin), surface.origin(twin)));
+            }
+        }
+        let fans = fans(surface.faces(), surface.twins());
+        let count = (0..fans.len()).filter(|&c| fans[c] == c as u32).count();
+        assert_eq!(count, surface.len());
+    }
+
+    pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
+        let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
+        assert_eq!((mended.turned, mended.unused), (0, 0));
+        surface
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shapes::assert_sound;
+    use super::*;
+    use crate::error::Error;
+    use proptest::prelude::*;
+
+    fn euler(surface: &Surface) -> i64 {
+        (surface.len() + surface.faces().len()) as i64 - surface.edges().count() as i64
+    }
+
+    #[test]
+    fn known_shapes_have_their_euler_characteristic_and_boundary() {
+        for (shape, expected, loops) in
+            [(shapes::sheet(5, 4), 1, 1), (shapes::torus(12, 7), 0, 0), (shapes::sphere(2), 2, 0)]
+        {
+            let surface = shapes::surface(shape);
+            assert_sound(&surface);
+            assert_eq!((euler(&surface), surface.boundary().len()), (expected, loops));
+            assert_eq!(surface.components().count(), 1);
+        }
+    }
+
+    #[test]
+    fn normals_point_outside() {
+        let surface = shapes::surface(shapes::sphere(3));
+        assert!(surface.points().iter().zip(surface.normals()).all(|(p, n)| p.dot(&n) > 0.99));
+        assert!((surface.areas().iter().sum::<f64>() - 4.0 * std::f64::consts::PI).abs() < 0.2);
+    }
+
+    #[test]
+    fn a_cut_doubles_its_inner_vertices() {
+        let sphere = shapes::surface(shapes::sphere(3));
+        // along a path of three edges
+        let first = 0;
+        let second = next(sphere.twins()[next(first) as usize]);
+        let third = next(sphere.twins()[next(second) as usize]);
+        assert_eq!([sphere.target(first), sphere.target(second)], [sphere.origin(second), sphere.origin(third)]);
+        let open = sphere.cut_open([first, second, third]);
+        assert_sound(&open);
+        assert_eq!((open.len(), euler(&open), open.boundary().len()), (sphere.len() + 2, 1, 1));
+        assert!(open.points().iter().zip(open.ids()).all(|(p, &id)| *p == sphere.points()[id as usize]));
+    }
+
+    #[test]
+    fn defects_are_found() {
+        let (points, faces) = shapes::sheet(2, 2);
+        let refused = |points: &[[f64; 3]], faces: &[[i64; 3]]| Surface::from_triangles(points, faces).unwrap_err();
+        assert_eq!(refused(&points, &[]), Error::NoFaces { points: 9 });
+        assert_eq!(refused(&points, &[[0, 1, 9]]), Error::CornerOutOfRange { face: 0, corner: 9, points: 9 });
+        assert_eq!(refused(&points, &[[0, -1, 2]]), Error::CornerOutOfRange { face: 0, corner: -1, points: 9 });
+        assert_eq!(refused(&points, &[[0, 1, 1]]), Error::DegenerateFace { face: 0, count: 1 });
+        assert_eq!(refused(&points, &[[0, 1, 2]]), Error::DegenerateFace { face: 0, count: 1 }); // on one line
+        let mut twice = faces.clone();
+        twice.push([faces[0][1], faces[0][2], faces[0][0]]);
+        assert_eq!(refused(&points, &twice), Error::DuplicateFace { face: 8, count: 1 });
+        let mut nan = points.clone();
+        nan[4][1] = f64::NAN;
+        assert_eq!(refused(&nan, &faces), Error::PointNotFinite { vertex: 4 });
+        let mut third = points.clone();
+        third.push([0.2, 0.2, 3.0]);
+        let mut fin = faces.clone();
+        fin.push([faces[0][0], faces[0][2], 9]); // on the diagonal of the first square
+        assert_eq!(refused(&third, &fin), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
+        let bow = [[0, 3, 4], [4, 8, 5]];
+        assert_eq!(refused(&points, &bow), Error::PinchedVertex { vertex: 4, count: 1 });
+    }
+
+    #[test]
+    fn a_mobius_strip_is_refused() {
+        let n = 12;
+        let place = |i: usize, side: f64| {
+            let angle = std::f64::consts::TAU * i as f64 / n as f64;
+            let (r, z) = (5.0 + side * (angle / 2.0).cos(), side * (angle / 2.0).sin());
+            [r * angle.cos(), r * angle.sin(), z]
+        };
+        let points: Vec<[f64; 3]> = (0..n).flat_map(|i| [place(i, -1.0), place(i, 1.0)]).collect();
+        let mut faces = Vec::new();
+        for i in 0..n as i64 {
+            let [a, b] = [2 * i, 2 * i + 1];
+            let [c, d] = if i + 1 < n as i64 { [a + 2, b + 2] } else { [1, 0] };
+            faces.extend([[a, c, d], [a, d, b]]);
+        }
+        assert_eq!(Surface::from_triangles(&points, &faces).unwrap_err(), Error::OneSided { face: 0 });
+    }
+
+    proptest! {
+        #[test]
+        fn turned_faces_are_turned_back(turned in prop::collection::vec(any::<bool>(), 512), outside in any::<bool>()) {
+            let (points, mut faces) = shapes::sphere(3);
+            let whole = shapes::surface((points.clone(), faces.clone()));
+            for (face, &turn) in faces.iter_mut().zip(&turned) {
+                if turn == outside {
+                    face.swap(0, 1);
+                }
+            }
+            let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
+            assert_sound(&surface);
+            prop_assert_eq!(mended.turned, turned.iter().filter(|&&turn| turn == outside).count());
+            prop_assert!(surface.normals().iter().zip(whole.normals()).all(|(a, b)| (a - b).norm() < 1e-12));
+        }
+
+        #[test]
+        fn any_part_is_sound(keep in prop::collection::vec(any::<bool>(), 168)) {
+            prop_assume!(keep.contains(&true));
+            let torus = shapes::surface(shapes::torus(12, 7));
+            let part = torus.part(&keep);
+            assert_sound(&part);
+            prop_assert_eq!(part.faces().len(), keep.iter().filter(|&&k| k).count());
+            let kept = torus.faces().iter().zip(&keep).filter(|&(_, &k)| k).map(|(face, _)| face);
+            for (face, old) in part.faces().iter().zip(kept) {
+                prop_assert_eq!(face.map(|v| part.ids()[v as usize]), *old);
+            }
+            let half_edges: usize = part.boundary().iter().map(Vec::len).sum();
+            prop_assert_eq!(half_edges, part.twins().iter().filter(|&&t| t == BORDER).count());
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! Shortest paths along the edges of a surface (Dijkstra 1959).
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::mesh::{BORDER, Surface};
+
+/// No node.
+const NONE: u32 = u32::MAX;
+
+/// The longest edge, mm, with which sums stay finite.
+const LONGEST: f64 = 1e200;
+
+/// An edge between two nodes, perhaps the same one; `half_edge` is its name.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Edge {
+    pub ends: [u32; 2],
+    pub half_edge: u32,
+    pub cost: f64,
+}
+
+/// An edge as seen from one of its ends.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Incident {
+    pub to: u32,
+    pub half_edge: u32,
+    pub cost: f64,
+}
+
+/// Nodes and edges, in compressed rows.
+#[derive(Debug)]
+pub(crate) struct Network {
+    starts: Vec<u32>,
+    incident: Vec<Incident>,
+}
+
+impl Network {
+    /// The incident of each node come in the order of the edges.
+    pub fn new(nodes: usize, edges: &[Edge]) -> Self {
+        let mut starts = vec![0; nodes + 1];
+        edges.iter().flat_map(|edge| edge.ends).for_each(|v| starts[v as usize + 1] += 1);
+        for v in 0..nodes {
+            starts[v + 1] += starts[v];
+        }
+        let mut end: Vec<u32> = starts[..nodes].to_vec();
+        let mut incident = vec![Incident { to: NONE, half_edge: 0, cost: 0.0 }; 2 * edges.len()];
+        for &Edge { ends: [a, b], half_edge, cost } in edges {
+            for (from, to) in [(a, b), (b, a)] {
+                incident[end[from as usize] as usize] = Incident { to, half_edge, cost };
+                end[from as usize] += 1;
+            }
+        }
+        Self { starts, incident }
+    }
+
+    /// The vertices and edges of a surface, which cost their lengths in mm.
+    pub fn of(surface: &Surface) -> Self {
+        Self::weighted(surface, |_| 1.0)
+    }
+
+    /// The same, where an edge costs its length times the mean of its ends' factors.
+    fn weighted(surface: &Surface, factor: impl Fn(u32) -> f64) -> Self {
+        let edge = |h: u32| {
+            let ends = [surface.origin(h), surface.target(h)];
+            Edge { ends, half_edge: h, cost: length(surface, h) * ends.map(&factor).iter().sum::<f64>() / 2.0 }
+        };
+        Self::new(surface.len(), &surface.edges().map(edge).collect::<Vec<_>>())
+    }
+
+    /// The half-edges along a path of vertices of the surface whose network this is.
+    pub fn along(&self, surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
+        check_points(surface, vertices)?;
+        let half_edge = |pair: &[u32]| {
+            let [a, b] = [pair[0], pair[1]];
+            let arc = self.incident(a).iter().find(|arc| arc.to == b);
+            let h = arc.ok_or(Error::NotAnEdge { a: a as usize, b: b as usize })?.half_edge;
+            let twin = surface.twins()[h as usize];
+            Ok(if surface.origin(h) == a || twin == BORDER { h } else { twin })
+        };
+        vertices.windows(2).map(half_edge).collect()
+    }
+
+    /// The edges at a node.
+    pub fn incident(&self, node: u32) -> &[Incident] {
+        &self.incident[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
+    }
+}
+
+/// The length of a half-edge in mm, such that sums are finite.
+pub(crate) fn length(surface: &Surface, half_edge: u32) -> f64 {
+    surface.length(half_edge).min(LONGEST)
+}
+
+/// The step by which a search came to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Step {
+    pub from: u32,
+    pub half_edge: u32,
+}
+
+/// A reusable search from seeds outwards. Of equal distances the node with the lower number is settled first.
+#[derive(Debug)]
+pub(crate) struct EdgeSearch {
+    distance: Vec<f64>,
+    step: Vec<Step>,
+    is_settled: Vec<bool>,
+    touched: Vec<u32>,
+    heap: BinaryHeap<Reverse<(u64, u32)>>,
+}
+
+impl EdgeSearch {
+    pub fn new(nodes: usize) -> Self {
+        Self {
+            distance: vec![f64::INFINITY; nodes],
+            step: vec![Step { from: NONE, half_edge: NONE }; nodes],
+            is_settled: vec![false; nodes],
+            touched: Vec::new(),
+            heap: BinaryHeap::new(),
+        }
+    }
+
+    /// Forgets everything, in time proportional to what was reached.
+    pub fn clear(&mut self) {
+        for node in self.touched.drain(..) {
+            self.distance[node as usize] = f64::INFINITY;
+            self.is_settled[node as usize] = false;
+        }
+        self.heap.clear();
+    }
+
+    /// Lets the search begin at a node.
+    pub fn seed(&mut self, node: u32) {
+        self.reach(node, 0.0, Step { from: NONE, half_edge: NONE });
+    }
+
+    fn reach(&mut self, node: u32, distance: f64, step: Step) {
+        let known = &mut self.distance[node as usize];
+        if distance < *known {
+            if known.is_infinite() {
+                self.touched.push(node);
+            }
+            *known = distance;
+            self.step[node as usize] = step;
+            self.heap.push(Reverse((distance.to_bits(), node))); // the bits of positive numbers are in their order
+        }
+    }
+
+    /// The next node outwards, its distance now final; the search goes on to its neighbours that `may_enter`.
+    pub fn settle(&mut self, network: &Network, may_enter: impl Fn(u32) -> bool) -> Option<u32> {
+        loop {
+            let Reverse((_, node)) = self.heap.pop()?;
+            if std::mem::replace(&mut self.is_settled[node as usize], true) {
+                continue; // it came nearer after it was put here
+            }
+            let here = self.distance[node as usize];
+            for arc in network.incident(node) {
+                if here + arc.cost < self.distance[arc.to as usize] && may_enter(arc.to) {
+                    self.reach(arc.to, here + arc.cost, Step { from: node, half_edge: arc.half_edge });
+                }
+            }
+            return Some(node);
+        }
+    }
+
+    /// The distance from the nearest seed: final where settled, else an upper bound.
+    pub fn distance(&self, node: u32) -> f64 {
+        self.distance[node as usize]
+    }
+
+    pub fn is_settled(&self, node: u32) -> bool {
+        self.is_settled[node as usize]
+    }
+
+    /// The step to a node that was reached; none to a seed.
+    pub fn step(&self, node: u32) -> Option<Step> {
+        Some(self.step[node as usize]).filter(|step| step.from != NONE)
+    }
+
+    /// The steps from a node back to its seed.
+    pub fn back(&self, node: u32) -> impl Iterator<Item = Step> + '_ {
+        std::iter::successors(self.step(node), |step| self.step(step.from))
+    }
+}
+
+/// The half-edges along a path of vertices; where an edge has only one half-edge, that one, which may lead back.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
+/// what lies between.
+pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
+    Network::of(surface).along(surface, vertices)
+}
+
+/// The vertices of the shortest path along edges through `stops` in their order, all of them included: a path picker.
+/// `factors`, one a vertex, make an edge cost its length times the mean of its ends' factors.
+///
+/// Takes O(n log n) for each stop.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
+///
+/// # Panics
+/// If there is not one factor a vertex.
+pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
+    check_points(surface, stops)?;
+    let network = match factors {
+        None => Network::of(surface),
+        Some(factors) => {
+            assert_eq!(factors.len(), surface.len(), "one factor a vertex");
+            if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
+                return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
+            }
+            Network::weighted(surface, |v| factors[v as usize])
+        }
+    };
+    let mut search = EdgeSearch::new(surface.len());
+    let mut path: Vec<u32> = stops.first().copied().into_iter().collect();
+    for leg in stops.windows(2) {
+        let (from, to) = (leg[0], leg[1]);
+        search.clear();
+        search.seed(from);
+        while !search.is_settled(to) {
+            control.check()?;
+            let unreachable = Error::Unreachable { source_vertex: from as usize, vertex: to as usize };
+            search.settle(&network, |_| true).ok_or(unreachable)?;
+        }
+        let start = path.len();
+        path.extend(std::iter::once(to).chain(search.back(to).map(|step| step.from)));
+        path.truncate(path.len() - 1); // `from` ends the leg before
+        path[start..].reverse();
+    }
+    Ok(path)
+}
+
+fn check_points(surface: &Surface, vertices: &[u32]) -> Result<()> {
+    match vertices.iter().find(|&&v| v as usize >= surface.len()) {
+        Some(&v) => Err(Error::NoSuchPoint { vertex: v as usize, points: surface.len() }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::mesh::shapes;
+    use proptest::prelude::*;
+
+    fn length_of(surface: &Surface, path: &[u32]) -> f64 {
+        let half_edges = along_path(surface, path).unwrap();
+        half_edges.iter().map(|&h| surface.length(h)).sum()
+    }
+
+    #[test]
+    fn a_path_goes_through_its_stops() {
+        let sheet = shapes::surface(shapes::sheet(6, 6));
+        let control = Control::default();
+        let path = shortest_path(&sheet, &[0, 48, 48, 6], None, &control).unwrap();
+        assert_eq!((path[0], path[path.len() - 1], path.contains(&48)), (0, 6, true));
+        assert!((length_of(&sheet, &path) - (6.0 * 2f64.sqrt() + 6.0)).abs() < 1e-9);
+        assert_eq!(shortest_path(&sheet, &[7], None, &control).unwrap(), [7]);
+        assert_eq!(shortest_path(&sheet, &[], None, &control).unwrap(), [0; 0]);
+    }
+
+    #[test]
+    fn factors_draw_a_path_aside() {
+        let sheet = shapes::surface(shapes::sheet(10, 10));
+        let factors: Vec<f64> = sheet.points().iter().map(|p| if p[1] == 3.0 { 0.1 } else { 1.0 }).collect();
+        let path = shortest_path(&sheet, &[0, 110], Some(&factors), &Control::default()).unwrap();
+        assert!(path.iter().filter(|&&v| sheet.points()[v as usize][1] == 3.0).count() > 3);
+        let refused = shortest_path(&sheet, &[0, 110], Some(&[0.0; 121]), &Control::default());
+        assert_eq!(refused, Err(Error::FactorNotPositive { vertex: 0, factor: 0.0 }));
+    }
+
+    #[test]
+    fn a_path_that_is_none_is_refused() {
+        let sheet = shapes::surface(shapes::sheet(3, 3));
+        assert_eq!(along_path(&sheet, &[0, 1, 7]), Err(Error::NotAnEdge { a: 1, b: 7 }));
+        assert_eq!(along_path(&sheet, &[0, 0]), Err(Error::NotAnEdge { a: 0, b: 0 }));
+        assert_eq!(along_path(&sheet, &[16]), Err(Error::NoSuchPoint { vertex: 16, points: 16 }));
+        let apart = sheet.part(&(0..18).map(|f| !(2..16).contains(&f)).collect::<Vec<_>>());
+        let refused = shortest_path(&apart, &[0, 7], None, &Control::default());
+        assert_eq!(refused, Err(Error::Unreachable { source_vertex: 0, vertex: 7 }));
+        let control = Control::default();
+        control.cancel();
+        assert_eq!(shortest_path(&sheet, &[0, 7], None, &control), Err(Error::Cancelled));
+    }
+
+    proptest! {
+        #[test]
+        fn paths_are_shortest(picks in prop::array::uniform3(0..66u32)) {
+            let sphere = shapes::surface(shapes::sphere(2));
+            let control = Control::default();
+            let [ab, bc, ac] = [[0, 1], [1, 2], [0, 2]]
+                .map(|ends| length_of(&sphere, &shortest_path(&sphere, &ends.map(|e| picks[e]), None, &control).unwrap()));
+            prop_assert!(ac <= ab + bc + 1e-9);
+            let [a, c] = [picks[0], picks[2]].map(|v| sphere.points()[v as usize]);
+            prop_assert!(ac >= (a - c).norm() - 1e-9);
+        }
+    }
+}

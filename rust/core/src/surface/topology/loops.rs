@@ -1,0 +1,367 @@
+//! Handles, found by short loops around them.
+//!
+//! A loop that separates nothing goes around a handle, or through it; cut along it, the surface has a handle less. The shortest
+//! such loop through a vertex consists of two shortest paths from it and an edge (Thomassen 1990), and every such loop meets
+//! one of the 2 g loops that generate all others, so that only their vertices need be asked (Kutz 2006). Asked are first those
+//! that lie within a short reach, then farther and farther; the shortest loop is taken, then the shortest that does not touch
+//! it and still separates nothing, and so on; then the surface is cut open along them. This is a greedy choice of short loops:
+//! none is much longer than it need be, but the sum of all need not be the least, which nobody knows how to find in
+//! reasonable time.
+//!
+//! Loops of r edges among V vertices take O(V log V) for each doubling of the reach, and O(r² log r) for each vertex asked.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use nalgebra::Vector3;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::mesh::paths::{EdgeSearch, length};
+use crate::surface::mesh::{BORDER, Surface};
+use crate::surface::topology::Topology;
+use crate::surface::topology::homology::{Homology, Shrunk};
+
+/// What a way through a boundary loop costs, in the loop's length: as much as its longest way around.
+pub(crate) const TOLL: f64 = 0.5;
+
+/// A vertex is asked every so often along a generating loop, in the reach.
+const SPACING: f64 = 1.0 / 8.0;
+
+/// How many vertices of a loop are asked for a shorter one, and how often.
+const TIGHTENED: (usize, usize) = (12, 4);
+
+/// A handle, shown by a short loop that goes around it or through it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Handle {
+    /// The vertices along the loop, each joined to the next and the last to the first. Where the surface has a boundary, or an
+    /// earlier loop was cut, the loop may run along it.
+    pub vertices: Vec<u32>,
+    /// The half-edges along which it is cut: those of the loop that do not run along the boundary or an earlier cut.
+    pub half_edges: Vec<u32>,
+    /// The loop's length, mm.
+    pub length: f64,
+    /// The mean place on the loop, RAS+ mm.
+    pub centre: Vector3<f64>,
+}
+
+/// A short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: each separates nothing
+/// after those before it.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
+    cut_handles(surface, control).map(|(_, handles)| handles)
+}
+
+/// The surface cut open along short loops around all its handles: the way to genus 0 that changes no voxel. Each loop adds one
+/// or two boundary loops, and no component; half-edges keep their numbers.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
+    let mut open = surface.clone();
+    let mut handles = Vec::new();
+    if Topology::of(surface).genus == 0 {
+        return Ok((open, handles));
+    }
+    let mut reach = mean_length(surface);
+    loop {
+        let shrunk = Shrunk::new(&open, TOLL);
+        let homology = Homology::new(&shrunk, control)?;
+        if homology.generators.is_empty() {
+            break;
+        }
+        control.begin("finding handles", homology.generators.len() as u64 / 2);
+        let mut seeker = Seeker::new(&shrunk, homology);
+        while seeker.found.is_empty() && reach.is_finite() {
+            reach *= 2.0;
+            seeker.seek(reach, control)?;
+        }
+        let found = seeker.found;
+        if found.is_empty() {
+            break; // not possible: a generating loop separates nothing
+        }
+        let rims = Rims::new(&open);
+        handles.extend(found.iter().map(|half_edges| rims.handle(surface, &open, half_edges)));
+        open = open.cut_open(found.into_iter().flatten());
+    }
+    let half_edges = handles.iter().flat_map(|handle: &Handle| &handle.half_edges);
+    Ok((surface.cut_open(half_edges.copied()), handles)) // at once: the same numbers whatever the order
+}
+
+/// The mean length of an edge, mm; never 0.
+fn mean_length(surface: &Surface) -> f64 {
+    let edges = surface.edges().count().max(1) as f64;
+    let mean = surface.edges().map(|h| length(surface, h) / edges).sum::<f64>();
+    if mean > 0.0 { mean } else { 1.0 }
+}
+
+/// A loop that separates nothing.
+#[derive(Debug)]
+struct Found {
+    half_edges: Vec<u32>,
+    mark: u64,
+    /// Its length, mm, tolls included.
+    length: f64,
+    /// That of the way from the vertex asked to the loop, around it and back.
+    through: f64,
+}
+
+/// What is known of a surface while loops are sought.
+struct Seeker<'a> {
+    shrunk: &'a Shrunk<'a>,
+    homology: Homology,
+    search: EdgeSearch,
+    /// The marks of the shortest paths to the nodes.
+    marks: Vec<u64>,
+    /// Nodes on loops that were found.
+    is_taken: Vec<bool>,
+    /// Half-edges on them.
+    is_cut: Vec<bool>,
+    across: Across,
+    found: Vec<Vec<u32>>,
+}
+
+impl<'a> Seeker<'a> {
+    fn new(shrunk: &'a Shrunk<'a>, homology: Homology) -> Self {
+        Self {
+            shrunk,
+            homology,
+            search: EdgeSearch::new(shrunk.node.len()),
+            marks: vec![0; shrunk.node.len()],
+            is_taken: vec![false; shrunk.node.len()],
+            is_cut: vec![false; shrunk.surface.twins().len()],
+            across: Across::new(shrunk.surface.faces().len()),
+            found: Vec::new(),
+        }
+    }
+
+    /// Takes loops up to twice the reach, the shortest first, until no vertex has one. Whatever is taken makes other loops
+    /// longer, never shorter: so only the vertex that claims the shortest need be asked again.
+    fn seek(&mut self, reach: f64, control: &Control) -> Result<()> {
+        let mut claims = BinaryHeap::new();
+        for root in self.roots(SPACING * reach) {
+            let found = self.shortest_through(root, 2.0 * reach, control)?;
+            claims.extend(found.map(|found| Reverse((found.through.to_bits(), root))));
+        }
+        while let Some(Reverse((claim, root))) = claims.pop() {
+            if 2 * self.found.len() == self.homology.generators.len() {
+                break;
+            }
+            let Some(found) = self.shortest_through(root, 2.0 * reach, control)? else { continue };
+            if found.through.to_bits() > claim {
+                claims.push(Reverse((found.through.to_bits(), root)));
+                continue;
+            }
+            let found = self.tightened(found, control)?;
+            self.take(found, control)?;
+        }
+        Ok(())
+    }
+
+    /// Nodes along the generating loops, this many mm apart.
+    fn roots(&self, spacing: f64) -> Vec<u32> {
+        let mut roots = Vec::new();
+        for generator in &self.homology.generators {
+            let mut since = f64::INFINITY;
+            for &h in generator {
+                if since >= spacing {
+                    roots.push(self.shrunk.ends(h)[0]);
+                    since = 0.0;
+                }
+                since += length(self.shrunk.surface, h);
+            }
+        }
+        roots.sort_unstable();
+        roots.dedup();
+        roots
+    }
+
+    /// The shortest loop from a node back to it that separates nothing, touches none that was taken, and is shorter than
+    /// `limit` (mm).
+    fn shortest_through(&mut self, root: u32, limit: f64, control: &Control) -> Result<Option<Found>> {
+        let Self { shrunk, homology, search, marks, is_taken, .. } = self;
+        if is_taken[root as usize] {
+            return Ok(None);
+        }
+        search.clear();
+        search.seed(root);
+        let mut best = (limit, None, 0);
+        while let Some(node) = search.settle(&shrunk.network, |to| !is_taken[to as usize]) {
+            control.check()?;
+            let here = search.distance(node);
+            if 2.0 * here >= best.0 {
+                break; // any edge between nodes as far as this one closes a longer loop
+            }
+            let step = search.step(node);
+            let mark = step.map_or(0, |step| marks[step.from as usize] ^ homology.mark(step.half_edge));
+            marks[node as usize] = mark;
+            for arc in shrunk.network.incident(node).iter().filter(|arc| search.is_settled(arc.to)) {
+                let through = here + search.distance(arc.to) + arc.cost;
+                let mark = mark ^ marks[arc.to as usize] ^ homology.mark(arc.half_edge);
+                if through < best.0 && mark != 0 {
+                    best = (through, Some(arc.half_edge), mark);
+                }
+            }
+        }
+        let (through, edge, mark) = best;
+        Ok(edge.map(|edge| {
+            let half_edges = shrunk.closed_by(search, edge);
+            let stem = search.distance(shrunk.ends(half_edges[0])[0]);
+            Found { half_edges, mark, length: through - 2.0 * stem, through }
+        }))
+    }
+
+    /// A loop near a loop, and no longer: the shortest through one of its vertices, again and again.
+    fn tightened(&mut self, mut found: Found, control: &Control) -> Result<Found> {
+        let (most, times) = TIGHTENED;
+        for _ in 0..times {
+            let before = found.length;
+            let step = found.half_edges.len().div_ceil(most);
+            let roots: Vec<u32> = found.half_edges.iter().step_by(step).map(|&h| self.shrunk.ends(h)[0]).collect();
+            for root in roots {
+                if let Some(shorter) = self.shortest_through(root, found.length, control)? {
+                    found = shorter;
+                }
+            }
+            if found.length >= before {
+                break;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Takes a loop, unless it would separate something: with a loop across edges that crosses it once, all marks are changed
+    /// such that its own is zero. So have then all loops that separate something together with it.
+    fn take(&mut self, found: Found, control: &Control) -> Result<()> {
+        let surface = self.shrunk.surface;
+        let twin = |h: u32| surface.twins()[h as usize];
+        found.half_edges.iter().flat_map(|&h| [h, twin(h)]).for_each(|h| self.is_cut[h as usize] = true);
+        let first = found.half_edges[0];
+        let is_open = |h: u32| !self.is_cut[h as usize];
+        let Some(crossed) = self.across.path(surface, first / 3, twin(first) / 3, is_open, control)? else {
+            found.half_edges.iter().flat_map(|&h| [h, twin(h)]).for_each(|h| self.is_cut[h as usize] = false);
+            return Ok(());
+        };
+        let edges = crossed.into_iter().chain([first]).map(|h| h.min(twin(h)));
+        self.homology.count(edges, found.mark);
+        found.half_edges.iter().for_each(|&h| self.is_taken[self.shrunk.ends(h)[0] as usize] = true);
+        self.found.push(found.half_edges);
+        control.advance();
+        Ok(())
+    }
+}
+
+/// A reusable breadth-first search from face to face.
+#[derive(Debug)]
+struct Across {
+    /// The round in which each face was seen last, and the half-edge across which.
+    seen: Vec<(u32, u32)>,
+    round: u32,
+}
+
+impl Across {
+    fn new(faces: usize) -> Self {
+        Self { seen: vec![(0, 0); faces], round: 0 }
+    }
+
+    /// The half-edges that are crossed on a way from one face to another.
+    fn path(
+        &mut self,
+        surface: &Surface,
+        from: u32,
+        to: u32,
+        is_open: impl Fn(u32) -> bool,
+        control: &Control,
+    ) -> Result<Option<Vec<u32>>> {
+        self.round += 1;
+        self.seen[from as usize] = (self.round, u32::MAX);
+        let mut queue = vec![from];
+        let mut at = 0;
+        while self.seen[to as usize].0 != self.round {
+            let Some(&face) = queue.get(at) else { return Ok(None) };
+            at += 1;
+            control.check()?;
+            for h in 3 * face..3 * face + 3 {
+                let twin = surface.twins()[h as usize];
+                if twin != BORDER && is_open(h) && self.seen[twin as usize / 3].0 != self.round {
+                    self.seen[twin as usize / 3] = (self.round, h);
+                    queue.push(twin / 3);
+                }
+            }
+        }
+        let entered = |face: u32| Some(self.seen[face as usize].1).filter(|&h| h != u32::MAX);
+        Ok(Some(std::iter::successors(entered(to), |&h| entered(h / 3)).collect()))
+    }
+}
+
+/// The boundary loops of a surface that is being cut open.
+struct Rims {
+    loops: Vec<Vec<u32>>,
+    /// The loop of each boundary vertex and its place there.
+    place: Vec<(u32, u32)>,
+    /// A half-edge that leads away from each vertex.
+    corner: Vec<u32>,
+}
+
+impl Rims {
+    fn new(open: &Surface) -> Self {
+        let loops = open.boundary();
+        let mut place = vec![(0, 0); open.len()];
+        for (n, rim) in (0..).zip(&loops) {
+            (0..).zip(rim).for_each(|(at, &h)| place[open.origin(h) as usize] = (n, at));
+        }
+        let mut corner = vec![0; open.len()];
+        (0..open.twins().len() as u32).for_each(|h| corner[open.origin(h) as usize] = h);
+        Self { loops, place, corner }
+    }
+
+    /// A loop of half-edges of `open`, closed along the boundary, as a handle of `surface`.
+    fn handle(&self, surface: &Surface, open: &Surface, half_edges: &[u32]) -> Handle {
+        let before = |v: u32| surface.origin(self.corner[v as usize]);
+        let mut vertices = Vec::new();
+        for (n, &h) in half_edges.iter().enumerate() {
+            vertices.push(open.origin(h));
+            let (here, onwards) = (open.target(h), open.origin(half_edges[(n + 1) % half_edges.len()]));
+            if before(here) != before(onwards) {
+                vertices.push(here);
+                self.along(open, here, onwards, &mut vertices);
+            } // the two lips of a cut are one vertex of the surface
+        }
+        vertices.iter_mut().for_each(|v| *v = before(*v));
+        let (length, centre) = measured(surface, &vertices);
+        Handle { vertices, half_edges: half_edges.to_vec(), length, centre }
+    }
+
+    /// The vertices between two of one boundary loop, the shorter way.
+    fn along(&self, open: &Surface, from: u32, to: u32, vertices: &mut Vec<u32>) {
+        let (rim, start) = self.place[from as usize];
+        let rim = &self.loops[rim as usize];
+        let [start, end] = [start, self.place[to as usize].1].map(|at| at as usize);
+        let turned = |from: usize, to: usize| rim.iter().cycle().skip(from).take((to + rim.len() - from) % rim.len());
+        let length = |from, to| turned(from, to).map(|&h| open.length(h)).sum::<f64>();
+        let begin = vertices.len();
+        if length(start, end) <= length(end, start) {
+            vertices.extend(turned(start, end).skip(1).map(|&h| open.origin(h)));
+        } else {
+            vertices.extend(turned(end, start).skip(1).map(|&h| open.origin(h)));
+            vertices[begin..].reverse();
+        }
+    }
+}
+
+/// The length of a closed loop of vertices, mm, and the mean place on it.
+fn measured(surface: &Surface, vertices: &[u32]) -> (f64, Vector3<f64>) {
+    let place = |n: usize| surface.points()[vertices[n % vertices.len()] as usize];
+    let (mut length, mut sum) = (0.0, Vector3::zeros());
+    for n in 0..vertices.len() {
+        let edge = (place(n + 1) - place(n)).norm();
+        length += edge;
+        sum += (place(n) + place(n + 1)) * (edge / 2.0);
+    }
+    (length, if length > 0.0 { sum / length } else { place(0) })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,220 @@
+//! The topology of a surface: its components, their handles, and their boundary.
+//!
+//! χ = vertices − edges + faces = 2 − 2 genus − boundary loops for each component. What can be flattened without a cut is a
+//! disk: one component, no handle, one boundary loop. Everything here takes time linear in the surface.
+
+pub(crate) mod homology;
+pub mod loops;
+pub mod thin;
+
+use crate::surface::mesh::Surface;
+
+/// What a surface is, topologically.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Topology {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of edges.
+    pub edges: usize,
+    /// Number of faces.
+    pub faces: usize,
+    /// Euler characteristic χ, the sum over the components.
+    pub euler: i64,
+    /// Number of handles, the sum over the components.
+    pub genus: usize,
+    /// The connected pieces, the largest area first.
+    pub components: Vec<Component>,
+    /// The boundary loops, longest first.
+    pub loops: Vec<Loop>,
+}
+
+/// One connected piece of a surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Component {
+    /// Its number in [`Surface::components`].
+    pub label: u32,
+    /// Its area, mm².
+    pub area: f64,
+    /// Number of faces.
+    pub faces: usize,
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of edges.
+    pub edges: usize,
+    /// Euler characteristic χ.
+    pub euler: i64,
+    /// Number of handles.
+    pub genus: usize,
+    /// Number of boundary loops.
+    pub loops: usize,
+}
+
+/// A boundary loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loop {
+    /// Its half-edges in order, the surface on their left.
+    pub half_edges: Vec<u32>,
+    /// Its length, mm.
+    pub length: f64,
+    /// The component's number in [`Surface::components`].
+    pub component: u32,
+}
+
+impl Loop {
+    /// Its vertices in order.
+    pub fn vertices(&self, surface: &Surface) -> Vec<u32> {
+        self.half_edges.iter().map(|&h| surface.origin(h)).collect()
+    }
+}
+
+impl Topology {
+    /// The topology of a surface.
+    pub fn of(surface: &Surface) -> Self {
+        let pieces = surface.components();
+        let label = &pieces.labels;
+        let mut components = vec![Component::default(); pieces.count()];
+        (0..).zip(&mut components).for_each(|(label, component)| component.label = label);
+        let mut seen = vec![false; surface.len()];
+        for ((face, &label), area) in surface.faces().iter().zip(label).zip(surface.areas()) {
+            let component = &mut components[label as usize];
+            component.area += area;
+            component.faces += 1;
+            component.vertices += face.iter().filter(|&&v| !std::mem::replace(&mut seen[v as usize], true)).count();
+        }
+        surface.edges().for_each(|h| components[label[h as usize / 3] as usize].edges += 1);
+        let mut loops = loops_of(surface, label);
+        loops.iter().for_each(|border| components[border.component as usize].loops += 1);
+        for component in &mut components {
+            component.euler = (component.vertices + component.faces) as i64 - component.edges as i64;
+            component.genus = (2 - component.euler - component.loops as i64).max(0) as usize / 2;
+        }
+        components.sort_by(|a, b| b.area.total_cmp(&a.area)); // stable: of equals the one with the first face
+        loops.sort_by(|a, b| b.length.total_cmp(&a.length));
+        Self {
+            vertices: surface.len(),
+            edges: components.iter().map(|component| component.edges).sum(),
+            faces: surface.faces().len(),
+            euler: components.iter().map(|component| component.euler).sum(),
+            genus: components.iter().map(|component| component.genus).sum(),
+            components,
+            loops,
+        }
+    }
+
+    /// Is it one disk, so that it can be flattened without a cut?
+    pub fn is_disk(&self) -> bool {
+        self.components.len() == 1 && self.genus == 0 && self.loops.len() == 1
+    }
+
+    /// Is it without boundary?
+    pub fn is_closed(&self) -> bool {
+        self.loops.is_empty() && !self.components.is_empty()
+    }
+}
+
+/// The boundary loops in the order of their first half-edges; `label` is the component of each face.
+fn loops_of(surface: &Surface, label: &[u32]) -> Vec<Loop> {
+    let measured = |half_edges: Vec<u32>| Loop {
+        length: half_edges.iter().map(|&h| surface.length(h)).sum(),
+        component: label[half_edges[0] as usize / 3],
+        half_edges,
+    };
+    surface.boundary().into_iter().map(measured).collect()
+}
+
+/// For each vertex the first vertex of its boundary loop, or itself where it lies inside: the surface with every boundary
+/// loop shrunk to a point, which is closed.
+pub(crate) fn shrunk(surface: &Surface) -> Vec<u32> {
+    let mut node: Vec<u32> = (0..surface.len() as u32).collect();
+    for border in surface.boundary() {
+        border.iter().for_each(|&h| node[surface.origin(h) as usize] = surface.origin(border[0]));
+    }
+    node
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patch::largest_piece;
+    use crate::surface::mesh::shapes;
+    use proptest::prelude::*;
+
+    #[test]
+    fn known_shapes() {
+        for (shape, euler, genus, loops) in
+            [(shapes::sheet(5, 4), 1, 0, 1), (shapes::torus(12, 7), 0, 1, 0), (shapes::sphere(2), 2, 0, 0)]
+        {
+            let topology = Topology::of(&shapes::surface(shape));
+            assert_eq!((topology.euler, topology.genus, topology.loops.len()), (euler, genus, loops));
+            assert_eq!((topology.is_disk(), topology.is_closed()), (loops == 1, loops == 0));
+        }
+    }
+
+    #[test]
+    fn components_come_by_area_and_loops_by_length() {
+        let sheet = shapes::surface(shapes::sheet(9, 9));
+        // a corner square, a frame with a hole of two by two squares, nothing of the rest
+        let keep = |f: usize| {
+            let (i, j) = (f / 2 / 9, f / 2 % 9);
+            (i, j) == (0, 0) || (i > 1 && j > 1 && !((4..6).contains(&i) && (4..6).contains(&j)))
+        };
+        let part = sheet.part(&(0..sheet.faces().len()).map(keep).collect::<Vec<_>>());
+        let topology = Topology::of(&part);
+        let kinds: Vec<_> = topology.components.iter().map(|c| (c.label, c.faces, c.euler, c.genus, c.loops)).collect();
+        assert_eq!(kinds, [(1, 90, 0, 0, 2), (0, 2, 1, 0, 1)]);
+        assert_eq!(topology.components.iter().map(|c| c.area).collect::<Vec<_>>(), [45.0, 1.0]);
+        let loops: Vec<_> = topology.loops.iter().map(|l| (l.component, l.length, l.half_edges.len())).collect();
+        assert_eq!(loops, [(1, 28.0, 28), (1, 8.0, 8), (0, 4.0, 4)]);
+        assert!(!topology.is_disk() && !topology.is_closed());
+        assert_eq!(topology.loops[1].vertices(&part).len(), 8);
+    }
+
+    #[test]
+    fn the_first_component_is_the_largest_piece_however_many_faces_the_others_have() {
+        let (mut points, mut faces) = shapes::sheet(12, 12); // of many small faces, and one of few large ones
+        points.iter_mut().for_each(|point| *point = point.map(|x| 0.1 * x));
+        let (coarse, of_coarse) = shapes::sheet(3, 3);
+        let first = points.len() as i64;
+        points.extend(coarse.iter().map(|&[x, y, _]| [x, y, 5.0]));
+        faces.extend(of_coarse.iter().map(|face| face.map(|v| first + v)));
+        for turned in [false, true] {
+            if turned {
+                faces.reverse();
+            }
+            let both = shapes::surface((points.clone(), faces.clone()));
+            let components = Topology::of(&both).components;
+            assert_eq!(components.iter().map(|c| c.faces).collect::<Vec<_>>(), [18, 288]);
+            assert!((components[0].area - 9.0).abs() < 1e-12 && (components[1].area - 1.44).abs() < 1e-12);
+            assert_eq!(largest_piece(&both).faces().len(), components[0].faces);
+        }
+        // of equals both take the first
+        let sheet = shapes::surface(shapes::sheet(9, 9));
+        let apart = sheet.part(&(0..sheet.faces().len()).map(|f| f / 2 / 9 != 4).collect::<Vec<_>>());
+        let components = Topology::of(&apart).components;
+        assert_eq!(components.iter().map(|c| (c.label, c.area)).collect::<Vec<_>>(), [(0, 36.0), (1, 36.0)]);
+        assert_eq!(largest_piece(&apart).ids()[0], apart.ids()[0]);
+    }
+
+    #[test]
+    fn nothing_is_neither_disk_nor_closed() {
+        let nothing = shapes::surface(shapes::sheet(1, 1)).part(&[false, false]);
+        let topology = Topology::of(&nothing);
+        assert!(!topology.is_disk() && !topology.is_closed());
+        assert_eq!((topology.euler, topology.components.len()), (0, 0));
+    }
+
+    proptest! {
+        #[test]
+        fn the_formula_holds_for_any_part(keep in prop::collection::vec(any::<bool>(), 168)) {
+            let part = shapes::surface(shapes::torus(12, 7)).part(&keep);
+            let topology = Topology::of(&part);
+            for component in &topology.components {
+                prop_assert_eq!(component.euler, 2 - 2 * component.genus as i64 - component.loops as i64);
+                prop_assert!(component.genus <= 1);
+            }
+            prop_assert_eq!(topology.vertices, topology.components.iter().map(|c| c.vertices).sum::<usize>());
+            prop_assert_eq!(topology.edges, part.edges().count());
+            prop_assert_eq!(topology.loops.len(), topology.components.iter().map(|c| c.loops).sum::<usize>());
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Thin places: where the two sides of a solid lie much nearer to each other than along its surface.
+//!
+//! There a label is about a voxel thick: distances measured through the solid jump across, and a handle is likely near by.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::mesh::Surface;
+use crate::surface::mesh::paths::{EdgeSearch, Network};
+
+/// The most that the cosine between the normals of two sides is.
+const AWAY: f64 = -0.5;
+
+/// The least cosine between the way through the solid and the inward normal, at either end.
+const THROUGH: f64 = 0.7;
+
+/// How much longer the way along the surface is.
+const LONGER: f64 = 3.0;
+
+/// Where a solid is thin.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ThinPlaces {
+    /// The vertices on both sides of thin places, ascending.
+    pub vertices: Vec<u32>,
+    /// The thinnest place.
+    pub worst: Option<Thin>,
+}
+
+/// Two vertices that lie opposite each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thin {
+    /// The vertices.
+    pub vertices: [u32; 2],
+    /// The distance between them through the solid, mm.
+    pub thickness: f64,
+}
+
+/// The vertices that have an opposite one within `thickness` mm: its normal looks away, it lies inward, and along edges it is
+/// more than three times as far away as through the solid. None, unless the thickness is positive and finite.
+///
+/// Takes O(n) times the number of vertices within that distance of each.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub fn thin_places(surface: &Surface, thickness: f64, control: &Control) -> Result<ThinPlaces> {
+    let mut places = ThinPlaces::default();
+    if !(thickness > 0.0 && thickness.is_finite()) {
+        return Ok(places);
+    }
+    let (normals, cells) = (surface.normals(), Cells::new(surface.points(), thickness));
+    let network = Network::of(surface);
+    let mut search = EdgeSearch::new(surface.len());
+    let mut opposite = Vec::new();
+    for vertex in 0..surface.len() as u32 {
+        control.check()?;
+        let (here, normal) = (surface.points()[vertex as usize], normals[vertex as usize]);
+        opposite.clear();
+        for other in cells.around(&here) {
+            let (way, beyond) = (surface.points()[other as usize] - here, normals[other as usize]);
+            let distance = way.norm();
+            let leads_through = -way.dot(&normal) >= THROUGH * distance && way.dot(&beyond) >= THROUGH * distance;
+            if distance <= thickness && normal.dot(&beyond) < AWAY && leads_through {
+                opposite.push((distance, other));
+            }
+        }
+        opposite.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let Some(&(most, _)) = opposite.last() else { continue };
+        search_around(&mut search, &network, vertex, LONGER * most, control)?;
+        let is_far = |&&(distance, other): &&(f64, u32)| search.distance(other) > LONGER * distance;
+        if let Some(&(thickness, other)) = opposite.iter().find(is_far) {
+            places.vertices.push(vertex);
+            if places.worst.is_none_or(|worst| thickness < worst.thickness) {
+                places.worst = Some(Thin { vertices: [vertex, other], thickness });
+            }
+        }
+    }
+    Ok(places)
+}
+
+/// Distances along edges up to a radius.
+fn search_around(
+    search: &mut EdgeSearch,
+    network: &Network,
+    vertex: u32,
+    radius: f64,
+    control: &Control,
+) -> Result<()> {
+    search.clear();
+    search.seed(vertex);
+    while let Some(vertex) = search.settle(network, |_| true) {
+        control.check()?;
+        if search.distance(vertex) > radius {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Points by the cells of a grid.
+struct Cells {
+    size: f64,
+    members: HashMap<[i64; 3], Vec<u32>>,
+}
+
+impl Cells {
+    fn new(points: &[Vector3<f64>], size: f64) -> Self {
+        let mut cells = Self { size, members: HashMap::new() };
+        for (n, point) in (0..).zip(points) {
+            cells.members.entry(cells.of(point)).or_default().push(n);
+        }
+        cells
+    }
+
+    fn of(&self, point: &Vector3<f64>) -> [i64; 3] {
+        [0, 1, 2].map(|axis| (point[axis] / self.size).floor() as i64)
+    }
+
+    /// The points in the cell of a place and in those around it.
+    fn around(&self, place: &Vector3<f64>) -> impl Iterator<Item = u32> + '_ {
+        let cell = self.of(place);
+        let offsets = (0..27).map(|n| [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1]);
+        let cells = offsets.map(move |offset| [0, 1, 2].map(|axis| cell[axis].saturating_add(offset[axis])));
+        cells.filter_map(|cell| self.members.get(&cell)).flatten().copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    fn thin(surface: &Surface, thickness: f64) -> ThinPlaces {
+        thin_places(surface, thickness, &Control::default()).unwrap()
+    }
+
+    /// A ball pressed flat.
+    fn disc(height: f64) -> Surface {
+        let sphere = shapes::surface(shapes::sphere(5));
+        sphere.moved(sphere.points().iter().map(|p| [5.0 * p.x, 5.0 * p.y, height * p.z].into()).collect()).unwrap()
+    }
+
+    #[test]
+    fn a_flat_ball_is_thin_but_for_its_rim() {
+        let disc = disc(0.5);
+        let places = thin(&disc, 1.2);
+        let expected = |&v: &u32| disc.points()[v as usize].xy().norm() < 3.5;
+        let middle: Vec<u32> = (0..disc.len() as u32).filter(expected).collect();
+        assert!(middle.iter().all(|v| places.vertices.binary_search(v).is_ok()));
+        let worst = places.worst.unwrap();
+        assert!(worst.thickness < 0.8, "{worst:?}");
+        let [a, b] = worst.vertices.map(|v| disc.points()[v as usize]);
+        assert!(((a - b).norm() - worst.thickness).abs() < 1e-12 && a.z * b.z < 0.0);
+    }
+
+    #[test]
+    fn what_is_thick_or_hollow_is_not_thin() {
+        assert_eq!(thin(&disc(3.0), 1.2), ThinPlaces::default());
+        assert_eq!(thin(&shapes::surface(shapes::sheet(9, 9)), 2.0), ThinPlaces::default());
+        // a narrow gap between two solids: the way between them leads outward
+        let (points, faces) = shapes::sheet(6, 6);
+        let mut both = points.clone();
+        both.extend(points.iter().map(|p| [p[0], p[1], 0.4]));
+        let turned = faces.iter().map(|face| [face[0] + 49, face[2] + 49, face[1] + 49]);
+        let gap: Vec<[i64; 3]> = faces.iter().copied().chain(turned).collect();
+        let gap = Surface::from_triangles(&both, &gap).unwrap().0;
+        assert_eq!(thin(&gap, 1.0), ThinPlaces::default());
+        // turned inside out it is a blade
+        let turned: Vec<[i64; 3]> = gap.faces().iter().map(|face| [face[0], face[2], face[1]].map(i64::from)).collect();
+        let blade = Surface::from_triangles(&both, &turned).unwrap().0;
+        assert_eq!(thin(&blade, 1.0).vertices.len(), 98);
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(thin(&blade, nothing), ThinPlaces::default());
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! The topology of a set of surface voxels, seen as the union of closed cubes (the topology that 26-connectivity has).
+//!
+//! A sheet that can be flattened has Euler characteristic χ = 1 (a disk); the surface of a solid has χ = 2 and encloses
+//! an interior; every handle, hole, or place where two banks touch takes one away.
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::voxels::{DIRECT, VertexGrid, VoxelSurface, neighbours};
+
+/// The smallest share of the surface that must line one cavity for the surface to count as closed. Below, the cavity is
+/// a pocket inside a thick sheet: there the sheet still has an edge and can be flattened.
+const CLOSED_SHARE: f64 = 0.1;
+
+/// The topology of a voxel set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CubeTopology {
+    /// Euler characteristic χ of the union of closed cubes: components − tunnels + cavities.
+    pub euler: i64,
+    /// Number of enclosed cavities (6-connected pieces of the complement that do not reach the outside).
+    pub cavities: usize,
+    /// Number of surface voxels around the cavity that most of them line.
+    pub lining: usize,
+    /// Number of surface voxels.
+    pub points: usize,
+}
+
+impl CubeTopology {
+    /// The topology of a surface's voxels.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn of(surface: &VoxelSurface, control: &Control) -> Result<Self> {
+        let grid = VertexGrid::new(surface);
+        let euler = euler_characteristic(surface, &grid);
+        control.check()?;
+        let cavity = label_cavities(&grid, control)?;
+        let mut lining = vec![0; cavity.count];
+        let steps: Vec<isize> = neighbours().map(|offset| grid.step(offset)).collect();
+        let mut seen = Vec::new();
+        for voxel in surface.voxels() {
+            let cell = grid.cell(voxel.map(i64::from));
+            seen.clear();
+            seen.extend(
+                steps.iter().map(|&step| cavity.labels[cell.wrapping_add_signed(step)]).filter(|&c| c >= FIRST),
+            );
+            seen.sort_unstable();
+            seen.dedup();
+            seen.iter().for_each(|&label| lining[(label - FIRST) as usize] += 1);
+        }
+        let lining = lining.into_iter().max().unwrap_or(0);
+        Ok(Self { euler, cavities: cavity.count, lining, points: surface.len() })
+    }
+
+    /// Is it a closed surface, without an edge?
+    pub fn is_closed(&self) -> bool {
+        self.lining as f64 >= CLOSED_SHARE * self.points as f64 && self.lining > 0
+    }
+}
+
+/// χ of the union of closed cubes. Each cube has 27 cells (8 corners, 12 edges, 6 faces, itself), named by s ∈ {−1, 0, 1}³;
+/// the cell's dimension is the number of zeros in s. The cell s is shared with the neighbours at {0, s₁}×{0, s₂}×{0, s₃}
+/// and counted by the first of the voxels that share it.
+fn euler_characteristic(surface: &VoxelSurface, grid: &VertexGrid) -> i64 {
+    let offsets: Vec<[i64; 3]> = neighbours().collect();
+    let steps: Vec<isize> = offsets.iter().map(|&offset| grid.step(offset)).collect();
+    let shares = |s: [i64; 3], e: [i64; 3]| (0..3).all(|axis| e[axis] == 0 || e[axis] == s[axis]);
+    let earlier = |s: [i64; 3]| {
+        let bits = offsets.iter().enumerate().filter(|&(_, &e)| e < [0, 0, 0] && shares(s, e));
+        bits.fold(0u32, |mask, (bit, _)| mask | 1 << bit)
+    };
+    let cells: Vec<(u32, i64)> = offsets
+        .iter()
+        .chain(&[[0, 0, 0]])
+        .map(|&s| (earlier(s), if s.iter().filter(|&&x| x == 0).count() % 2 == 0 { 1 } else { -1 }))
+        .collect();
+    let present = |cell: usize| {
+        let found = |&step: &isize| grid.cells()[cell.wrapping_add_signed(step)] != VertexGrid::NONE;
+        steps.iter().enumerate().fold(0u32, |mask, (bit, step)| mask | u32::from(found(step)) << bit)
+    };
+    let count = |voxel: &[u32; 3]| {
+        let present = present(grid.cell(voxel.map(i64::from)));
+        cells.iter().filter(|&&(earlier, _)| present & earlier == 0).map(|&(_, sign)| sign).sum::<i64>()
+    };
+    surface.voxels().iter().map(count).sum()
+}
+
+const UNSEEN: u32 = 0;
+const SURFACE: u32 = 1;
+const OUTSIDE: u32 = 2;
+const FIRST: u32 = 3; // the first cavity
+
+struct Cavities {
+    labels: Vec<u32>,
+    count: usize,
+}
+
+/// Names the 6-connected pieces of what is not surface.
+fn label_cavities(grid: &VertexGrid, control: &Control) -> Result<Cavities> {
+    let mut labels: Vec<u32> =
+        grid.cells().iter().map(|&cell| if cell == VertexGrid::NONE { UNSEEN } else { SURFACE }).collect();
+    let mut next = OUTSIDE; // the box is padded, so cell 0 lies outside
+    let mut stack = Vec::new();
+    let steps = DIRECT.map(|direction| grid.step(direction));
+    let shape = grid.shape();
+    for start in 0..labels.len() {
+        if labels[start] != UNSEEN {
+            continue;
+        }
+        labels[start] = next;
+        stack.push(start);
+        while let Some(cell) = stack.pop() {
+            if stack.len() % (1 << 12) == 0 {
+                control.check()?;
+            }
+            let place = grid.position(cell);
+            for (direction, step) in DIRECT.iter().zip(steps) {
+                let inside = (0..3).all(|axis| (0..shape[axis]).contains(&(place[axis] + direction[axis])));
+                if inside {
+                    let other = cell.wrapping_add_signed(step);
+                    if labels[other] == UNSEEN {
+                        labels[other] = next;
+                        stack.push(other);
+                    }
+                }
+            }
+        }
+        next += 1;
+    }
+    Ok(Cavities { labels, count: (next - FIRST) as usize })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::{Affine, Mask};
+    use proptest::prelude::*;
+    use std::collections::HashSet;
+
+    fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
+        let mask = Mask::from_fn(shape, rule).unwrap();
+        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &Control::default()).unwrap()
+    }
+
+    fn topology_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> CubeTopology {
+        CubeTopology::of(&surface_of(shape, rule), &Control::default()).unwrap()
+    }
+
+    #[test]
+    fn known_shapes() {
+        let ball = |[i, j, k]: [usize; 3]| [i, j, k].iter().map(|&x| (x as f64 - 10.0).powi(2)).sum::<f64>() < 64.0;
+        let sphere = topology_of([21; 3], ball);
+        assert_eq!((sphere.euler, sphere.cavities, sphere.is_closed()), (2, 1, true));
+
+        let sheet = topology_of([12, 12, 5], |v| v[2] == 2);
+        assert_eq!((sheet.euler, sheet.cavities, sheet.is_closed()), (1, 0, false));
+
+        let annulus = topology_of([12, 12, 5], |v| v[2] == 2 && !((4..7).contains(&v[0]) && (4..7).contains(&v[1])));
+        assert_eq!((annulus.euler, annulus.is_closed()), (0, false));
+
+        let torus = topology_of([30, 30, 15], |v| {
+            let [x, y, z] = [v[0] as f64 - 15.0, v[1] as f64 - 15.0, v[2] as f64 - 7.0];
+            (x.hypot(y) - 9.0).hypot(z) < 4.0
+        });
+        assert_eq!((torus.euler, torus.cavities, torus.is_closed()), (0, 1, true));
+    }
+
+    #[test]
+    fn a_pocket_in_a_sheet_does_not_close_it() {
+        // a sheet with one bump three voxels thick, whose middle voxel is enclosed
+        let topology = topology_of([40, 40, 7], |v| {
+            v[2] == 3 || ((19..22).contains(&v[0]) && (19..22).contains(&v[1]) && (2..5).contains(&v[2]))
+        });
+        assert_eq!((topology.cavities, topology.is_closed()), (1, false));
+    }
+
+    /// χ by listing every cell of every cube.
+    fn euler_by_listing(surface: &VoxelSurface) -> i64 {
+        let mut cells = HashSet::new();
+        for voxel in surface.voxels() {
+            for n in 0..27 {
+                let s = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
+                cells.insert(std::array::from_fn::<i64, 3, _>(|axis| 2 * i64::from(voxel[axis]) + s[axis]));
+            }
+        }
+        let sign = |cell: &[i64; 3]| {
+            if cell.iter().filter(|&&x| x % 2 == 0).count() % 2 == 0 { 1 } else { -1 }
+        };
+        cells.iter().map(sign).sum()
+    }
+
+    proptest! {
+        #[test]
+        fn euler_equals_the_count_of_all_cells(bits in prop::collection::vec(any::<bool>(), 125)) {
+            prop_assume!(bits.contains(&true));
+            let surface = surface_of([5, 5, 5], |[i, j, k]| bits[(i * 5 + j) * 5 + k]);
+            let topology = CubeTopology::of(&surface, &Control::default()).unwrap();
+            prop_assert_eq!(topology.euler, euler_by_listing(&surface));
+        }
+    }
+}

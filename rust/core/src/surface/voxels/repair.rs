@@ -1,0 +1,382 @@
+//! Repair of a volume's topology: a few voxels are cut or filled, and the foreground's boundary is one sphere.
+//!
+//! A voxel is *simple* if flipping it between foreground and background makes, breaks or joins no component, tunnel or
+//! cavity of either; its 26 neighbours tell (Bertrand, Malandain 1994, A new characterization of three-dimensional
+//! simple points). A set that starts as one voxel, or as a box, and changes by simple voxels alone keeps a sphere as
+//! its boundary.
+//!
+//! 1. Keep the largest component; fill the cavities.
+//! 2. *Cut:* within the foreground, grow from its deepest voxel. What never becomes simple would close a handle.
+//!    *Fill:* within the background, grow likewise from the outside of the bounding box. Both take the deepest voxels
+//!    first, as ordered homotopic thickening does, so that fronts meet where a handle is thin or a tunnel narrow.
+//! 3. *Exchange:* a handle that is dear to cut may be cheap to fill, and the other way round. So add to the cut shape
+//!    each piece that was filled, give back what this makes needless, and keep it if fewer voxels are changed than
+//!    before; do the same to the filled shape with the pieces that were cut. The shape nearer to the input wins.
+//!
+//! # Which voxels touch
+//! Foreground touches through faces, background through faces and edges. With this pair, called (6⁺, 18), digital
+//! topology sees the very handles that [surfels](crate::surface::voxels::surfels) have when voxels along an edge stay apart. To the more
+//! usual pair (6, 26), background also touches through corners, and most such corners make a handle that no surfel has.
+//!
+//! On the white matter of MNI152 (one hemisphere, 314 327 voxels, 62 handles) cutting alone changes 162 voxels, filling
+//! alone 1082, exchanging 141. To (6, 26) there are 162 handles, and these are 301, 1220 and 237 voxels.
+
+mod distances;
+mod grid;
+mod simple;
+
+use std::collections::BinaryHeap;
+
+use self::distances::distances;
+use self::grid::{BATCH, Grid, look};
+use self::simple::{AROUND, is_simple, neighbourhood};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::voxels::{DIRECT, neighbours};
+use crate::volume::Mask;
+
+/// How many voxels of depth it is worth to be certainly on one side, or to have only neighbours there.
+const LIKELY: f32 = 2.0;
+
+/// A volume whose foreground is bounded by one sphere, and every change that made it so. Lists are in C order.
+#[derive(Debug, Clone)]
+pub struct Repaired {
+    /// The repaired volume: one 6-connected component without handles, whose complement is 18-connected.
+    pub mask: Mask,
+    /// Number of handles that were opened or closed.
+    pub handles: usize,
+    /// Voxels removed to open handles.
+    pub cut: Vec<[u32; 3]>,
+    /// Voxels added to close handles.
+    pub filled: Vec<[u32; 3]>,
+    /// Voxels removed because they belong to smaller components.
+    pub dropped: Vec<[u32; 3]>,
+    /// Voxels added because they lie in cavities.
+    pub cavities: Vec<[u32; 3]>,
+    /// How many voxels it would have taken to cut every handle, and to fill every one.
+    pub considered: [usize; 2],
+}
+
+/// What was done about the handles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// There were none.
+    Nothing,
+    /// All were cut.
+    Cut,
+    /// All were filled.
+    Fill,
+    /// Some were cut, others filled.
+    Both,
+}
+
+/// Cuts and fills voxels of a volume until the boundary of its foreground is one sphere.
+///
+/// `spacing` is the distance between neighbouring voxels along each axis, in mm. A `probability` of being foreground,
+/// one value a voxel in C order, draws cuts to where it is low and fillings to where it is high; values below 0 and above
+/// 1 are clamped, NaN counts as 0. Whatever lies outside the volume is background and stays so.
+///
+/// # Errors
+/// [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
+/// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
+pub fn to_genus_zero(
+    mask: &Mask,
+    spacing: [f64; 3],
+    probability: Option<&[f32]>,
+    control: &Control,
+) -> Result<Repaired> {
+    validate(mask, spacing, probability)?;
+    let solid = Solid::of(mask, control)?;
+    let handles = solid.handles(control)?;
+    if handles == 0 {
+        return Repaired::compare(mask, &solid, &solid.cells, handles, [0, 0], control);
+    }
+    control.begin("repairing the topology", (solid.cells.len() / BATCH) as u64);
+    let scale = in_voxels(spacing);
+    let likely = |cell| match probability.map(|values| values[solid.grid.index_in(mask, cell)]) {
+        Some(value) if !value.is_nan() => value.clamp(0.0, 1.0),
+        _ => 0.0,
+    };
+    let grown = |side| Shape::grown(&solid, side, &order(&solid, side, scale, likely, control)?, control);
+    let (cut, filled) = both(|| grown(true), || grown(false))?;
+    let considered = [cut.changes, filled.changes];
+    let (cut, filled) = both(|| cut.exchanged(&filled, control), || filled.exchanged(&cut, control))?;
+    let best = if cut.changes <= filled.changes { cut } else { filled };
+    Repaired::compare(mask, &solid, &best.cells, handles, considered, control)
+}
+
+fn validate(mask: &Mask, spacing: [f64; 3], probability: Option<&[f32]>) -> Result<()> {
+    if let Some(axis) = (0..3).find(|&axis| !(spacing[axis] > 0.0 && spacing[axis].is_finite())) {
+        return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
+    }
+    let (shape, needed) = (mask.shape(), mask.shape().iter().product());
+    match probability {
+        Some(values) if values.len() != needed => Err(Error::ShapeMismatch { shape, given: values.len(), needed }),
+        _ => Ok(()),
+    }
+}
+
+/// The spacing in edges of a cube as large as a voxel, so that depth and probability can be added.
+fn in_voxels(spacing: [f64; 3]) -> [f64; 3] {
+    let edge = spacing.iter().product::<f64>().cbrt();
+    spacing.map(|length| length / edge)
+}
+
+/// Both at once, if there are two threads.
+fn both<T: Send>(
+    first: impl FnOnce() -> Result<T> + Send,
+    second: impl FnOnce() -> Result<T> + Send,
+) -> Result<(T, T)> {
+    let (first, second) = rayon::join(first, second);
+    Ok((first?, second?))
+}
+
+impl Repaired {
+    /// What was done about the handles.
+    pub fn way(&self) -> Way {
+        match (self.cut.is_empty(), self.filled.is_empty()) {
+            (true, true) => Way::Nothing,
+            (false, true) => Way::Cut,
+            (true, false) => Way::Fill,
+            (false, false) => Way::Both,
+        }
+    }
+
+    /// Lists the changes from what came in to what comes out, `cells`.
+    fn compare(
+        mask: &Mask,
+        solid: &Solid,
+        cells: &[bool],
+        handles: usize,
+        considered: [usize; 2],
+        control: &Control,
+    ) -> Result<Self> {
+        let Solid { grid, cells: solid } = solid;
+        let [mut cut, mut filled, mut dropped, mut cavities] = [const { Vec::new() }; 4];
+        for (count, voxel) in mask.foreground().enumerate() {
+            look(count, control)?;
+            match grid.cell(voxel) {
+                Some(cell) if cells[cell] => {}
+                Some(cell) if solid[cell] => cut.push(voxel.map(|x| x as u32)),
+                _ => dropped.push(voxel.map(|x| x as u32)),
+            }
+        }
+        let mut inside = vec![false; mask.shape().iter().product()];
+        for (count, cell) in grid.interior().filter(|&cell| cells[cell]).enumerate() {
+            look(count, control)?;
+            inside[grid.index_in(mask, cell)] = true;
+            let voxel = grid.voxel(cell);
+            if !mask.is_inside(voxel) {
+                let list = if solid[cell] { &mut cavities } else { &mut filled };
+                list.push(voxel.map(|x| x as u32));
+            }
+        }
+        let mask = Mask::new(mask.shape(), inside)?;
+        Ok(Self { mask, handles, cut, filled, dropped, cavities, considered })
+    }
+}
+
+/// One component without cavities: what is to be repaired.
+#[derive(Debug)]
+struct Solid {
+    grid: Grid,
+    cells: Vec<bool>,
+}
+
+impl Solid {
+    /// The largest component of a mask (the first of equals) with its cavities filled.
+    fn of(mask: &Mask, control: &Control) -> Result<Self> {
+        let whole = Grid::around(mask.foreground(), control)?;
+        let mut inside = vec![false; whole.len()];
+        for (count, voxel) in mask.foreground().enumerate() {
+            look(count, control)?;
+            inside[whole.cell(voxel).expect("the box was drawn around the foreground")] = true;
+        }
+        let components = whole.pieces(&DIRECT, |cell| inside[cell], control)?;
+        let largest = components.into_iter().rev().max_by_key(Vec::len).expect("a mask has foreground");
+        let grid = Grid::around(largest.iter().map(|&cell| whole.voxel(cell)), control)?;
+        let mut cells = vec![false; grid.len()];
+        for (count, &cell) in largest.iter().enumerate() {
+            look(count, control)?;
+            cells[grid.cell(whole.voxel(cell)).expect("the box was drawn around the component")] = true;
+        }
+        let through_edges: Vec<_> = neighbours().filter(|offset| offset.contains(&0)).collect();
+        let mut outside = vec![false; cells.len()];
+        grid.flood(0, &through_edges, |cell| !cells[cell], &mut outside, control)?;
+        Ok(Self { grid, cells: outside.into_iter().map(|is_outside| !is_outside).collect() })
+    }
+
+    /// Number of handles: what the Euler characteristic lacks to that of a ball.
+    fn handles(&self, control: &Control) -> Result<usize> {
+        let steps: [isize; 8] =
+            std::array::from_fn(|corner| self.grid.step([4, 2, 1].map(|axis| i64::from(corner & axis != 0))));
+        let shares: Vec<i64> = (0..256).map(euler_of_block).collect();
+        let mut euler = 0;
+        for (count, cell) in self.grid.interior().enumerate() {
+            look(count, control)?;
+            let bit = |corner: usize| usize::from(self.cells[cell.wrapping_add_signed(steps[corner])]) << corner;
+            euler += shares[(0..8).map(bit).sum::<usize>()];
+        }
+        Ok(usize::try_from(1 - euler).expect("one component without cavities has handles or none"))
+    }
+}
+
+/// What a block of 2 × 2 × 2 voxels adds to the Euler characteristic of the foreground. Bit 4 i + 2 j + k is its voxel
+/// (i, j, k).
+///
+/// Voxels, pairs that share a face, fours around an edge and eights around a corner are the vertices, edges, squares
+/// and cubes of a complex; those with the block's first voxel in front count here. Six voxels around a corner where two
+/// background voxels only touch close the corner like a membrane.
+fn euler_of_block(block: u32) -> i64 {
+    let span = |axes: u32| (0..8).filter(|corner| corner & !axes == 0).fold(0, |bits, corner| bits | 1 << corner);
+    let full = (0..8).filter(|&axes| block & span(axes) == span(axes));
+    let membrane = (0..4).any(|corner| block == 255 ^ (1 << corner | 1 << (7 - corner)));
+    full.map(|axes: u32| 1 - 2 * i64::from(axes.count_ones() % 2)).sum::<i64>() + i64::from(membrane)
+}
+
+/// In which order one side of the solid takes its cells, the greatest first: by their depth, by how likely they are on
+/// this side, and by how many of their neighbours are. No value is negative.
+fn order(
+    solid: &Solid,
+    side: bool,
+    scale: [f64; 3],
+    likely: impl Fn(usize) -> f32,
+    control: &Control,
+) -> Result<Vec<f32>> {
+    let Solid { grid, cells } = solid;
+    let mut order = distances(grid, scale, |cell| cells[cell] != side, control)?;
+    for (count, cell) in grid.interior().filter(|&cell| cells[cell] == side).enumerate() {
+        look(count, control)?;
+        let foreground = likely(cell) + neighbourhood(cells, grid, cell).count_ones() as f32 / 27.0;
+        order[cell] += LIKELY * if side { foreground } else { 2.0 - foreground };
+    }
+    Ok(order)
+}
+
+/// What simple voxels have made, and how far it is from the solid.
+#[derive(Debug, Clone)]
+struct Shape<'a> {
+    solid: &'a Solid,
+    cells: Vec<bool>,
+    /// Number of cells in which it differs from the solid.
+    changes: usize,
+    /// Cells to look at, each once: the bits of its order above those of its number, which are inverted so that the
+    /// lower goes first.
+    queue: BinaryHeap<u64>,
+    is_queued: Vec<bool>,
+}
+
+impl<'a> Shape<'a> {
+    /// Grows the foreground (`side` is true) from the first cell in order, or the background from the rim of the box.
+    fn grown(solid: &'a Solid, side: bool, order: &[f32], control: &Control) -> Result<Self> {
+        let Solid { grid, cells: goal } = solid;
+        let mut cells = vec![false; goal.len()];
+        if side {
+            let first = (0..order.len()).rev().max_by(|&a, &b| order[a].total_cmp(&order[b]));
+            cells[first.expect("the box has cells")] = true;
+        } else {
+            grid.interior().for_each(|cell| cells[cell] = true);
+        }
+        let changes = cells.iter().zip(goal).filter(|(is, ought)| is != ought).count();
+        let mut shape = Self { solid, cells, changes, queue: BinaryHeap::new(), is_queued: vec![false; goal.len()] };
+        for (count, cell) in grid.interior().filter(|&cell| goal[cell] == side).enumerate() {
+            look(count, control)?;
+            let around = neighbourhood(&shape.cells, grid, cell);
+            if shape.cells[cell] != side && AROUND & (if side { around } else { !around }) != 0 {
+                shape.enqueue(cell, order[cell]);
+            }
+        }
+        shape.grow(side, |cell| goal[cell] == side, |cell| order[cell], control)?;
+        Ok(shape)
+    }
+
+    /// This shape, with pieces of what the other one changed in place of own changes where that leaves fewer of them.
+    fn exchanged(&self, other: &Self, control: &Control) -> Result<Self> {
+        let goal = &self.solid.cells;
+        let offsets: Vec<_> = neighbours().collect();
+        let mut pieces = self.solid.grid.pieces(&offsets, |cell| other.cells[cell] != goal[cell], control)?;
+        pieces.iter_mut().for_each(|piece| piece.sort_unstable());
+        pieces.sort_by_key(Vec::len);
+        let mut shape = self.clone();
+        loop {
+            let before = shape.changes;
+            for piece in &pieces {
+                shape.try_piece(piece, control)?;
+            }
+            if shape.changes == before {
+                return Ok(shape);
+            }
+        }
+    }
+
+    /// Changes a piece of cells as far as it is simple, takes back the changes that this makes needless, here and
+    /// elsewhere, and leaves all as it was unless fewer are left than before.
+    fn try_piece(&mut self, piece: &[usize], control: &Control) -> Result<()> {
+        let goal = &self.solid.cells;
+        let side = !goal[piece[0]];
+        if piece.iter().any(|&cell| self.cells[cell] == side) {
+            return Ok(()); // changed already
+        }
+        let before = self.changes;
+        piece.iter().for_each(|&cell| self.enqueue(cell, 0.0));
+        let allowed = |cell: usize| goal[cell] == side || piece.binary_search(&cell).is_ok();
+        let mut moved = self.grow(side, allowed, |_| 0.0, control)?;
+        moved.iter().filter(|&&cell| goal[cell] != side).for_each(|&cell| self.enqueue(cell, 0.0));
+        moved.extend(self.grow(!side, |cell| goal[cell] != side, |_| 0.0, control)?);
+        if self.changes >= before {
+            moved.into_iter().for_each(|cell| self.flip(cell));
+        }
+        Ok(())
+    }
+
+    /// Moves every allowed cell that is simple when its turn comes to a side; begins with what is queued, and gives
+    /// cells another turn when one next to them has moved. Returns what moved.
+    fn grow(
+        &mut self,
+        side: bool,
+        is_allowed: impl Fn(usize) -> bool,
+        order: impl Fn(usize) -> f32,
+        control: &Control,
+    ) -> Result<Vec<usize>> {
+        let steps: Vec<isize> = neighbours().map(|offset| self.solid.grid.step(offset)).collect();
+        let mut moved = Vec::new();
+        let mut turns = 0;
+        while let Some(entry) = self.queue.pop() {
+            look(turns, control)?;
+            turns += 1;
+            let cell = !(entry as u32) as usize;
+            self.is_queued[cell] = false;
+            if !is_simple(neighbourhood(&self.cells, &self.solid.grid, cell)) {
+                continue;
+            }
+            self.flip(cell);
+            moved.push(cell);
+            if moved.len().is_multiple_of(BATCH) {
+                control.advance();
+            }
+            for other in steps.iter().map(|&step| cell.wrapping_add_signed(step)) {
+                if self.cells[other] != side && !self.is_queued[other] && is_allowed(other) {
+                    self.enqueue(other, order(other));
+                }
+            }
+        }
+        Ok(moved)
+    }
+
+    fn enqueue(&mut self, cell: usize, order: f32) {
+        self.is_queued[cell] = true;
+        self.queue.push(u64::from(order.to_bits()) << 32 | u64::from(!(cell as u32))); // floats ≥ 0 sort as their bits
+    }
+
+    fn flip(&mut self, cell: usize) {
+        self.cells[cell] ^= true;
+        if self.cells[cell] == self.solid.cells[cell] {
+            self.changes -= 1;
+        } else {
+            self.changes += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
