@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_seed, checked_threads, log
+from voxflat.arguments import Progress, checked_seed, checked_threads, is_number, is_whole, log
 from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.making import surface as _surface
@@ -141,8 +140,8 @@ def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
     if not given:
         return "angle", MAX_ANGLE
     name, value = next(iter(given.items()))
-    kind, what = (Integral, "a whole number") if name == "count" else (Real, "a number")
-    if not isinstance(value, kind) or isinstance(value, bool):
+    fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
+    if not fits(value):
         raise InputError(f"{name} is {value!r}; give {what}")
     number = float(value)
     if name == "count" and not 1 <= number < 2**32:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_number
 from voxflat.errors import InputError
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
@@ -110,6 +111,7 @@ class Sampler:
         self, raster: Raster, volume: object, *, depth: float = 0.0, interpolation: str | None = None, name: str = ""
     ) -> FlatImage:
         """Sample a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+        depth = checked_number(depth, "depth")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         texture = None if self.is_voxels else self._surface_texture(volume)
         if texture is not None:

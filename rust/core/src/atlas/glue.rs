@@ -116,10 +116,7 @@ impl Atlas {
 /// If there is not one label and one triple of places a face.
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
     assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
-    let [least, most] = BOUNDS;
-    if !(least..=most).contains(&bound) {
-        return Err(Error::GlueBoundOutOfRange { bound, least, most });
-    }
+    check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
     let patches = Sheet::new(&facets, labels, flat);
@@ -152,6 +149,15 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     glued.patches = patches.members.len();
     glued.before = before;
     Ok(glued)
+}
+
+/// Can patches be glued within this bound on C?
+///
+/// # Errors
+/// [`Error::GlueBoundOutOfRange`].
+pub fn check_bound(bound: f64) -> Result<()> {
+    let [least, most] = BOUNDS;
+    if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }
 }
 
 /// max(σ1, 1/σ2) of a facet.

@@ -12,13 +12,13 @@ use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
-use crate::rows::DistanceRows;
+use crate::rows::{DistanceRows, Rows};
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
-/// scaling of the sources, radial functions for the rest.
+/// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
 ///
 /// # Errors
 /// Those of [`check_flattenable`] and of the stages.
@@ -27,6 +27,7 @@ pub fn grossmann2002(
     graph: &VoxelGraph,
     sources: &Sources,
     seed: u64,
+    keep_rows: bool,
     control: &Control,
 ) -> Result<FlatMap> {
     check_flattenable(surface, control)?;
@@ -35,7 +36,12 @@ pub fn grossmann2002(
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
     let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
-    let among = DistanceRows::among_by(&engine, &sources, control)?;
+    let (among, rows) = if keep_rows {
+        let rows = DistanceRows::by(&engine, &sources, control)?;
+        (rows.among(control)?, Some(rows))
+    } else {
+        (DistanceRows::among_by(&engine, &sources, control)?, None)
+    };
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -53,6 +59,7 @@ pub fn grossmann2002(
         planarity,
         distortion,
         convergence: None,
+        rows: rows.map(|rows| rows.as_computed(&engine, control)).transpose()?,
     })
 }
 
