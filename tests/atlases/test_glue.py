@@ -288,9 +288,6 @@ class TestOneMap:
         with pytest.raises(InputError, match=message):
             voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
 
-<<<<<<< HEAD:tests/atlases/test_glue.py
-    @pytest.mark.slow
-=======
     def test_metadata_say_what_the_method_has(self):
         flat = voxflat.flatten(bumps(), method="saucan2006", bound=1.3)
         assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
@@ -309,7 +306,7 @@ class TestOneMap:
         np.testing.assert_array_equal(one.uv, two.uv)
         assert one.distortion.figures() == two.distortion.figures()
 
->>>>>>> wt-bindings:tests/test_glue.py
+    @pytest.mark.slow
     def test_several_pieces_are_refused(self):
         mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
         assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1

@@ -164,7 +164,7 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
 
 @pytest.mark.parametrize("bad", [True, False, np.True_])
 def test_true_and_false_are_no_numbers(bad):
-    mesh, volume = grid(), shapes.sheet((12, 12))
+    mesh, volume = square(), shapes.sheet((12, 12))
     flat = voxflat.flatten(mesh, sources=9)
     image = np.zeros((3, 3, 3))
     for call in (
@@ -218,7 +218,7 @@ def test_check_cuts_the_patch_out_once(monkeypatch):
 
     once = checking.cut_out
     monkeypatch.setattr(checking, "cut_out", cut_out)
-    found = voxflat.check(grid(), keep=np.arange(49) % 7 < 5, threads=1)
+    found = voxflat.check(square(), keep=np.arange(49) % 7 < 5, threads=1)
     assert found.can_flatten
     assert [options["threads"] for options in done] == [1]
 
