@@ -26,7 +26,7 @@ test: setup ## all checks and tests
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
 
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
-	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow"
+	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
 
 lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
 

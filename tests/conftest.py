@@ -3,10 +3,14 @@ import signal
 from collections import Counter
 from pathlib import Path
 
+from hypothesis import settings
+
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # pytest's processes share the cores already
     os.environ.setdefault(name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+settings.register_profile("without a clock", deadline=None)
+settings.load_profile("without a clock")
 
 # a shell's background jobs, and what they start, ignore Ctrl-C: tests that press it would wait for ever
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -19,7 +19,7 @@ FLOAT32 = ("s.surf.gii", "lh.white", "s")
 needs_workbench = pytest.mark.skipif(
     shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing"
 )
-fast = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+fast = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def sphere(**options):

@@ -175,7 +175,7 @@ millimetres = st.floats(0.05, 20)
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(rotations, st.tuples(*[millimetres] * 3), st.tuples(*[st.floats(-500, 500)] * 3), st.booleans())
 def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
     affine = np.eye(4)
@@ -192,7 +192,7 @@ def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
     np.testing.assert_allclose(nib.load(path).get_qform(), affine, rtol=0, atol=rough)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(rotations, st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3), st.floats(0, 1))
 def test_orientation_is_nibabels(turn, order, signs, weight):
     blend = weight * turn + (1 - weight) * (np.eye(3)[:, list(order)] * signs)

@@ -103,7 +103,7 @@ class TestStages:
             voxflat.path(volume, (0, 0, 1), (8, 8, 1), geodesic="chain")
 
     @pytest.mark.slow
-    @settings(max_examples=30, deadline=None)
+    @settings(max_examples=30)
     @given(st.tuples(*[st.floats(0.3, 3.0)] * 3), st.integers(0, 2**32))
     def test_link_lengths_are_unbiased_for_any_spacing(self, spacing, seed):
         weights = np.array(_core.chain_weights(list(spacing), "chain-code"))

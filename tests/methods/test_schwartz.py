@@ -98,12 +98,14 @@ class TestFlatten:
         with pytest.raises(InputError, match="without sources"):
             figures.spectrum(flat)
 
+    @pytest.mark.slow
     def test_the_same_bits_for_any_number_of_threads(self):
         maps = [voxflat.flatten(hemisphere(), **schwartz1989, threads=n) for n in (1, 2, 5)]
         for other in maps[1:]:
             np.testing.assert_array_equal(maps[0].uv, other.uv)
             assert maps[0].metadata["descent"] == other.metadata["descent"]
 
+    @pytest.mark.slow
     def test_a_patch_of_the_cortex(self):
         white, pial = (str(mesh_files.fsaverage5(name)) for name in ("white_left", "pial_left"))
         patch = {"seed_point": 4000, "radius": 26.0}

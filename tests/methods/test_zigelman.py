@@ -30,6 +30,7 @@ zigelman2002 = {"method": "zigelman2002", "sources": 200}
 
 
 class TestFlatten:
+    @pytest.mark.slow
     @pytest.mark.parametrize("sampling", [None, "decimation", "farthest", "random"])
     def test_a_cylinder_is_unrolled(self, sampling):
         mesh, truth = cylinder()
@@ -57,6 +58,7 @@ class TestFlatten:
         assert flat.ids[flat.sources][:5].tolist() == given_
         assert flat.metadata["sampling"] == "given"
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("sampling", ["decimation", "farthest", "grid"])
     def test_the_same_bits_for_any_number_of_threads(self, sampling):
         image = voxflat.range_image(waves(40), 1.0)
@@ -65,6 +67,7 @@ class TestFlatten:
             np.testing.assert_array_equal(maps[0].uv, other.uv)
             np.testing.assert_array_equal(maps[0].sources, other.sources)
 
+    @pytest.mark.slow
     def test_a_patch_of_the_cortex(self):
         white, pial = (str(mesh_files.fsaverage5(name)) for name in ("white_left", "pial_left"))
         surface = voxflat.surface(white, pial=pial)
@@ -181,7 +184,7 @@ class TestRangeImage:
         assert (np.cross(b - a, c - a)[:, 2] > 0).all()
         assert image.ids.tolist() == list(range(6))
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     @given(st.integers(0, 2**32 - 1))
     def test_every_pixel_that_can_be_is_a_vertex(self, seed):
         rng = np.random.default_rng(seed)

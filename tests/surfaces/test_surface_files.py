@@ -36,6 +36,7 @@ class TestFiles:
         write_patch(tmp_path / "again", Patch(patch.vertex_ids, patch.points, patch.border))
         assert (tmp_path / "again").read_bytes() == (tmp_path / "lh.cortex.patch.flat").read_bytes()
 
+    @pytest.mark.slow
     def test_a_patch_says_what_to_keep(self, white, flat_map, tmp_path):
         flat_map.save(tmp_path / "lh.patch.flat")
         again = voxflat.flatten(white, keep=tmp_path / "lh.patch.flat", sources=50)
@@ -61,6 +62,7 @@ class TestFiles:
 
 
 class TestPatches:
+    @pytest.mark.slow
     def test_own_cuts_come_first_and_the_rest_is_automatic(self, white, tmp_path):
         seam = voxflat.path(white, 100, 5000, geodesic="edges").ids
         np.savetxt(tmp_path / "seam.txt", seam, fmt="%d")
@@ -83,12 +85,14 @@ class TestPatches:
         b = voxflat.geodesic(dropped, 1, drop=~chosen)
         np.testing.assert_array_equal(a.ids, b.ids)
 
+    @pytest.mark.slow
     def test_disks_of_real_anatomy(self, white):
         for seed in (100, 2000, 7000):
             flat = voxflat.flatten(white, seed_point=seed, radius=25.0, sources=60)
             assert flat.metadata["seed_found"] == seed
             assert flat.distortion.triangles.flipped_share < 0.05
 
+    @pytest.mark.slow
     def test_check_counts_what_is_there(self, white):
         found = voxflat.check(white)
         assert (found.euler_characteristic, found.closed, found.handles) == (2, True, ())
@@ -99,6 +103,7 @@ class TestPatches:
         assert str(len(ring.boundary)) in ring.table()
 
 
+@pytest.mark.slow
 def test_a_sheet_of_grey_matter_becomes_a_map():
     """The middle of grey matter as LayNii makes it: one voxel thick where it can be, folded, with pinholes."""
     sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)

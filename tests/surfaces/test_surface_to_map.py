@@ -150,6 +150,7 @@ class TestEveryWayIn:
         keep[np.unique(shipped[1])] = True
         return keep, voxflat.flatten(white, keep=keep, sources=100)
 
+    @pytest.mark.slow
     def test_command_line(self, white, by_vertices, tmp_path):
         keep, expected = by_vertices
         np.save(tmp_path / "keep.npy", keep)
@@ -163,6 +164,7 @@ class TestEveryWayIn:
         np.testing.assert_array_equal(flat.ids, expected.ids)
         assert flat.distortion.figures() == expected.distortion.figures()
 
+    @pytest.mark.slow
     def test_pyvista(self, white, fsaverage, by_vertices):
         keep, expected = by_vertices
         mesh = pv.PolyData.from_regular_faces(*white)
@@ -173,11 +175,13 @@ class TestEveryWayIn:
         np.testing.assert_array_equal(flat["vertex_ids"], expected.ids)
         assert (flat.points[:, 2] == 0).all()
 
+    @pytest.mark.slow
     def test_a_surface_made_before(self, white, by_vertices):
         keep, expected = by_vertices
         flat = voxflat.flatten(voxflat.surface(white), keep=keep, sources=100)
         np.testing.assert_array_equal(flat.uv, expected.uv)
 
+    @pytest.mark.slow
     def test_files(self, white, by_vertices, tmp_path):
         keep, expected = by_vertices
         for name in ("lh.white", "white.surf.gii", "white.ply", "white.obj"):
@@ -209,6 +213,7 @@ class TestMeasure:
         assert found.triangles.areal_p95 < 1e-3
         assert found.triangles.edge < 1e-3
 
+    @pytest.mark.slow
     def test_files_of_every_kind_say_the_same(self, white, flat_map, tmp_path):
         write_mesh(tmp_path / "lh.white", Mesh(*white))
         figures = {}
