@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -93,6 +93,9 @@ pictures: demo ## the pictures of the docs
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
+
+fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
+	$(RUN) python tests/fingerprints.py --against tests/fingerprints.json
 
 import-graph: setup ## the graph of the package's imports: figures, and the picture in docs/pictures
 	$(RUN) python docs/decisions/import_graph.py -o docs/pictures/imports_after.png
