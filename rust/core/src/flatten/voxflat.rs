@@ -1,15 +1,16 @@
 //! The default method: descent on distances and triangles, from coarse to fine.
 
 use super::check::check_disk;
-use super::map::FlatMap;
-use super::memory::{BASE_BYTES, reference_memory_need};
+use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
-use crate::embed::classical::classical_scaling;
+use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
+use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::levels;
 use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::{self, GeodesicGraph};
+use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::shortest::Search;
+use crate::geodesic::sweep::Sweep;
 use crate::orient::{map_area, orient};
 use crate::rows::Rows;
 use crate::sources::FEWEST_SOURCES;
@@ -22,6 +23,27 @@ use crate::surface::Surface;
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::flatten::voxflat;
+/// use voxflat::geodesic::engine::Engine;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::rows::DistanceRows;
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
+/// let engine = Engine::new(&graph, 20, &control)?;
+/// let map = voxflat(&sheet, rows, 0.5, &engine, 0, &control)?;
+/// assert!(map.distortion.raw.relative_error < 0.01);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn voxflat<R: Rows>(
     surface: &Surface,
     rows: R,
@@ -50,23 +72,29 @@ pub fn voxflat<R: Rows>(
 }
 
 /// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices; with
-/// rows in memory, or in a store.
+/// rows in memory, or in a store. Rows of the reference sources are there when the others no longer are.
+///
+/// # Examples
+/// ```
+/// use voxflat::flatten::voxflat::memory_need;
+///
+/// let in_memory = memory_need(1_000_000, 1000, 2, false);
+/// assert!(memory_need(1_000_000, 1000, 2, true) < in_memory);
+/// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
-    let in_flight = store::memory_need(points, sources, threads);
-    let graph = graph::memory_need(points);
-    let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let surface = (24 + 4 + 2 * (12 + 12) + 24 + 16 + 8 + 100) * points; // and what Python makes of it
-    let reference = reference_memory_need(points);
-    let rows = reference.max(if stored { in_flight } else { 4 * points * sources });
-    let scaling = (4 + 8 + 8) * sources * sources;
-    let workers = threads * (4 + 16) * points;
-    let shortcuts = if stored { store::TABLE_BYTES } else { 8 * SURFACE_SHORTCUTS * points }; // and the tables they are found in: less than the rows, and before them
-    let descent = DESCENT_BYTES * points + 8 * points.min(levels::MOST_JUDGED as u64) * sources;
-    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts + descent
+    let (rows, prepared) = if stored {
+        (store::memory_need(points, sources, threads), store::PREPARED_BYTES)
+    } else {
+        (4 * points as u64 * sources as u64, Sweep::memory_need_of_surface(points))
+    };
+    BASE_BYTES
+        + Surface::memory_need(points)
+        + FlatMap::memory_need(points)
+        + PYTHON_BYTES * points as u64
+        + GeodesicGraph::memory_need(points)
+        + threads as u64 * Search::memory_need(points)
+        + prepared
+        + rows.max(judge::memory_need(points))
+        + classical::memory_need(sources)
+        + levels::memory_need(points, sources)
 }
-
-/// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
-const DESCENT_BYTES: u64 = 2600;
-
-/// Usual number of shortcuts of a vertex of a surface, where many sources are prepared for.
-const SURFACE_SHORTCUTS: u64 = 220;
