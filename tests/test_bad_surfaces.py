@@ -142,9 +142,7 @@ def hole():
 
 
 def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
-    import pyvista as pv
-
-    sphere = pv.Icosphere(radius=20.0, nsub=3)
+    sphere = pv_sphere()
     flat = voxflat.flatten(sphere)
     first, *others = flat.metadata["automatic_cuts"]
     assert first["reason"] == "closed sphere"
@@ -169,6 +167,73 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
         # what is chosen may have little beside it
         with pytest.raises(voxflat.InputError, match=r"2 pieces that do not touch \(of 1600, 400 mm²\)"):
             voxflat.flatten(both, keep=np.ones(len(both[0]), bool))
+
+
+@pytest.mark.parametrize("bad", [True, False, np.True_])
+def test_true_and_false_are_no_numbers(bad):
+    mesh, volume = grid(), shapes.sheet((12, 12))
+    flat = voxflat.flatten(mesh, sources=9)
+    image = np.zeros((3, 3, 3))
+    for call in (
+        lambda: voxflat.flatten(mesh, threads=bad),
+        lambda: voxflat.flatten(mesh, seed=bad),
+        lambda: voxflat.flatten(mesh, sources=bad),
+        lambda: voxflat.flatten(mesh, weighting=bad),
+        lambda: voxflat.flatten(mesh, memory_limit=bad),
+        lambda: voxflat.flatten(mesh, seed_point=24, radius=bad),
+        lambda: voxflat.flatten(mesh, method="schwartz1989", neighbourhood=bad),
+        lambda: voxflat.flatten(mesh, method="schwartz1989", starts=bad),
+        lambda: voxflat.flatten(mesh, method="saucan2006", bound=bad),
+        lambda: voxflat.flatten(volume, label=bad),
+        lambda: voxflat.flatten(volume, threshold=bad),
+        lambda: voxflat.flatten(volume, spacing=[bad] * 3),
+        lambda: voxflat.flatten(volume, method="grossmann2002", sources=bad),
+        lambda: voxflat.flatten(volume, method="grossmann2002", label=bad),
+        lambda: voxflat.geodesic(mesh, bad),
+        lambda: voxflat.measure(mesh, flat, sources=bad),
+        lambda: voxflat.check(mesh, threads=bad),
+        lambda: voxflat.patches(mesh, bad),
+        lambda: voxflat.patches(mesh, bound=bad),
+        lambda: voxflat.patches(mesh, count=bad),
+        lambda: voxflat.patches(mesh).glue(bad),
+        lambda: voxflat.patches(mesh).page(bad),
+        lambda: voxflat.range_image(image[0], 1.0, jump=bad),
+        lambda: flat.heat_map(bad),
+        lambda: flat.image(np.zeros(len(mesh[0])), depth=bad),
+    ):
+        with pytest.raises(voxflat.InputError):
+            call()
+
+
+def test_check_is_the_same_with_any_number_of_threads():
+    sphere = pv_sphere()
+    one = voxflat.check(sphere, threads=1)
+    assert one == voxflat.check(sphere, threads=2) == voxflat.check(sphere)
+    assert one.automatic_cuts
+    with pytest.raises(voxflat.InputError, match="threads is 0"):
+        voxflat.check(sphere, threads=0)
+
+
+def test_check_cuts_the_patch_out_once(monkeypatch):
+    from voxflat.surfaces import check as checking
+
+    done = []
+
+    def cut_out(*args, **options):
+        done.append(options)
+        return once(*args, **options)
+
+    once = checking.cut_out
+    monkeypatch.setattr(checking, "cut_out", cut_out)
+    found = voxflat.check(grid(), keep=np.arange(49) % 7 < 5, threads=1)
+    assert found.can_flatten
+    assert [options["threads"] for options in done] == [1]
+
+
+def pv_sphere():
+    import pyvista as pv
+
+    return pv.Icosphere(radius=20.0, nsub=3)
 
 
 def test_metres_are_suspected():

@@ -38,7 +38,7 @@ SURFACE = {
     "error_of_links": lambda s: s.error_of_links(np.arange(1, dtype=np.uint32)),
     "reference_sources": lambda s: _core.reference_sources(len(s), 500, 0),
     "vertex_normals": lambda s: _core.vertex_normals(s.points, s.faces),
-    "finder": lambda s: _core.TriangleFinder(s.points[:, :2].copy(), s.faces).find(s.points[:9, :2].copy()),
+    "finder": lambda s: _core.TriangleFinder(s.points[:, :2][s.faces]).find(s.points[:9, :2]),
 }
 VOXELS = {
     "csr": lambda v: v.csr,

@@ -287,6 +287,24 @@ class TestOneMap:
         with pytest.raises(InputError, match=message):
             voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
 
+    def test_metadata_say_what_the_method_has(self):
+        flat = voxflat.flatten(bumps(), method="saucan2006", bound=1.3)
+        assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
+        assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
+        assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
+
+    def test_too_little_memory_is_refused_before_work_begins(self):
+        stages = []
+        options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
+        with pytest.raises(InputError, match="of memory are needed, 10 bytes is the limit; take a smaller patch"):
+            voxflat.flatten(bumps(), **options, memory_limit=10)
+        assert "growing patches" not in stages
+
+    def test_any_number_of_threads_makes_the_same_map(self):
+        one, two = (voxflat.flatten(bumps(), method="saucan2006", threads=threads) for threads in (1, 2))
+        np.testing.assert_array_equal(one.uv, two.uv)
+        assert one.distortion.figures() == two.distortion.figures()
+
     def test_several_pieces_are_refused(self):
         mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
         assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1
@@ -308,3 +326,4 @@ class TestOneMap:
         result = CliRunner().invoke(main, [str(argument) for argument in arguments])
         assert result.exit_code == 0, result.output
         assert voxflat.load(tmp_path / "m.npz").metadata["bound"] == 1.3
+        assert "\nsources" not in result.output

@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from numbers import Integral, Real
+from typing import TypeGuard, overload
 
 import numpy as np
 import psutil
@@ -25,9 +26,19 @@ log = logging.getLogger("voxflat")
 # ------------------------------------------------------------------------------------------ numbers
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Say whether something is a number; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Say whether something is a whole number; True and False are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
 def checked_seed(seed: int) -> int:
     """Return a seed that the core takes."""
-    if not isinstance(seed, Integral) or not 0 <= seed < 2**64:
+    if not is_whole(seed) or not 0 <= seed < 2**64:
         raise InputError(f"the seed is {seed!r}; give a whole number from 0 to 2**64 - 1")
     return int(seed)
 
@@ -35,7 +46,7 @@ def checked_seed(seed: int) -> int:
 def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None for one a core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
-    if threads is not None and not (isinstance(threads, Integral) and 1 <= threads <= most):
+    if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
         raise InputError(f"threads is {threads!r}; give at least 1, at most {most}, or nothing for one a core")
     return threads
 
@@ -45,9 +56,15 @@ def workers(threads: int | None) -> int:
     return threads or os.cpu_count() or 1
 
 
+@overload
+def checked_number(value: None, name: str) -> None: ...
+@overload
+def checked_number(value: float, name: str) -> float: ...
+@overload
+def checked_number(value: float | None, name: str) -> float | None: ...
 def checked_number(value: float | None, name: str) -> float | None:
     """Return a number, or None where there is none."""
-    if value is not None and not isinstance(value, Real):
+    if value is not None and not is_number(value):
         raise InputError(f"the {name} is {value!r}; give a number")
     return None if value is None else float(value)
 
@@ -74,7 +91,7 @@ def refuse(method: str, **options: object) -> None:
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:
     """Refuse to start where there is not enough memory."""
-    if limit is not None and not isinstance(limit, Real):
+    if limit is not None and not is_number(limit):
         raise InputError(f"the memory limit is {limit!r}; give a number")
     allowed = psutil.virtual_memory().available if limit is None else limit
     if need > allowed:

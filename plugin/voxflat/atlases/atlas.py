@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_number
 from voxflat.atlases.layout import lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
@@ -137,7 +138,7 @@ class Atlas(FlatPieces):
         InputError
             If the gap or the packing does not fit, or xatlas is missing.
         """
-        chosen = usual_gap(self.uv, self.starts) if gap is None else float(gap)
+        chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, packing)
         if key not in self._pages:
             self._pages[key] = FlatPage(self, lay_out(self.uv, self.starts, self.uv_faces, chosen, packing), chosen)

@@ -6,14 +6,13 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_seed, checked_threads, log
+from voxflat.arguments import Progress, checked_seed, checked_threads, is_number, is_whole, log
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
@@ -386,8 +385,8 @@ def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
     if not given:
         return "angle", 10.0
     name, value = next(iter(given.items()))
-    kind, what = (Integral, "a whole number") if name == "count" else (Real, "a number")
-    if not isinstance(value, kind) or isinstance(value, bool):
+    fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
+    if not fits(value):
         raise InputError(f"{name} is {value!r}; give {what}")
     number = float(value)
     if name == "count" and not 1 <= number < 2**32:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_threads, log
+from voxflat.arguments import Progress, checked_threads, is_number, log
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.pieces import Piece
+from voxflat.atlases.pieces import Piece, isometric, quasi_conformal
 from voxflat.errors import InputError
 
-__all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue"]
+__all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue", "measured"]
 
 _COLUMNS = (("piece", ">6"), ("triangles", ">11"), ("area, mm²", ">12.4g"), ("C", ">9.4f"), ("K", ">9.4f"))
 
@@ -55,6 +54,10 @@ class Seams:
     def closed_share(self) -> float:
         """The part of the seams' length that is closed; 1 where there are none."""
         return self.closed / self.length if self.length > 0 else 1.0
+
+    def figures(self) -> dict[str, float]:
+        """Return the lengths, mm, and the closed share by their names."""
+        return {**asdict(self), "cuts": self.cuts, "closed_share": self.closed_share}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -134,21 +137,14 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         -------
         dict
         """
-        triangle_area = _areas(self.points[self.faces])
-        c, k = self.isometric, self.quasi_conformal
         return {
             "pieces": len(self),
             "patches": int(self.patch_ids.max()) + 1,
             **self._shares(),
-            "seams": {**asdict(self.seams), "cuts": self.seams.cuts, "closed_share": self.seams.closed_share},
+            "seams": self.seams.figures(),
             "bound": self.bound,
             "before": {"certified_c": self.certified_before, "c": self.measured_before},
-            "measured": {
-                "c": float(c.max()),
-                "mean_c": float(c @ triangle_area / triangle_area.sum()),
-                "k": float(k.max()),
-                "mean_k": float(k @ triangle_area / triangle_area.sum()),
-            },
+            "measured": measured(self.stretch, self.points[self.faces]),
         }
 
     def table(self) -> str:
@@ -194,6 +190,17 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         return cls(**arrays, **{**text, "seams": Seams(**text["seams"])})
 
 
+def measured(stretch: NDArray[np.float64], corners: NDArray[np.float64]) -> dict[str, float]:
+    """Return the greatest C and K of triangles, and their means by area, from σ1 and σ2 and corners in space."""
+    area, c, k = _areas(corners), isometric(stretch), quasi_conformal(stretch)
+    return {
+        "c": float(c.max()),
+        "mean_c": float(c @ area / area.sum()),
+        "k": float(k.max()),
+        "mean_k": float(k @ area / area.sum()),
+    }
+
+
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the areas of triangles in space, mm²."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -212,7 +219,7 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
     """Glue the patches of an atlas, of which C ≤ `certified` is proven: see `FlatAtlas.glue`."""
-    if not isinstance(bound, Real) or isinstance(bound, bool):
+    if not is_number(bound):
         raise InputError(f"bound is {bound!r}; give a number, the greatest factor by which lengths may change")
     threads = checked_threads(threads)
     core, turned, unused = _core.Surface.from_triangles(atlas.points, atlas.faces)

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FIGURES", "FlatPieces", "Piece"]
+from voxflat import _core
+
+__all__ = ["FIGURES", "FlatPieces", "Piece", "isometric", "quasi_conformal"]
 
 FIGURES = {
     "isometric": "C: by what factor lengths change at most",
@@ -77,29 +79,33 @@ class FlatPieces:
         """Outward unit normals of the vertices, weighted by areas, shape (N, 3); NaN for a sheet."""
         if self.metadata.get("sheet"):
             return np.full(self.points.shape, np.nan)
-        a, b, c = (self.points[self.faces[:, k]] for k in range(3))
-        across = np.cross(b - a, c - a)
-        sums = np.zeros(self.points.shape)
-        for corner in self.faces.T:
-            np.add.at(sums, corner, across)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+        return _core.vertex_normals(self.points, self.faces.astype(np.uint32))
 
     @property
     def isometric(self) -> NDArray[np.float64]:
         """C of each triangle, max(σ1, 1/σ2): by what factor lengths change at most, shape (F,)."""
-        most, least = self.stretch.T
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.maximum(most, 1 / least))
+        return isometric(self.stretch)
 
     @property
     def quasi_conformal(self) -> NDArray[np.float64]:
         """K of each triangle, σ1/σ2, shape (F,)."""
-        most, least = self.stretch.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(most / least)
+        return quasi_conformal(self.stretch)
 
     @property
     def areal(self) -> NDArray[np.float64]:
         """Area in the plane by area on the surface of each triangle, σ1 σ2, shape (F,)."""
         return np.asarray(self.stretch.prod(axis=1))
+
+
+def isometric(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return max(σ1, 1/σ2) of triangles."""
+    most, least = stretch.T
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.maximum(most, 1 / least))
+
+
+def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return σ1/σ2 of triangles."""
+    most, least = stretch.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(most / least)

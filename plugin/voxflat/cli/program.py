@@ -174,6 +174,7 @@ Examples:
 @options.volume
 @options.making
 @options.region
+@options.threads
 @options.memory_limit
 @options.as_json
 @options.debug
@@ -542,7 +543,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     return "\n".join(
         [
             f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
-            f"{'sources':22}{metadata['sources']}",
+            *([f"{'sources':22}{metadata['sources']}"] if "sources" in metadata else []),
             f"{'map':22}{width:.1f} x {height:.1f} mm{_torn(metadata)}",
             f"{'memory, at most':22}{metadata['memory_need_bytes'] / 2**20:.0f} MiB",
             "",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, is_whole
 from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 from voxflat.surfaces.voxel_graph import VoxelGraph
@@ -63,7 +63,7 @@ def source_count(
     """Return how many sources are to be chosen; None if they are given."""
     if sources is None and usual is not None:
         return min(usual, len(part))
-    if not isinstance(sources, int | np.integer):
+    if not is_whole(sources):
         return None
     if sources < fewest:
         raise InputError(f"{sources} sources are too few; give at least {fewest}")

@@ -67,6 +67,8 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
         sizes = np.asarray(spacing, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"spacing {spacing!r} must be 3 numbers in mm") from error
+    if np.asarray(spacing).dtype.kind == "b":
+        raise InputError(f"spacing {spacing!r} must be 3 numbers in mm")
     if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise InputError(f"spacing {sizes.tolist()} must be 3 positive, finite numbers in mm")
     return np.diag([*sizes, 1.0])

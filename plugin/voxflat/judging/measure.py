@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import psutil
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_seed, checked_threads
+from voxflat.arguments import Progress, checked_seed, checked_threads, is_whole
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.matching import Matched, match
@@ -20,7 +19,6 @@ from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
 
-_LEAST_KEPT = 256 << 20  # bytes of rows
 _KEPT_SHARE = 4  # a quarter of the free memory
 
 
@@ -158,7 +156,7 @@ def compare(
         If `progress` returned False.
     """
     threads, seed = checked_threads(threads), checked_seed(seed)
-    if not isinstance(sources, Integral) or sources < 1:
+    if not is_whole(sources) or sources < 1:
         raise InputError(f"sources is {sources!r}; give a whole number, at least 1")
     if reference not in (None, "exact", "graph"):
         raise InputError(f"reference is {reference!r}; give 'exact' or 'graph'")
@@ -217,7 +215,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
 
 def _kept() -> int:
     """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_LEAST_KEPT, psutil.virtual_memory().available // _KEPT_SHARE))
+    return int(max(_core.KEPT_BYTES, psutil.virtual_memory().available // _KEPT_SHARE))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:

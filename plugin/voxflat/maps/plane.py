@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import checked_number
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, Raster, draw
 from voxflat.maps.sampler import Sampler
@@ -80,7 +81,7 @@ class Planar(ABC):
         InputError
             If the pixel size is not positive, or so small that the image would be too large.
         """
-        size = self.pixel_size if pixel_size is None else float(pixel_size)
+        size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
             of = self._triangles
             self._rasters[size] = draw(of.uv, of.faces, of.torn, size)

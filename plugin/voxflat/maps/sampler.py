@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_number
 from voxflat.errors import InputError
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
@@ -155,7 +156,7 @@ class Sampler:
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
         points = raster.interpolate(self.points)
-        if depth == 0:
+        if checked_number(depth, "depth") == 0:
             return points
         if not np.isfinite(depth):
             raise InputError(f"the depth is {depth}; give a finite number of mm")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, amount, check_memory, log, workers
+from voxflat.arguments import Progress, amount, check_memory, is_whole, log, workers
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.region import Cutout
@@ -40,14 +40,14 @@ class How:
         """How many threads work."""
         return workers(self.threads)
 
-    def check_memory(
-        self, need: int, sources: int, points: int, remedy: str = "take a smaller patch or fewer sources"
-    ) -> int:
-        """Return the memory needed in all, if it is there."""
+    def rows_memory_need(self, sources: int, points: int) -> int:
+        """Return what rows need that are made or kept beside the method's own memory."""
         if self.store is not None:
-            need += _core.store_memory_need(points, sources, self.workers)
-        elif self.keep_rows:
-            need += 4 * sources * points
+            return _core.store_memory_need(points, sources, self.workers)
+        return 4 * sources * points if self.keep_rows else 0
+
+    def check_memory(self, need: int, remedy: str = "take a smaller patch or fewer sources") -> int:
+        """Return the memory needed in all, if it is there."""
         check_memory(need, self.memory_limit, remedy)
         log.info("up to %s of memory are needed", amount(need))
         return need
@@ -104,11 +104,13 @@ def told(how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warn
     """Log what the user should know of a map, and return what its metadata say of how it was made."""
     for warning in warnings:
         log.warning(warning)
+    of_sources: dict[str, Any] = {}
+    if how.sampling:  # the method has sources
+        sampling = how.sampling if how.sources is None or is_whole(how.sources) else "given"
+        of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}
     return {
         "seed": how.seed,
-        "sources": len(chosen),
-        "sampling": how.sampling if how.sources is None or isinstance(how.sources, int | np.integer) else "given",
-        "planarity": result["planarity"],
+        **of_sources,
         "warnings": warnings,
         "memory_need_bytes": need,
         "versions": {

@@ -25,14 +25,15 @@ def flatten(graph: VoxelGraph, how: How) -> FlatMap:
     part, usual = graph.core, default("sources", "grossmann2002")
     part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
     chosen = choose_sources(graph, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
-    need = how.check_memory(part.memory_need(len(chosen), how.workers), len(chosen), len(part))
+    need = part.memory_need(len(chosen), how.workers) + how.rows_memory_need(len(chosen), len(part))
+    need = how.check_memory(need)
     store = None
     if how.store is not None:
         lengths = graph.metadata["link_lengths"]
         store = prepare_store(
             how.store, part, graph.ids, chosen, geodesic="chain", link_lengths=lengths, progress=how.progress
         )
-    result = part.grossmann2002(chosen, how.seed, how.threads, how.progress)
+    result = part.grossmann2002(chosen, how.seed, how.keep_rows and store is None, how.threads, how.progress)
     topology = part.topology(how.progress)
     faces, torn = part.map_faces(result["uv"], how.progress)
     metadata = {
@@ -42,11 +43,9 @@ def flatten(graph: VoxelGraph, how: How) -> FlatMap:
         "topology": topology,
         "torn_faces": float(torn.mean()),
     }
-    rows = None
+    rows = result["rows"]
     if store is not None:
         metadata["store"], rows = str(store.path), stored_rows(store, part, chosen, how.threads, how.progress).rows
-    elif how.keep_rows:
-        rows = part.rows(chosen, how.threads, how.progress)
     return FlatMap(
         uv=result["uv"],
         points=part.points,

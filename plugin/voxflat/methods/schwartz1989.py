@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from voxflat.arguments import is_whole
 from voxflat.distances.sources import choose_sources
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -32,7 +33,7 @@ def checked(neighbourhood: object, starts: object) -> dict[str, Any]:
 
 
 def _whole(value: object, name: str, wanted: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value < _MOST:
+    if not is_whole(value) or not 1 <= value < _MOST:
         raise InputError(f"{name} is {value!r}; give {wanted}")
     return int(value)
 
@@ -51,7 +52,7 @@ def _doubts(stresses: Sequence[float]) -> list[str]:
 def flatten(cut: Cutout, how: How, *, neighbourhood: int | str | None, starts: int) -> FlatMap:
     """Flatten a disk of triangles."""
     part = cut.part
-    if isinstance(how.sources, int | np.integer) and how.sources == 0:
+    if is_whole(how.sources) and how.sources == 0:
         if how.keep_rows:
             raise InputError("sources is 0, so there are no rows to keep; give sources, or leave out keep_rows")
         chosen = np.empty(0, dtype=np.uint32)
@@ -64,11 +65,11 @@ def flatten(cut: Cutout, how: How, *, neighbourhood: int | str | None, starts: i
     need = part.core.schwartz1989_memory_need(rings, len(chosen), how.workers, how.progress)
     kept = "among all" if rings is None else f"within {rings} rings of each"
     remedy = "give a smaller neighbourhood or patch, or take the method 'voxflat'"
-    need = how.check_memory(need, len(chosen), len(part), f"distances {kept} of {len(part)} points are kept: {remedy}")
-    result = part.core.schwartz1989(rings, chosen, starts, how.seed, how.threads, how.progress)
+    need += how.rows_memory_need(len(chosen), len(part))
+    need = how.check_memory(need, f"distances {kept} of {len(part)} points are kept: {remedy}")
+    result = part.core.schwartz1989(rings, chosen, starts, how.seed, how.keep_rows, how.threads, how.progress)
     if np.isnan(result["planarity"]):
         result["planarity"] = None  # there were no sources
-    rows = part.core.rows(chosen, "exact", how.threads, how.progress) if how.keep_rows else None
     energies, converged = result["convergence"]
     told: dict[str, Any] = {
         "neighbourhood": rings or "all",
@@ -76,4 +77,4 @@ def flatten(cut: Cutout, how: How, *, neighbourhood: int | str | None, starts: i
         "starts": result["stresses"],
         "descent": {"converged": converged, "energies": energies},
     }
-    return map_over_triangles("schwartz1989", cut, how, result, need, rows, told, _doubts(result["stresses"]))
+    return map_over_triangles("schwartz1989", cut, how, result, need, result["rows"], told, _doubts(result["stresses"]))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from numbers import Real
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from voxflat.arguments import is_number
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
 from voxflat.distances.sources import choose_sources
@@ -17,7 +14,6 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import How, map_over_triangles
 from voxflat.methods.options import default
 from voxflat.surfaces.region import Cutout
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["checked", "flatten"]
 
@@ -29,7 +25,7 @@ def checked(geodesic: str, weighting: float) -> dict[str, Any]:
     """Return what measures distances, and the weighting, if they can be used."""
     if geodesic not in SOLVERS:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching' or 'exact'")
-    if not (isinstance(weighting, Real) and 0 <= weighting <= 1):
+    if not (is_number(weighting) and 0 <= weighting <= 1):
         raise InputError(f"weighting is {weighting!r}; give a number from 0, local, to 1, global")
     return {"geodesic": geodesic, "weighting": float(weighting)}
 
@@ -40,38 +36,27 @@ def flatten(cut: Cutout, how: How, *, geodesic: str, weighting: float) -> FlatMa
     chosen = choose_sources(
         part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=default("sources", "voxflat")
     )
-    need = how.check_memory(part.core.memory_need(len(chosen), how.workers, how.store is not None), 0, 0)
+    kept = "stored" if how.store is not None else "kept" if how.keep_rows else "dropped"
+    need = how.check_memory(part.core.memory_need(len(chosen), how.workers, kept))
     store = None
     if how.store is not None:
         store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=geodesic, progress=how.progress)
     key = None if store is None else store.key
-    result = part.core.voxflat(chosen, how.seed, geodesic, weighting, how.threads, how.progress, key)
+    result = part.core.voxflat(chosen, how.seed, geodesic, weighting, how.keep_rows, how.threads, how.progress, key)
     if store is not None:
         store.tell(result["found"])
     told: dict[str, Any] = {"geodesic": geodesic, "weighting": weighting}
-    rows = None
+    rows = result["rows"]
     if store is not None:
         told["store"], rows = str(store.path), open_rows(store.path).rows
-    elif how.keep_rows:
-        rows = part.core.rows(chosen, geodesic, how.threads, how.progress)
     energies, converged = result["convergence"]
     told["descent"] = {"converged": converged, "energies": energies}
     doubts = []
     if geodesic == "graph":
-        told["distance_error"] = error = _error_of_links(part, chosen[:_SPOTS], how)
+        told["distance_error"] = error = part.core.error_of_links(chosen[:_SPOTS], how.threads, how.progress)
         if error > _MUCH_TOO_LONG:
             doubts = [
                 f"distances along links are {100 * error:.1f} % too long here, which thin triangles can cause; "
                 "geodesic='exact' measures them exactly"
             ]
     return map_over_triangles("voxflat", cut, how, result, need, rows, told, doubts)
-
-
-def _error_of_links(part: Surface, sources: NDArray[np.uint32], how: How) -> float:
-    """Return by which part of themselves distances along links from some sources are longer than exact ones."""
-    found, exact = (
-        np.asarray(part.core.rows(sources, solver, how.threads, how.progress), dtype=np.float64)
-        for solver in ("graph", "exact")
-    )
-    apart = exact > 0
-    return float((found[apart] / exact[apart] - 1).mean())

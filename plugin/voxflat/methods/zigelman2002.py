@@ -34,10 +34,8 @@ def flatten(cut: Cutout, how: How) -> FlatMap:
     elif count is None or how.sampling != "decimation":
         vertices = choose_sources(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
         count = len(vertices)
-    need = how.check_memory(part.core.zigelman2002_memory_need(count, how.workers), count, len(part))
-    result = part.core.zigelman2002(count, how.seed, vertices, grid, "circle", how.threads, how.progress)
-    rows = None
-    if how.keep_rows:
-        rows = part.core.rows(result["sources"], "marching", how.threads, how.progress)
+    need = part.core.zigelman2002_memory_need(count, how.workers) + how.rows_memory_need(count, len(part))
+    need = how.check_memory(need)
+    result = part.core.zigelman2002(count, how.seed, vertices, grid, "circle", how.keep_rows, how.threads, how.progress)
     placed_by = "re-insertion" if grid is None else "bilinear functions between a grid's pixels"
-    return map_over_triangles("zigelman2002", cut, how, result, need, rows, {"placed_by": placed_by})
+    return map_over_triangles("zigelman2002", cut, how, result, need, result["rows"], {"placed_by": placed_by})

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from voxflat import _core
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.of_mesh import as_mesh
-from voxflat.surfaces.region import Cutout, cut_out
+from voxflat.surfaces.region import Cutout, cut_out, opened_to_disk
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["Check", "check"]
@@ -161,6 +161,7 @@ def check(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Check:
@@ -168,8 +169,8 @@ def check(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, memory_limit, \
-progress
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, threads, \
+memory_limit, progress
         As in `flatten`.
 
     Returns
@@ -181,6 +182,7 @@ progress
     InputError
         If the input cannot be read, or a label, threshold or patch was given that does not fit.
     """
+    how = _How(checked_threads(threads), progress)
     place: dict[str, Any] = {"label": label, "threshold": threshold}
     patch: dict[str, Any] = {
         "keep": keep,
@@ -191,10 +193,10 @@ progress
         "cuts": cuts,
     }
     if isinstance(surface, Surface):
-        return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, progress)
+        return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, how)
     mesh = as_mesh(surface)
     if mesh is not None:
-        return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, progress)
+        return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, how)
     volume = as_volume(surface, spacing=spacing, affine=affine)
     check_scalar(volume)
     path = None if volume.path is None else str(volume.path)
@@ -204,8 +206,16 @@ progress
             foreground(volume.data)
         except InputError as error:
             return _and(found, advice=(str(error),))
-    whole = _surface(volume, **place, memory_limit=memory_limit, progress=progress)
-    return _check_surface(whole, found, patch, progress, volume)
+    whole = _surface(volume, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
+    return _check_surface(whole, found, patch, how, volume)
+
+
+@dataclass(frozen=True)
+class _How:
+    """How to work."""
+
+    threads: int | None
+    progress: Progress | None
 
 
 def _and(found: Check, **values: Any) -> Check:
@@ -233,19 +243,19 @@ def _of_surface(whole: Surface) -> tuple[str, dict[str, Any]]:
     return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"))
 
 
-def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], progress: Progress | None) -> Check:
+def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _How) -> Check:
     contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure)
     defects = _core.defects(mesh.points, mesh.faces)
     found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
     try:
-        whole = _surface(mesh, **place)
+        whole = _surface(mesh, **place, threads=how.threads, progress=how.progress)
     except InputError as error:
         return _and(found, advice=(*mesh.remarks, str(error)))
-    return _check_surface(whole, found, patch, progress)
+    return _check_surface(whole, found, patch, how)
 
 
 def _check_surface(
-    whole: Surface, found: Check, patch: dict[str, Any], progress: Progress | None, volume: Volume | None = None
+    whole: Surface, found: Check, patch: dict[str, Any], how: _How, volume: Volume | None = None
 ) -> Check:
     topology = whole.core.topology()
     found = _and(
@@ -257,18 +267,18 @@ def _check_surface(
         components=tuple(component["vertices"] for component in topology["components"]),
     )
     try:
-        cut = cut_out(whole, **patch, progress=progress, to_disk=False)
+        cut = cut_out(whole, **patch, threads=how.threads, progress=how.progress, to_disk=False)
     except InputError as error:
         return _and(found, advice=(*whole.remarks, str(error)))
     part = cut.part.core.topology()
     advice = list(cut.remarks)
-    handles = tuple(cut.part.core.handles(progress)) if part["handles"] else ()
+    handles = tuple(cut.part.core.handles(how.threads, how.progress)) if part["handles"] else ()
     if handles:
         advice.append(_cutting_changes(handles))
     if volume is not None and part["handles"] and not any(value is not None for value in patch.values()):
-        advice.append(_repair_changes(whole, volume, progress))
+        advice.append(_repair_changes(whole, volume, how.progress))
     try:
-        opened: Cutout | None = cut_out(whole, **patch, progress=progress)
+        opened: Cutout | None = opened_to_disk(cut, None, how.threads, how.progress)
     except InputError as error:
         opened = None
         advice.append(str(error))
@@ -283,21 +293,21 @@ def _check_surface(
         closed=not part["loops"],
         boundary=tuple(sorted((loop["length"] for loop in part["loops"]), reverse=True)),
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
-        thin=_thin(cut.part, progress),
+        thin=_thin(cut.part, how),
         automatic_cuts=() if opened is None else tuple(opened.metadata["automatic_cuts"]),
         can_flatten=opened is not None and len(opened.part) >= 3,
         advice=tuple(advice),
     )
 
 
-def _thin(part: Surface, progress: Progress | None) -> dict[str, Any]:
+def _thin(part: Surface, how: _How) -> dict[str, Any]:
     """Return where the solid is thin."""
     if part.is_voxels:
         thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     else:
         corners = part.points[part.faces]
         thickness = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
-    count, worst = part.core.thin_places(thickness, progress)
+    count, worst = part.core.thin_places(thickness, how.threads, how.progress)
     found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:
         found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}

@@ -6,14 +6,14 @@ import json
 import math
 import os
 from itertools import pairwise
-from numbers import Integral, Real
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, is_whole
 from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 
@@ -46,7 +46,7 @@ def read_cuts(whole: Surface, cuts: object | None) -> tuple[list[Any] | None, ND
     if isinstance(cuts, str | os.PathLike):
         paths, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
         return [_filled(whole, path, number) for number, path in enumerate(paths)], left_out
-    if isinstance(cuts, np.ndarray | list | tuple) and len(cuts) and isinstance(cuts[0], Integral):
+    if isinstance(cuts, np.ndarray | list | tuple) and len(cuts) and is_whole(cuts[0]):
         cuts = [cuts]
     if not isinstance(cuts, list | tuple):
         raise InputError(
@@ -201,7 +201,7 @@ def opened(
     cuts: list[dict[str, Any]] = []
     remarks = []
     if topology["euler"] != 1 and not is_fixed:
-        core, cuts = part.core.open_to_disk(progress)
+        core, cuts = part.core.open_to_disk(threads, progress)
         paths, total = _counted(cuts, "path")
         remarks.append(
             f"the surface is no disk ({topology['handles']} handles, {topology['loops']} boundary loops): it was cut "

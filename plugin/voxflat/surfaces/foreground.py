@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import check_memory, checked_number
+from voxflat.arguments import check_memory, checked_number, is_whole
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume, as_volume
 
@@ -65,7 +64,7 @@ def foreground_of(
         If it is no volume of one value a voxel, its foreground is ambiguous or empty, or there is not enough memory.
     """
     threshold = checked_number(threshold, "threshold")
-    if label is not None and not isinstance(label, Integral):
+    if label is not None and not is_whole(label):
         raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
     volume = as_volume(source, spacing=spacing, affine=affine)
     check_scalar(volume)

@@ -91,7 +91,7 @@ def surface(
             source, label=label, threshold=threshold, spacing=spacing, affine=affine, memory_limit=memory_limit
         )
         made = of_volume(given, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress)
-    return _cut_handles(made, progress) if repair == "cuts" else made
+    return _cut_handles(made, threads, progress) if repair == "cuts" else made
 
 
 def _refuse_options(what: str, **options: object) -> None:
@@ -100,8 +100,8 @@ def _refuse_options(what: str, **options: object) -> None:
             raise InputError(f"{name} is given, but the input is {what}, for which it means nothing; leave it out")
 
 
-def _cut_handles(whole: Surface, progress: Progress | None) -> Surface:
-    core, handles = whole.core.cut_handles(progress)
+def _cut_handles(whole: Surface, threads: int | None, progress: Progress | None) -> Surface:
+    core, handles = whole.core.cut_handles(threads, progress)
     if not handles:
         return whole
     lengths = [handle["length"] for handle in handles]

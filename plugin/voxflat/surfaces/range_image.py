@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat.arguments import is_number
 from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 
@@ -52,7 +52,7 @@ def range_image(
     heights = _heights(depth, mask)
     steps = _steps(spacing)
     limit = _JUMP * max(steps) if jump is None else jump
-    if not isinstance(limit, Real) or not limit > 0:
+    if not is_number(limit) or not limit > 0:
         raise InputError(f"the jump is {jump!r} mm; give a positive difference of depth, or np.inf to cut nowhere")
     is_there = np.isfinite(heights)
     faces = _faces(heights)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ class Cutout:
     faces: NDArray[np.uint32]
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
+    given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
 
 
 def cut_out(
@@ -81,7 +82,7 @@ def cut_out(
         seed, told = _seed(part, seed_point)
         seed_id = part.ids[seed].tolist()
         remarks += told
-        core, filled = part.core.disk(seed, radius, progress)
+        core, filled = part.core.disk(seed, radius, threads, progress)
         part = part.with_core(core)
         if filled:
             remarks.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
@@ -91,16 +92,6 @@ def cut_out(
     part, told = _one_piece(part, region is not None or seed_id is not None or polygon is not None)
     remarks += told
     part, cut_paths, length = cut_along(part, paths)
-    faces = part.faces
-    automatic: list[dict[str, Any]] = []
-    if to_disk:
-        part, faces, told = close_holes(part, progress)
-        remarks += told
-        if paths is None or cut_paths or relax:
-            is_fixed = paths is not None and not cut_paths
-            part, automatic, told = opened(part, relax, length, threads, progress, is_fixed=is_fixed)
-            faces = part.faces[: len(faces)]
-            remarks += told
     metadata = {
         **whole.metadata,
         "keep": keep is not None,
@@ -110,11 +101,39 @@ def cut_out(
         "radius": radius,
         "polygon": None if polygon is None else np.asarray(polygon).tolist(),
         "cuts": cut_paths,
-        "automatic_cuts": automatic,
+        "automatic_cuts": [],
         "surface_points": len(whole),
         "points": len(np.unique(part.vertices)),
     }
-    return Cutout(whole, part, faces, metadata, tuple(remarks))
+    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), None if paths is None else length)
+    return opened_to_disk(cut, relax, threads, progress) if to_disk else cut
+
+
+def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None) -> Cutout:
+    """Close small holes, and cut the rest open to a disk.
+
+    Parameters
+    ----------
+    cut : Cutout
+        As `cut_out` leaves it with ``to_disk=False``.
+    relax, threads, progress
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Cutout
+    """
+    part, faces, told = close_holes(cut.part, progress)
+    remarks = [*cut.remarks, *told]
+    automatic: list[dict[str, Any]] = []
+    is_fixed = cut.given_length is not None and not cut.metadata["cuts"]
+    if relax or not is_fixed:
+        given = cut.given_length or 0.0
+        part, automatic, told = opened(part, relax, given, threads, progress, is_fixed=is_fixed)
+        faces = part.faces[: len(faces)]
+        remarks += told
+    metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
+    return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
 
 
 # --------------------------------------------------------------------------------------------- regions

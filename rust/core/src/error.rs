@@ -166,6 +166,12 @@ pub enum Error {
     )]
     PatchesBeyondBound { bound: f64, before: f64, angle: f64 },
 
+    #[error(
+        "the patches cannot be glued to one piece within C ≤ {bound}: {pieces} remain. Give a greater bound, take a smaller \
+         patch, or keep the pieces: voxflat.patches(...).glue(...)"
+    )]
+    NotOnePiece { bound: f64, pieces: usize },
+
     #[error("{count} patches are too few for this surface: even where they may be tilted by {most}° it takes {least}")]
     TooFewPatches { count: usize, least: usize, most: f64 },
 

@@ -81,6 +81,19 @@ impl DistanceRows {
         Ok(Self::new(sources.to_vec(), columns, data))
     }
 
+    /// These rows as [`compute`](Self::compute) gives them, bit by bit: those of an engine that was made for more sources, and
+    /// therefore goes another way, are measured again.
+    ///
+    /// # Errors
+    /// As [`DistanceRows::compute`].
+    pub fn as_computed<S: Solver>(self, engine: &Engine<S>, control: &Control) -> Result<Self> {
+        if engine.goes_as_for(self.sources.len()) {
+            return Ok(self);
+        }
+        let Self { sources, .. } = self;
+        Self::compute(engine.solver(), &sources, control)
+    }
+
     /// The distances among the sources only; whole rows exist one a thread at a time.
     ///
     /// # Errors
@@ -155,6 +168,24 @@ impl Rows for DistanceRows {
 
     fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         visit(0, &self.data)
+    }
+}
+
+impl<R: Rows> Rows for &R {
+    fn sources(&self) -> &[u32] {
+        (**self).sources()
+    }
+
+    fn columns(&self) -> usize {
+        (**self).columns()
+    }
+
+    fn block_rows(&self) -> usize {
+        (**self).block_rows()
+    }
+
+    fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
+        (**self).visit(control, visit)
     }
 }
 
@@ -284,6 +315,26 @@ mod tests {
                 assert_eq!(found, expected);
             }
         }
+    }
+
+    #[test]
+    fn rows_of_an_engine_for_more_sources_are_those_that_are_computed() {
+        let graph = sheet(false);
+        let control = Control::default();
+        let mut ways = Vec::new();
+        for (count, more) in [(40, 20), (40, 700), (120, 700), (700, 900)] {
+            let sources: Vec<u32> = (0..count).map(|n| n * 3).collect();
+            let engine = Engine::new(&graph, more, &control).unwrap();
+            let rows = DistanceRows::by(&engine, &sources, &control).unwrap();
+            let computed = DistanceRows::compute(&graph, &sources, &control).unwrap();
+            let goes_as_for = engine.goes_as_for(sources.len());
+            if goes_as_for {
+                assert_eq!(rows, computed);
+            }
+            assert_eq!(rows.as_computed(&engine, &control).unwrap(), computed);
+            ways.push(goes_as_for);
+        }
+        assert_eq!(ways, [true, false, false, true]);
     }
 
     #[test]

@@ -20,7 +20,7 @@ fn whole(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
 
 fn flatten(mask: &Mask, spacing: [f64; 3], sources: usize) -> Result<FlatMap> {
     let (surface, graph) = whole(mask, spacing);
-    grossmann2002(&surface, &graph, &Sources::Farthest { count: sources, seed: 0 }, 0, &Control::default())
+    grossmann2002(&surface, &graph, &Sources::Farthest { count: sources, seed: 0 }, 0, false, &Control::default())
 }
 
 /// A half cylinder of this radius in voxels, one voxel thick.
@@ -87,7 +87,7 @@ fn a_closed_surface_is_refused_and_a_patch_of_it_is_not() {
     let selection = Selection { keep: None, disk: Some(disk) };
     let (part, graph) = cut_out(&surface, &selection, LinkLengths::ChainCode, &control).unwrap();
     assert_eq!(check_flattenable(&part, &control).unwrap().euler, 1);
-    let map = grossmann2002(&part, &graph, &Sources::Random { count: 100, seed: 1 }, 0, &control).unwrap();
+    let map = grossmann2002(&part, &graph, &Sources::Random { count: 100, seed: 1 }, 0, false, &control).unwrap();
     assert!(map.distortion.raw.relative_error < 0.1);
 }
 
@@ -147,5 +147,5 @@ fn cancelled_work_ends() {
     let control = Control::default();
     control.cancel();
     let sources = Sources::Random { count: 50, seed: 0 };
-    assert_eq!(grossmann2002(&surface, &graph, &sources, 0, &control).unwrap_err(), Error::Cancelled);
+    assert_eq!(grossmann2002(&surface, &graph, &sources, 0, false, &control).unwrap_err(), Error::Cancelled);
 }

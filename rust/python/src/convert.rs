@@ -39,6 +39,15 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(
     Ok(view.rows().into_iter().map(|row| std::array::from_fn(|column| row[column])).collect())
 }
 
+/// Triangles in the plane from an array of their corners.
+pub fn triangles(array: &PyReadonlyArray3<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
+    let view = array.as_array();
+    if view.shape()[1..] != [3, 2] {
+        return Err(InputError::new_err(format!("{name} has shape {:?}; it needs (F, 3, 2)", view.shape())));
+    }
+    Ok(view.outer_iter().map(|of| std::array::from_fn(|k| std::array::from_fn(|axis| of[[k, axis]]))).collect())
+}
+
 /// Vectors as rows.
 pub fn plain<V: Copy + Into<[f64; 3]>>(vectors: &[V]) -> Vec<[f64; 3]> {
     vectors.iter().map(|&vector| vector.into()).collect()
@@ -160,6 +169,8 @@ pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("uv", array(py, &map.uv)?)?;
     dict.set_item("normals", array(py, &plain(&map.normals))?)?;
     dict.set_item("sources", map.sources.into_pyarray(py))?;
+    let rows = map.rows.map(|rows| (rows.columns(), rows.into_data()));
+    dict.set_item("rows", rows.map(|(columns, rows)| table(py, rows, columns)).transpose()?)?;
     dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
     dict.set_item("planarity", map.planarity)?;
     dict.set_item("distortion", distortion_dict(py, map.distortion)?)?;

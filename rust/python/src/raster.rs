@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use voxflat::look_up::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
@@ -47,16 +47,11 @@ pub struct TriangleFinder(Arc<CoreFinder>);
 
 #[pymethods]
 impl TriangleFinder {
-    /// Of triangles (F, 3) between places (N, 2) in mm.
+    /// Of triangles by their corners (F, 3, 2) in mm.
     #[new]
-    fn new(py: Python<'_>, uv: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
-        let uv = convert::rows::<_, 2>(&uv, "uv")?;
-        let faces = convert::rows::<_, 3>(&faces, "faces")?;
-        convert::check_vertices(faces.iter().flatten().copied(), uv.len())?;
-        run(py, Some(1), None, move |_| {
-            let corners: Vec<_> = faces.iter().map(|face| face.map(|v| uv[v as usize])).collect();
-            Ok(Self(Arc::new(CoreFinder::new(&corners))))
-        })
+    fn new(py: Python<'_>, corners: PyReadonlyArray3<'_, f64>) -> PyResult<Self> {
+        let corners = convert::triangles(&corners, "corners")?;
+        run(py, Some(1), None, move |_| Ok(Self(Arc::new(CoreFinder::new(&corners)))))
     }
 
     /// The first triangle that holds each of the places (P, 2), -1 for none, and barycentric coordinates (P, 3), NaN for none.

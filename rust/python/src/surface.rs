@@ -153,16 +153,17 @@ impl Surface {
     }
 
     /// The geodesic disk around a vertex, and how many faces were taken in because it encloses them.
-    #[pyo3(signature = (seed, radius, progress=None))]
+    #[pyo3(signature = (seed, radius, threads=None, progress=None))]
     fn disk(
         &self,
         py: Python<'_>,
         seed: u32,
         radius: f64,
+        threads: Option<usize>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<(Self, usize)> {
         let inner = Arc::clone(&self.0);
-        let (part, filled) = run(py, None, progress.as_ref(), move |control| {
+        let (part, filled) = run(py, threads, progress.as_ref(), move |control| {
             let graph = inner.graph(control)?;
             patch::disk(&inner.surface, &*graph, seed, radius, control)
         })?;

@@ -236,19 +236,20 @@ impl VoxelSurface {
     }
 
     /// Flattens after Grossmann, Kiryati and Kimmel (2002) from sources (vertices).
-    #[pyo3(signature = (sources, seed, threads=None, progress=None))]
+    #[pyo3(signature = (sources, seed, keep_rows=false, threads=None, progress=None))]
     fn grossmann2002<'py>(
         &self,
         py: Python<'py>,
         sources: PyReadonlyArray1<'py, u32>,
         seed: u64,
+        keep_rows: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
         let inner = Arc::clone(&self.0);
         let map = run(py, threads, progress.as_ref(), move |control| {
-            grossmann2002(&inner.surface, &inner.graph, &given, seed, control)
+            grossmann2002(&inner.surface, &inner.graph, &given, seed, keep_rows, control)
         })?;
         convert::map_dict(py, map)
     }

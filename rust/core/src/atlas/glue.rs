@@ -132,10 +132,7 @@ impl Atlas {
 /// ```
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
     assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
-    let [least, most] = BOUNDS;
-    if !(least..=most).contains(&bound) {
-        return Err(Error::GlueBoundOutOfRange { bound, least, most });
-    }
+    check_bound(bound)?;
     let facets = Facets::of(surface, control)?;
     let all: Vec<u32> = (0..facets.len() as u32).collect();
     let patches = Sheet::new(&facets, labels, flat);
@@ -168,6 +165,22 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
     glued.patches = patches.members.len();
     glued.before = before;
     Ok(glued)
+}
+
+/// Can patches be glued within this bound on C?
+///
+/// # Errors
+/// [`Error::GlueBoundOutOfRange`].
+///
+/// # Examples
+/// ```
+/// use voxflat::atlas::glue::check_bound;
+///
+/// assert!(check_bound(1.5).is_ok() && check_bound(1.0).is_err());
+/// ```
+pub fn check_bound(bound: f64) -> Result<()> {
+    let [least, most] = BOUNDS;
+    if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }
 }
 
 /// max(σ1, 1/σ2) of a facet.

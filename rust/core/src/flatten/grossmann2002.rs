@@ -13,13 +13,13 @@ use crate::geodesic::shortest::Search;
 use crate::geodesic::sweep::Sweep;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
-use crate::rows::DistanceRows;
+use crate::rows::{DistanceRows, Rows};
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::VoxelSurface;
 use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
-/// scaling of the sources, radial functions for the rest.
+/// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
 ///
 /// # Errors
 /// Those of [`check_flattenable`] and of the stages.
@@ -37,7 +37,7 @@ use crate::surface::voxels::graph::VoxelGraph;
 /// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
 /// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
 /// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let map = grossmann2002(&surface, &graph, &Sources::Farthest { count: 20, seed: 0 }, 0, &control)?;
+/// let map = grossmann2002(&surface, &graph, &Sources::Farthest { count: 20, seed: 0 }, 0, false, &control)?;
 /// assert!(map.planarity > 0.9 && map.distortion.raw.relative_error < 0.1);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
@@ -46,6 +46,7 @@ pub fn grossmann2002(
     graph: &VoxelGraph,
     sources: &Sources,
     seed: u64,
+    keep_rows: bool,
     control: &Control,
 ) -> Result<FlatMap> {
     check_flattenable(surface, control)?;
@@ -54,7 +55,12 @@ pub fn grossmann2002(
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
     let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
-    let among = DistanceRows::among_by(&engine, &sources, control)?;
+    let (among, rows) = if keep_rows {
+        let rows = DistanceRows::by(&engine, &sources, control)?;
+        (rows.among(control)?, Some(rows))
+    } else {
+        (DistanceRows::among_by(&engine, &sources, control)?, None)
+    };
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     control.check()?;
@@ -72,6 +78,7 @@ pub fn grossmann2002(
         planarity,
         distortion,
         convergence: None,
+        rows: rows.map(|rows| rows.as_computed(&engine, control)).transpose()?,
     })
 }
 

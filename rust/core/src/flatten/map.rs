@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::distortion::Distortion;
 use crate::embed::stress::levels::Convergence;
+use crate::rows::DistanceRows;
 
 /// A flat map of the points of a surface.
 #[derive(Debug, Clone)]
@@ -22,6 +23,8 @@ pub struct FlatMap {
     pub distortion: Distortion,
     /// How descent went, where the method descends.
     pub convergence: Option<Convergence>,
+    /// The distances from the sources to all points, where they are to be kept.
+    pub rows: Option<DistanceRows>,
 }
 
 impl FlatMap {

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::check::check_disk;
 use super::map::FlatMap;
-use super::voxflat;
+use super::voxflat::{self, AfterPlacing};
 use crate::control::Control;
 use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::classical_scaling;
@@ -37,6 +37,8 @@ pub struct Options<'a> {
     pub starts: u32,
     /// Seed of the random starts.
     pub seed: u64,
+    /// Keep the rows from the sources in the map.
+    pub keep_rows: bool,
 }
 
 /// A flat map, and what the starts came to.
@@ -71,7 +73,7 @@ pub struct Mapped {
 /// let control = Control::default();
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let options = Options { rings: None, sources: &[], starts: 2, seed: 0 }; // the distances of all pairs
+/// let options = Options { rings: None, sources: &[], starts: 2, seed: 0, keep_rows: false }; // the distances of all pairs
 /// let mapped = schwartz1989(&sheet, &graph, &options, &control)?;
 /// assert_eq!((mapped.stresses.len(), mapped.pairs), (2, 81 * 80 / 2));
 /// assert!(mapped.map.distortion.raw.relative_error < 0.01);
@@ -85,7 +87,9 @@ pub fn schwartz1989(
 ) -> Result<Mapped> {
     check_disk(surface)?;
     let sources = Sources::Given(options.sources.iter().map(|&v| v as usize).collect()).choose(graph, control)?;
-    let pairs = Neighbourhoods::measure(surface, options.rings, &sources, control)?;
+    let (pairs, rows) =
+        Neighbourhoods::measure_with_rows(surface, options.rings, &sources, options.keep_rows, control)?;
+    let rows = rows.map(|rows| DistanceRows::new(sources.clone(), surface.len(), rows));
     let (eigenvalues, planarity) = spectrum(&pairs, &sources)?;
     let (best, stresses) = best_of_starts(surface, &pairs, options, control)?;
     let Descended { mut uv, stresses: energies, converged, .. } = best;
@@ -94,7 +98,8 @@ pub fn schwartz1989(
     drop(pairs);
     let distortion =
         judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, options.seed, control)?;
-    let map = FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence };
+    let map =
+        FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows };
     Ok(Mapped { map, stresses, pairs: kept })
 }
 
@@ -219,7 +224,7 @@ pub fn memory_need(
     };
     let near = (1.05 * near + 2.0 * sources as f64).min(points as f64); // of a sample
     let pairs = 0.5 * near * points as f64;
-    let others = voxflat::memory_need(points, REFERENCE_SOURCES, threads, false);
+    let others = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
     Ok(others + (PAIR_BYTES * pairs) as u64 + (VERTEX_BYTES + WAVE_BYTES * threads as u64) * points as u64)
 }
 

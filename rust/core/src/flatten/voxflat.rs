@@ -19,7 +19,8 @@ use crate::surface::Surface;
 
 /// Flattens a connected surface by distance rows from sources on it, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
-/// shapes count most, to 1, where far distances do. The map is judged by the engine's distances.
+/// shapes count most, to 1, where far distances do. The map is judged by the engine's distances. Who lends the rows has them
+/// afterwards; else they are dropped as soon as all points are placed.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
@@ -68,24 +69,37 @@ pub fn voxflat<R: Rows>(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence })
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
 }
 
-/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices; with
-/// rows in memory, or in a store. Rows of the reference sources are there when the others no longer are.
+/// What becomes of the rows from the sources when all points are placed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AfterPlacing {
+    /// They make room for those of the reference sources.
+    Dropped,
+    /// They stay in memory.
+    Kept,
+    /// They were in a store all the time.
+    Stored,
+}
+
+/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
 ///
 /// # Examples
 /// ```
-/// use voxflat::flatten::voxflat::memory_need;
+/// use voxflat::flatten::voxflat::{AfterPlacing, memory_need};
 ///
-/// let in_memory = memory_need(1_000_000, 1000, 2, false);
-/// assert!(memory_need(1_000_000, 1000, 2, true) < in_memory);
+/// let [dropped, kept, stored] = [AfterPlacing::Dropped, AfterPlacing::Kept, AfterPlacing::Stored]
+///     .map(|rows| memory_need(1_000_000, 1000, 2, rows));
+/// assert!(stored < dropped && dropped < kept);
 /// ```
-pub fn memory_need(points: usize, sources: usize, threads: usize, stored: bool) -> u64 {
-    let (rows, prepared) = if stored {
-        (store::memory_need(points, sources, threads), store::PREPARED_BYTES)
-    } else {
-        (4 * points as u64 * sources as u64, Sweep::memory_need_of_surface(points))
+pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
+    let own = 4 * points as u64 * sources as u64;
+    let reference = judge::memory_need(points);
+    let (rows, prepared) = match rows {
+        AfterPlacing::Dropped => (own.max(reference), Sweep::memory_need_of_surface(points)),
+        AfterPlacing::Kept => (own + reference, Sweep::memory_need_of_surface(points)),
+        AfterPlacing::Stored => (store::memory_need(points, sources, threads).max(reference), store::PREPARED_BYTES),
     };
     BASE_BYTES
         + Surface::memory_need(points)
@@ -94,7 +108,7 @@ pub fn memory_need(points: usize, sources: usize, threads: usize, stored: bool) 
         + GeodesicGraph::memory_need(points)
         + threads as u64 * Search::memory_need(points)
         + prepared
-        + rows.max(judge::memory_need(points))
+        + rows
         + classical::memory_need(sources)
         + levels::memory_need(points, sources)
 }

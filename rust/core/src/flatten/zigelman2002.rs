@@ -2,7 +2,7 @@
 
 use super::check::check_disk;
 use super::map::FlatMap;
-use super::voxflat;
+use super::voxflat::{self, AfterPlacing};
 use crate::control::Control;
 use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
@@ -13,7 +13,7 @@ use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
 use crate::place::bilinear::Lattice;
 use crate::place::reinsertion::{self, Placing};
-use crate::rows::DistanceRows;
+use crate::rows::{DistanceRows, Rows};
 use crate::sources::{FEWEST_SOURCES, Sources};
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
@@ -51,7 +51,8 @@ enum Rest<'a> {
 /// Flattens a disk after Zigelman, Kimmel and Kiryati (2002): fast marching among the sources, classical scaling of them, and
 /// the rest between them. Distances for the figures are those of the graph, as for every other map.
 ///
-/// Vertices that decimation cannot take away without harm to the surface become sources, too.
+/// Vertices that decimation cannot take away without harm to the surface become sources, too. The rows from the sources are kept
+/// in the map if so wished.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`], [`Error::TooManySources`] and those of the stages.
@@ -71,7 +72,7 @@ enum Rest<'a> {
 /// let control = Control::default();
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let map = zigelman2002(&sheet, &graph, &Sampling::Decimation { count: 30 }, Wave::Circle, 0, &control)?;
+/// let map = zigelman2002(&sheet, &graph, &Sampling::Decimation { count: 30 }, Wave::Circle, 0, false, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.05);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
@@ -81,11 +82,19 @@ pub fn zigelman2002(
     sampling: &Sampling<'_>,
     wave: Wave,
     seed: u64,
+    keep_rows: bool,
     control: &Control,
 ) -> Result<FlatMap> {
     check_disk(surface)?;
     let (sources, rest) = sample(surface, graph, sampling, control)?;
-    let among = DistanceRows::among_sources(&Marching::new(surface, wave, control)?, &sources, control)?;
+    let marching = Marching::new(surface, wave, control)?;
+    let (among, rows) = if keep_rows {
+        let rows = DistanceRows::compute(&marching, &sources, control)?;
+        (rows.among(control)?, Some(rows))
+    } else {
+        (DistanceRows::among_sources(&marching, &sources, control)?, None)
+    };
+    drop(marching);
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
     drop(among);
@@ -97,7 +106,7 @@ pub fn zigelman2002(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
-    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None })
+    Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None, rows })
 }
 
 fn sample<'a>(
@@ -170,7 +179,7 @@ const WORK_BYTES: u64 = 1500;
 /// assert!(memory_need(100_000, 500, 2) < memory_need(100_000, 5000, 2));
 /// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize) -> u64 {
-    let judged = voxflat::memory_need(points, REFERENCE_SOURCES, threads, false);
+    let judged = voxflat::memory_need(points, REFERENCE_SOURCES, threads, AfterPlacing::Dropped);
     judged + WORK_BYTES * points as u64 + classical::memory_need(sources)
 }
 

@@ -47,6 +47,18 @@ impl<'a, S: Solver> Engine<'a, S> {
         Ok(Self { solver, sweep: solver.sweep(sources, bytes, control)? })
     }
 
+    /// The solver.
+    pub fn solver(&self) -> &'a S {
+        self.solver
+    }
+
+    /// Would an engine for so many sources, no more than this one was made for, go the same way? Then its rows are the same, bit
+    /// by bit.
+    pub fn goes_as_for(&self, sources: usize) -> bool {
+        let bytes = 4 * sources as u64 * self.columns() as u64;
+        self.sweep.as_ref().is_none_or(|sweep| sweep.pays(sources, bytes))
+    }
+
     /// Number of vertices, the length of a row.
     pub fn columns(&self) -> usize {
         self.solver.columns()

@@ -40,6 +40,20 @@ impl Neighbourhoods {
     /// # Errors
     /// [`Error::Unreachable`], [`Error::Cancelled`].
     pub fn measure(surface: &Surface, rings: Option<u32>, sources: &[u32], control: &Control) -> Result<Self> {
+        Ok(Self::measure_with_rows(surface, rings, sources, false, control)?.0)
+    }
+
+    /// The same, and if so wished the rows from the sources to all vertices, one after the other, as they were measured.
+    ///
+    /// # Errors
+    /// As [`Neighbourhoods::measure`].
+    pub fn measure_with_rows(
+        surface: &Surface,
+        rings: Option<u32>,
+        sources: &[u32],
+        keep_rows: bool,
+        control: &Control,
+    ) -> Result<(Self, Option<Vec<f32>>)> {
         control.begin("measuring neighbourhoods", surface.len() as u64);
         let everywhere = Exact::new(surface);
         let within = Exact::new(surface).within(Reach { rings, ..Reach::default() });
@@ -56,7 +70,14 @@ impl Neighbourhoods {
         let scratch = || (vec![0.0; surface.len()], Solver::scratch(&everywhere));
         let rows: Vec<Box<[Near]>> =
             (0..surface.len() as u32).into_par_iter().map_init(scratch, row_of).collect::<Result<_>>()?;
-        Self::of(rows, &is_source, control)
+        let kept = keep_rows.then(|| {
+            let mut kept = vec![0.0; sources.len() * surface.len()];
+            for (row, &source) in kept.chunks_exact_mut(surface.len().max(1)).zip(sources) {
+                rows[source as usize].iter().for_each(|near| row[near.vertex as usize] = near.distance);
+            }
+            kept
+        });
+        Ok((Self::of(rows, &is_source, control)?, kept))
     }
 
     /// From rows in ascending order, of which those of sources know all vertices.

@@ -56,22 +56,28 @@ impl Surface {
     }
 
     /// A short loop around each handle: its vertices, length (mm) and centre (mm).
-    #[pyo3(signature = (progress=None))]
-    fn handles<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyList>> {
+    #[pyo3(signature = (threads=None, progress=None))]
+    fn handles<'py>(
+        &self,
+        py: Python<'py>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyList>> {
         let inner = Arc::clone(&self.0);
-        let found = run(py, None, progress.as_ref(), move |control| handles(&inner.surface, control))?;
+        let found = run(py, threads, progress.as_ref(), move |control| handles(&inner.surface, control))?;
         handle_list(py, &found)
     }
 
     /// The surface cut open along a short loop around each handle, and these.
-    #[pyo3(signature = (progress=None))]
+    #[pyo3(signature = (threads=None, progress=None))]
     fn cut_handles<'py>(
         &self,
         py: Python<'py>,
+        threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<(Self, Bound<'py, PyList>)> {
         let inner = Arc::clone(&self.0);
-        let (cut, found) = run(py, None, progress.as_ref(), move |control| cut_handles(&inner.surface, control))?;
+        let (cut, found) = run(py, threads, progress.as_ref(), move |control| cut_handles(&inner.surface, control))?;
         Ok((cut.into(), handle_list(py, &found)?))
     }
 
@@ -83,14 +89,15 @@ impl Surface {
     }
 
     /// The surface cut open to a disk, and the cuts: vertices, length (mm) and reason.
-    #[pyo3(signature = (progress=None))]
+    #[pyo3(signature = (threads=None, progress=None))]
     fn open_to_disk<'py>(
         &self,
         py: Python<'py>,
+        threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<(Self, Bound<'py, PyList>)> {
         let inner = Arc::clone(&self.0);
-        let opened = run(py, None, progress.as_ref(), move |control| cuts::open_to_disk(&inner.surface, control))?;
+        let opened = run(py, threads, progress.as_ref(), move |control| cuts::open_to_disk(&inner.surface, control))?;
         let list = cut_list(py, opened.cuts)?;
         Ok((opened.surface.into(), list))
     }
@@ -131,15 +138,16 @@ impl Surface {
     }
 
     /// Places where the solid is thinner than `thickness` mm: number of vertices, and of the worst its vertex and thickness.
-    #[pyo3(signature = (thickness, progress=None))]
+    #[pyo3(signature = (thickness, threads=None, progress=None))]
     fn thin_places(
         &self,
         py: Python<'_>,
         thickness: f64,
+        threads: Option<usize>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
         let inner = Arc::clone(&self.0);
-        let thin = run(py, None, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
+        let thin = run(py, threads, progress.as_ref(), move |control| thin_places(&inner.surface, thickness, control))?;
         Ok((thin.vertices.len(), thin.worst.map(|worst| (worst.vertices[0], worst.thickness))))
     }
 }

@@ -8,27 +8,37 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::distortion::judge::REFERENCE_SOURCES;
 use voxflat::flatten;
+use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
+use voxflat::flatten::voxflat::AfterPlacing;
 use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::geodesic::engine::Engine;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
 
 use super::Surface;
+use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
 use crate::convert;
 use crate::work::{InputError, run};
 
 #[pymethods]
 impl Surface {
-    /// The memory in bytes that flattening needs at most, with rows in memory or in a store.
-    #[pyo3(signature = (sources, threads, stored=false))]
-    fn memory_need(&self, sources: usize, threads: usize, stored: bool) -> u64 {
-        flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, stored)
+    /// The memory in bytes that flattening needs at most; what becomes of the rows is "dropped", "kept" or "stored".
+    #[pyo3(signature = (sources, threads, rows="dropped"))]
+    fn memory_need(&self, sources: usize, threads: usize, rows: &str) -> PyResult<u64> {
+        let rows = match rows {
+            "dropped" => AfterPlacing::Dropped,
+            "kept" => AfterPlacing::Kept,
+            "stored" => AfterPlacing::Stored,
+            _ => return Err(InputError::new_err(format!("rows is {rows:?}; give 'dropped', 'kept' or 'stored'"))),
+        };
+        Ok(flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, rows))
     }
 
-    /// Flattens from sources (vertices), by rows of a solver in memory or in a store: its directory and identity.
-    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, threads=None, progress=None, store=None))]
+    /// Flattens from sources (vertices), by rows of a solver in memory, which may be kept, or in a store: its directory and
+    /// identity.
+    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, keep_rows=false, threads=None, progress=None, store=None))]
     #[allow(clippy::too_many_arguments)] // Python's, by name
     fn voxflat<'py>(
         &self,
@@ -37,6 +47,7 @@ impl Surface {
         seed: u64,
         geodesic: &str,
         weighting: f64,
+        keep_rows: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
         store: Option<(PathBuf, String)>,
@@ -67,7 +78,12 @@ impl Surface {
                 });
                 (rows, engine(REFERENCE_SOURCES)?)
             };
-            Ok((flatten::voxflat(surface, rows, weighting, &judge, seed, control)?, None))
+            if !keep_rows {
+                return Ok((flatten::voxflat(surface, rows, weighting, &judge, seed, control)?, None));
+            }
+            let mut map = flatten::voxflat(surface, &rows, weighting, &judge, seed, control)?;
+            map.rows = Some(if let Geodesic::Graph = geodesic { rows.as_computed(&judge, control)? } else { rows });
+            Ok((map, None))
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;
@@ -77,7 +93,7 @@ impl Surface {
     /// Flattens after Zigelman et al. from what decimation to `count` vertices leaves, from given vertices, or from about `count`
     /// pixels of a grid: the pixel (N, 2) that each vertex is and the distance of rows and columns, mm. `wave` is "circle" or
     /// "plane".
-    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", threads=None, progress=None))]
+    #[pyo3(signature = (count, seed, vertices=None, grid=None, wave="circle", keep_rows=false, threads=None, progress=None))]
     #[allow(clippy::too_many_arguments)]
     fn zigelman2002<'py>(
         &self,
@@ -87,6 +103,7 @@ impl Surface {
         vertices: Option<PyReadonlyArray1<'py, u32>>,
         grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
         wave: &str,
+        keep_rows: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
@@ -105,7 +122,7 @@ impl Surface {
                 (None, Some((pixels, spacing))) => Sampling::Grid { pixels, spacing: *spacing, count },
                 (None, None) => Sampling::Decimation { count },
             };
-            flatten::zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, control)
+            flatten::zigelman2002(&inner.surface, &*inner.graph(control)?, &sampling, wave, seed, keep_rows, control)
         })?;
         convert::map_dict(py, map)
     }
@@ -117,7 +134,7 @@ impl Surface {
 
     /// Flattens after Schwartz et al., by exact distances within so many rings (None: of all pairs) and from sources (vertices),
     /// from so many random starts.
-    #[pyo3(signature = (rings, sources, starts, seed, threads=None, progress=None))]
+    #[pyo3(signature = (rings, sources, starts, seed, keep_rows=false, threads=None, progress=None))]
     #[allow(clippy::too_many_arguments)]
     fn schwartz1989<'py>(
         &self,
@@ -126,6 +143,7 @@ impl Surface {
         sources: PyReadonlyArray1<'py, u32>,
         starts: u32,
         seed: u64,
+        keep_rows: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
@@ -135,7 +153,7 @@ impl Surface {
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         let inner = Arc::clone(&self.0);
         let Mapped { map, stresses, pairs } = run(py, threads, progress.as_ref(), move |control| {
-            let options = Options { rings, sources: &sources, starts, seed };
+            let options = Options { rings, sources: &sources, starts, seed, keep_rows };
             flatten::schwartz1989(&inner.surface, &*inner.graph(control)?, &options, control)
         })?;
         let dict = convert::map_dict(py, map)?;
@@ -165,5 +183,36 @@ impl Surface {
         run(py, None, progress.as_ref(), move |control| {
             flatten::schwartz1989::memory_need(&inner.surface, rings, sources, threads, control)
         })
+    }
+
+    /// Flattens after Appleboim, Saucan and Zeevi: patches that are glued to one piece within a bound on C. With the surface as it is
+    /// cut open, whose map it is, and what became of the seams.
+    #[pyo3(signature = (bound, seed, threads=None, progress=None))]
+    fn saucan2006<'py>(
+        &self,
+        py: Python<'py>,
+        bound: f64,
+        seed: u64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let inner = Arc::clone(&self.0);
+        let found = run(py, threads, progress.as_ref(), move |control| {
+            saucan2006::saucan2006(&inner.surface, bound, seed, control)
+        })?;
+        let Whole { surface, map, seams, patches, certified, before, stretch } = found;
+        let dict = convert::map_dict(py, map)?;
+        dict.set_item("surface", Self::from(surface))?;
+        dict.set_item("seams", seams_dict(py, &seams)?)?;
+        dict.set_item("patches", patches)?;
+        dict.set_item("certified", certified)?;
+        dict.set_item("before", before)?;
+        dict.set_item("stretch", convert::array(py, &stretch)?)?;
+        Ok(dict)
+    }
+
+    /// The memory in bytes that flattening after Appleboim, Saucan and Zeevi needs at most.
+    fn saucan2006_memory_need(&self, threads: usize) -> u64 {
+        saucan2006::memory_need(self.0.surface.len(), threads)
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use voxflat::atlas::glue::{self, Glued};
+use voxflat::atlas::glue::{self, Glued, Seams};
 use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
@@ -143,14 +143,19 @@ fn glued_dict(py: Python<'_>, glued: Glued) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("uv", convert::array(py, &of.uv)?)?;
     dict.set_item("corners", convert::array(py, &of.corners)?)?;
     dict.set_item("measured", convert::array(py, &of.measured)?)?;
-    let seams = PyDict::new(py);
-    seams.set_item("length", glued.seams.length)?;
-    seams.set_item("closed", glued.seams.closed)?;
-    seams.set_item("holonomy", glued.seams.holonomy)?;
-    seams.set_item("bound", glued.seams.bound)?;
-    seams.set_item("overlap", glued.seams.overlap)?;
-    dict.set_item("seams", seams)?;
+    dict.set_item("seams", seams_dict(py, &glued.seams)?)?;
     dict.set_item("patches", glued.patches)?;
     dict.set_item("before", glued.before)?;
+    Ok(dict)
+}
+
+/// What became of seams by their names.
+pub(super) fn seams_dict<'py>(py: Python<'py>, seams: &Seams) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("length", seams.length)?;
+    dict.set_item("closed", seams.closed)?;
+    dict.set_item("holonomy", seams.holonomy)?;
+    dict.set_item("bound", seams.bound)?;
+    dict.set_item("overlap", seams.overlap)?;
     Ok(dict)
 }

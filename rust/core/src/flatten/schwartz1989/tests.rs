@@ -33,7 +33,7 @@ fn a_cylinder_is_unrolled_whatever_the_neighbourhood() {
     let sources = evenly(&surface, 9);
     for (rings, sources) in [(None, &[][..]), (Some(4), &sources), (Some(1), &sources)] {
         let Mapped { map, stresses, pairs } =
-            flattened(&surface, &Options { rings, sources, starts: 2, seed: 4 }).unwrap();
+            flattened(&surface, &Options { rings, sources, starts: 2, seed: 4, keep_rows: false }).unwrap();
         assert!(map.distortion.raw.relative_error < 0.01, "{rings:?}: {}", map.distortion.raw.relative_error);
         assert_eq!(turned_over(&surface, &map.uv), 0);
         assert_eq!(stresses.len(), 2);
@@ -50,7 +50,8 @@ fn a_cylinder_is_unrolled_whatever_the_neighbourhood() {
 #[test]
 fn short_distances_alone_fold() {
     let surface = cylinder();
-    let short = flattened(&surface, &Options { rings: Some(1), sources: &[], starts: 3, seed: 0 }).unwrap();
+    let short =
+        flattened(&surface, &Options { rings: Some(1), sources: &[], starts: 3, seed: 0, keep_rows: false }).unwrap();
     assert!(short.map.distortion.raw.relative_error > 0.1);
     assert!(turned_over(&surface, &short.map.uv) > surface.faces().len() / 20);
 }
@@ -61,7 +62,8 @@ fn a_map_is_seen_from_outside_whatever_the_start() {
     let upper: Vec<bool> = sphere.points().iter().map(|p| p.z >= -1e-9).collect();
     let half = sphere.part_of_vertices(&upper);
     for seed in 0..6 {
-        let found = flattened(&half, &Options { rings: None, sources: &[], starts: 1, seed }).unwrap();
+        let found =
+            flattened(&half, &Options { rings: None, sources: &[], starts: 1, seed, keep_rows: false }).unwrap();
         assert!(map_area(half.faces(), &found.map.uv) > 0.0);
         assert_eq!(turned_over(&half, &found.map.uv), 0);
     }
@@ -87,7 +89,7 @@ fn usual_neighbourhoods_hold_a_tenth_and_a_hundred() {
 
 #[test]
 fn what_cannot_be_flattened_is_refused() {
-    let options = Options { rings: Some(3), sources: &[], starts: 1, seed: 0 };
+    let options = Options { rings: Some(3), sources: &[], starts: 1, seed: 0, keep_rows: false };
     let closed = shapes::surface(shapes::sphere(2));
     assert!(matches!(flattened(&closed, &options).unwrap_err(), Error::NotADisk { .. }));
     let surface = cylinder();

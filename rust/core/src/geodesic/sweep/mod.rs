@@ -53,6 +53,35 @@ type Lanes<const L: usize> = [i32; L];
 #[derive(Debug)]
 pub struct Sweep {
     contraction: Contraction,
+    cost: Cost,
+}
+
+/// What a prepared graph costs and gains.
+#[derive(Debug, Clone, Copy)]
+struct Cost {
+    /// Its size.
+    bytes: f64,
+    /// Preparing it, ns.
+    preparing: f64,
+    /// The row of a source, ns less than by a search.
+    gain: f64,
+}
+
+impl Cost {
+    fn of<G: Links>(graph: &G, plan: &Plan) -> Self {
+        let vertices = graph.vertices() as f64;
+        let sample: Vec<u32> = (0..graph.vertices() as u32).step_by(graph.vertices() / 1000 + 1).collect();
+        let links = sample.iter().map(|&vertex| graph.arcs(vertex).count()).sum::<usize>() as f64 / sample.len() as f64;
+        let fill = plan.bytes() / 4.0 / vertices;
+        let link = LINK_NS[usize::from(!is_sparse(graph))];
+        let gain = (link * links - FILL_NS * fill) * vertices;
+        Self { bytes: plan.bytes(), preparing: WORK_NS * plan.work(), gain }
+    }
+
+    /// Is it worth preparing for so many sources, in so many bytes?
+    fn pays(&self, sources: usize, bytes: u64) -> bool {
+        sources >= FEWEST_SOURCES && self.bytes <= bytes as f64 && self.gain * sources as f64 >= self.preparing
+    }
 }
 
 /// What a worker keeps from one batch to the next.
@@ -97,7 +126,9 @@ impl Sweep {
     /// [`crate::Error::Cancelled`].
     pub fn new<G: Links>(graph: &G, control: &Control) -> Result<Self> {
         control.begin("preparing distances", 1);
-        Ok(Self { contraction: Contraction::new(graph, Plan::new(graph, control)?, control)? })
+        let plan = Plan::new(graph, control)?;
+        let cost = Cost::of(graph, &plan);
+        Ok(Self { contraction: Contraction::new(graph, plan, control)?, cost })
     }
 
     /// Prepares a graph if that is the faster way to the rows of so many sources and needs no more than so many bytes. This
@@ -111,16 +142,16 @@ impl Sweep {
         }
         control.begin("preparing distances", 1);
         let plan = Plan::new(graph, control)?;
-        let vertices = graph.vertices() as f64;
-        let sample: Vec<u32> = (0..graph.vertices() as u32).step_by(graph.vertices() / 1000 + 1).collect();
-        let links = sample.iter().map(|&vertex| graph.arcs(vertex).count()).sum::<usize>() as f64 / sample.len() as f64;
-        let fill = plan.bytes() / 4.0 / vertices;
-        let link = LINK_NS[usize::from(!is_sparse(graph))];
-        let gain = (link * links - FILL_NS * fill) * vertices * sources as f64;
-        if plan.bytes() > bytes as f64 || gain < WORK_NS * plan.work() {
+        let cost = Cost::of(graph, &plan);
+        if !cost.pays(sources, bytes) {
             return Ok(None);
         }
-        Ok(Some(Self { contraction: Contraction::new(graph, plan, control)? }))
+        Ok(Some(Self { contraction: Contraction::new(graph, plan, control)?, cost }))
+    }
+
+    /// Is it worth preparing for so many sources, in so many bytes?
+    pub fn pays(&self, sources: usize, bytes: u64) -> bool {
+        self.cost.pays(sources, bytes)
     }
 
     /// Number of vertices.
