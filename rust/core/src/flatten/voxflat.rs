@@ -28,7 +28,7 @@ use crate::surface::Surface;
 /// # Examples
 /// ```
 /// use voxflat::control::Control;
-/// use voxflat::flatten::voxflat;
+/// use voxflat::flatten;
 /// use voxflat::geodesic::engine::Engine;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::rows::DistanceRows;
@@ -41,7 +41,7 @@ use crate::surface::Surface;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
 /// let rows = DistanceRows::compute(&graph, &sources, &control)?;
 /// let engine = Engine::new(&graph, 20, &control)?;
-/// let map = voxflat(&sheet, rows, 0.5, &engine, 0, &control)?;
+/// let map = flatten::voxflat(&sheet, rows, 0.5, &engine, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```

@@ -96,8 +96,9 @@ pub struct Found {
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let directory = std::env::temp_dir().join(format!("voxflat-example-{}", std::process::id()));
-/// drop(Store::compute(&directory, "a sheet", &graph, &[0, 80], &control)?);
-/// let again = Store::compute(&directory, "a sheet", &graph, &[0, 80], &control)?;
+/// std::fs::create_dir_all(&directory).unwrap();
+/// drop(Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?);
+/// let again = Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?;
 /// assert_eq!(again.found().rows, 2); // nothing is computed twice
 /// assert_eq!(again.among(&control)?, DistanceRows::compute(&graph, &[0, 80], &control)?.among(&control)?);
 /// # drop(again);
