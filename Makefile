@@ -6,9 +6,11 @@ SHELL := /bin/bash
 # uv from the PATH, or in a virtual environment of its own
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
+# as many processes as the machine has processors; at the end the slowest tests and the seconds of each folder
+PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test lint test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -21,12 +23,19 @@ demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
 
 test: setup ## all checks and tests
-	@$(TIMED) $(MAKE) --no-print-directory lint test-rust test-python
+	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
 
-lint: setup ## formats, lints, types, stubs, order of imports, docs of the core
+check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
+	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow"
+
+lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
+
+lint-rust: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --quiet -p voxflat
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet -p voxflat
+
+lint-python: setup
 	$(RUN) ruff check
 	$(RUN) ruff format --check
 	$(RUN) mypy
@@ -38,7 +47,7 @@ test-rust: setup ## tests of the core
 	cargo test --release --quiet -p voxflat
 
 test-python: setup ## tests of the Python package, napari's real window among them
-	$(RUN) pytest -q
+	$(PYTEST)
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
 	$(RUN) python docs/benchmarks/rows.py

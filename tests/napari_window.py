@@ -1,7 +1,11 @@
 """What tests of the napari plugin put into its window, and how they press its buttons."""
 
 import numpy as np
+import pytest
 from scipy.spatial import ConvexHull
+
+pytest.importorskip("qtpy")
+from qtpy.QtCore import QCoreApplication, QThreadPool
 
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
 FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
@@ -53,3 +57,20 @@ PATIENCE = 120_000
 def run(widget, qtbot, timeout=PATIENCE):
     widget.start.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
+
+
+def wait_until_drawn(viewer, qtbot):
+    """Wait until the window is on the screen and its canvas is drawn anew, as it is laid out by then."""
+    with qtbot.waitExposed(viewer.window._qt_window, timeout=PATIENCE):
+        pass
+    drawn = []
+    canvas = viewer.window._qt_viewer.canvas._scene_canvas
+    canvas.events.draw.connect(drawn.append)
+    canvas.update()
+    qtbot.waitUntil(lambda: bool(drawn), timeout=PATIENCE)
+
+
+def wait_for_threads(qtbot):
+    """Wait until no thread works, and what the last one emitted has arrived."""
+    qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=PATIENCE)
+    QCoreApplication.processEvents()

@@ -96,7 +96,7 @@ API = {
     "two sources": (sheet(), {"sources": 2}, r"2 sources are too few; give at least 3"),
     "no source": (sheet(), {"sources": 0}, r"0 sources are too few; give at least 3"),
     "two given sources": (sheet(), {"sources": [[0, 0, 2], [9, 9, 2]]}, r"2 sources are too few"),
-    "too many sources": (sheet(), {"sources": 1601}, r"1601 sources are more than the 1600 voxels.* at most that many"),
+    "too many sources": (sheet(), {"sources": 1601}, r"1601 sources are more than the 1600 points.* at most that many"),
     "sources off the surface": (
         sheet(),
         {"sources": [[0, 0, 2], [5, 9, 0], [20, 9, 2]]},
@@ -118,7 +118,7 @@ API = {
         r"source \[9, 9, 2\] is given 2 times",
     ),
     "sources on a line": (sheet(), {"sources": [[0, 0, 2], [9, 0, 2], [20, 0, 2]]}, r"only 1 eigenvalue\(s\)"),
-    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be whole voxel indices"),
+    "fractional sources": (sheet(), {"sources": [[0.5, 0, 2]] * 3}, r"sources must be voxel indices of shape"),
     "disconnected patch": (
         sheet(),
         {"keep": kept(np.s_[:5], np.s_[30:])},
@@ -494,7 +494,7 @@ def test_a_map_that_is_missing(tmp_path):
 
 BAD_IMAGES = {
     "ending": (["--heat-map", "-o", "a.jpg"], r"a\.jpg: its name must end in \.png or \.tif"),
-    "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory; choose another place"),
+    "directory": (["--heat-map", "-o", "missing/a.png"], r"a\.png: No such file or directory"),
     "volume missing": (["--volume", "t1.nii", "-o", "a.png"], r"t1\.nii: No such file"),
     "volume of another shape": (["--volume", "small.npy", "-o", "a.png"], r"shape \(8, 8, 8\).*give a volume of that"),
     "pixel size zero": (["--heat-map", "--pixel-size", "0", "-o", "a.png"], r"pixel size is 0 mm: give a positive"),

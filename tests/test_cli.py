@@ -188,7 +188,7 @@ def test_quiet_says_nothing(shared, tmp_path):
 
 def test_json_is_one_object(shared, tmp_path):
     out = tmp_path / "map.npz"
-    result = program("flatten", shared / "surface.nii.gz", "-o", out, "--sources", "60", "--json")
+    result = program("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
     assert result.returncode == 0
     assert "of memory are needed" in result.stderr
     content = json.loads(result.stdout)
@@ -491,7 +491,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     import struct
     import termios
 
-    sheet = np.zeros((500, 500, 3), np.uint8)
+    sheet = np.zeros((300, 300, 3), np.uint8)
     sheet[:, :, 1] = 1
     np.save(tmp_path / "sheet.npy", sheet)
     terminal, stderr = pty.openpty()
@@ -538,13 +538,13 @@ def read_terminal(terminal, until=None, seconds=120):
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes differ")
 def test_a_reader_that_leaves_early_is_no_error(shared):
-    with subprocess.Popen([PROGRAM, "check", shared / "surface.nii.gz"], stdout=-1, stderr=-1) as process:
+    with subprocess.Popen([PROGRAM, "check", shared / "surface.npy"], stdout=-1, stderr=-1) as process:
         process.stdout.close()
         assert process.stderr.read() == b""
 
 
 def test_python_m(shared):
-    command = [sys.executable, "-m", "voxflat.cli", "check", shared / "surface.nii.gz"]
+    command = [sys.executable, "-m", "voxflat.cli", "check", shared / "surface.npy"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0
     assert re.search(r"can be flattened +yes", result.stdout)

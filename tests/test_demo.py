@@ -37,5 +37,5 @@ def test_everything_is_written_and_named(output):
 
 def test_a_directory_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(voxflat.InputError, match="cannot make the directory"):
+    with pytest.raises(NotADirectoryError, match="demo"):
         demo.run(tmp_path / "file" / "demo")

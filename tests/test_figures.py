@@ -264,12 +264,44 @@ def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
 
 
 def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
-    def greys(picture):
-        pixels = scene(picture)
-        return int(((np.ptp(pixels, axis=2) < 12) & (pixels.min(axis=2) > 60) & (pixels.max(axis=2) < 245)).sum())
+    assert greys(scene(figures.patch_3d(flat_map, solid(), size=(300, 200)))) > 1000
+    assert greys(scene(figures.patch_3d(flat_map, size=(300, 200)))) < 100
 
-    assert greys(figures.patch_3d(flat_map, solid(), size=(300, 200))) > 1000
-    assert greys(figures.patch_3d(flat_map, size=(300, 200))) < 100
+
+def greys(pixels):
+    return int(((np.ptp(pixels, axis=2) < 12) & (pixels.min(axis=2) > 60) & (pixels.max(axis=2) < 245)).sum())
+
+
+@pytest.fixture(scope="module")
+def mesh_map():
+    """A dome, and the map of its top, whose errors are 0 but for one side."""
+    x, y = np.indices((30, 30)).reshape(2, -1)
+    corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
+    faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
+    dome = np.column_stack([x, y, 8 * np.sin(x * np.pi / 29) * np.sin(y * np.pi / 29)]), faces
+    flat_map = voxflat.flatten(dome, seed_point=465, radius=9.0, sources=40)
+    return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
+
+
+def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
+    dome, flat_map = mesh_map
+    alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above: +x, where the errors are, is right
+    red, green, blue = np.moveaxis(alone, 2, 0)
+    bright, dark = (red > 150) & (blue < red - 40), red + green + blue < 150
+    assert min(bright.sum(), dark.sum()) > 2000
+    assert np.nonzero(dark)[1].mean() < np.nonzero(bright)[1].mean() - 20
+    in_place = scene(figures.patch_3d(flat_map, dome, size=(300, 200)))
+    assert greys(in_place) > greys(alone) + 1000
+    drawn = bright | dark
+    assert (np.abs(in_place - alone).max(axis=2)[drawn] < 60).mean() > 0.95  # the patch is where and as it was
+
+
+def test_patch_3d_refuses_another_mesh(mesh_map, scene):
+    (points, faces), flat_map = mesh_map
+    with pytest.raises(InputError, match=r"the mesh has 870 vertices, the flattened one 900"):
+        figures.patch_3d(flat_map, (points[:870], faces[(faces < 870).all(axis=1)]))
+    with pytest.raises(InputError, match=r"lies up to 2 mm apart from the map"):
+        figures.patch_3d(flat_map, (points + np.array([0, 0, 2]), faces))
 
 
 def test_patch_3d_refuses_another_volume(flat_map, scene):

@@ -705,8 +705,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(nib, "save", half)
-    with pytest.raises(InputError, match=r"v\.nii\.gz: .*No space left"):
+    with pytest.raises(OSError, match="No space left") as told:
         write_volume(path, values(), oblique())
+    assert told.value.filename == str(path)
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == [path.name]
 
@@ -715,7 +716,7 @@ def test_unwritable_places(tmp_path):
     (tmp_path / "file").touch()
     (tmp_path / "folder.nii").mkdir()
     for path in (tmp_path / "file" / "v.nii", tmp_path / "missing" / "v.nii", tmp_path / "folder.nii"):
-        with pytest.raises(InputError, match=f"cannot write {path}: "):
+        with pytest.raises(OSError, match=str(path)):
             write_volume(path, values(), oblique())
     assert sorted(os.listdir(tmp_path)) == ["file", "folder.nii"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from napari_window import AFFINE, FLIP, bumps, cap
+from napari_window import AFFINE, FLIP, bumps, cap, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -204,7 +204,7 @@ def test_click_on_a_mesh_sets_the_seed(open_widget, qtbot):
     camera = getattr(viewer, "scene", viewer).camera
     camera.set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
     camera.center = np.array(points[12 * 25 + 12]) * (1, 2, 1)
-    qtbot.wait(100)
+    wait_until_drawn(viewer, qtbot)
     canvas = viewer.window._qt_viewer.canvas.native
     centre = QPoint(canvas.width() // 2, canvas.height() // 2)
     qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
@@ -226,7 +226,7 @@ def test_click_sets_the_seed(open_widget, qtbot, ndisplay):
     viewer.reset_view()
     layer.mode = "paint"
     painted = labels.copy()
-    qtbot.wait(100)
+    wait_until_drawn(viewer, qtbot)
     widget.form.seed.pick.click()
     canvas = viewer.window._qt_viewer.canvas.native
     centre = QPoint(canvas.width() // 2, canvas.height() // 2)

@@ -6,14 +6,13 @@ from functools import partial
 import numpy as np
 import pytest
 import shapes
-from napari_window import PATIENCE, bumps, choose, run, sphere
+from napari_window import PATIENCE, bumps, choose, run, sphere, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
-from qtpy.QtCore import QThreadPool  # noqa: E402
 
 
 @pytest.fixture
@@ -154,14 +153,18 @@ def test_cancel_is_prompt(open_widget, qtbot):
     assert [layer.name for layer in viewer.layers] == ["bumps"]
 
 
-def test_closing_meanwhile_is_safe(open_widget, qtbot):
+def test_closing_meanwhile_cancels(open_widget, qtbot, endings, messages):
     points, faces, _ = bumps(300)
     viewer, widget = open_widget(Surface((points, faces)))
     limit(widget, "count", 200)
     widget.start.click()
     qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
+    layers = list(viewer.layers)
     viewer.window.remove_dock_widget(widget)
-    qtbot.waitUntil(lambda: QThreadPool.globalInstance().activeThreadCount() == 0, timeout=PATIENCE)
+    wait_for_threads(qtbot)
+    assert endings == [voxflat.Cancelled]
+    assert messages == []
+    assert list(viewer.layers) == layers
 
 
 def test_saving(open_widget, qtbot, tmp_path, monkeypatch):

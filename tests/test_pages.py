@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import voxflat
-from voxflat import InputError
+from voxflat import InputError, figures
 from voxflat.io import meshes
 from voxflat.maps.look_up import TriangleFinder
 
@@ -95,7 +96,7 @@ class TestPage:
             atlas.page(packing="tight")
         with pytest.raises(InputError, match="no figure 'error'"):
             atlas.heat_map(of="error")
-        monkeypatch.setitem(__import__("sys").modules, "xatlas", None)
+        monkeypatch.setitem(sys.modules, "xatlas", None)
         with pytest.raises(InputError, match=r"voxflat\[atlas\]"):
             atlas.page(1.234, packing="shapes")
 
@@ -272,3 +273,27 @@ class TestTextures:
         assert (warm[..., 0] != warm[..., 2]).any()
         with pytest.raises(InputError, match="none of this page"):
             atlas.page(30.0).textured(image)
+
+    @pytest.mark.parametrize("bound", [None, 1.5])
+    def test_a_patch_has_one_colour_wherever_it_is_shown(self, atlas, bound, tmp_path, monkeypatch):
+        shown = atlas if bound is None else atlas.glue(bound)
+        page = shown.page()
+        page.label_image().save(tmp_path / "labels.png")
+        pixels, triangles = np.asarray(Image.open(tmp_path / "labels.png")), page.face_ids()
+        in_file = np.zeros((len(shown.faces), 3), dtype=int)
+        in_file[triangles[triangles >= 0]] = pixels[triangles >= 0, :3]
+        seen = np.unique(triangles[triangles >= 0])
+        assert len(np.unique(in_file[seen], axis=0)) == len(np.unique(shown.patch_ids[seen]))
+
+        textured = page.textured()
+        s, t = textured.texture_coordinates[textured.texture_faces].mean(axis=1).T
+        height, width = textured.picture.shape[:2]
+        texels = textured.picture[((1 - t) * height).astype(int), (s * width).astype(int)]
+        assert (texels[seen] == in_file[seen]).all(axis=1).mean() > 0.95  # a pixel of the border may be another's
+
+        drawn = figures.atlas_page(shown).axes[0].collections[0].get_facecolor()
+        assert_array_equal(np.round(255 * drawn[seen, :3]).astype(int), in_file[seen])
+
+        monkeypatch.setitem(sys.modules, "pyvista", None)
+        monkeypatch.setattr("voxflat.figures.space._by_matplotlib", lambda atlas, colours, *view: colours)
+        assert_array_equal(figures.atlas_3d(shown)[seen], in_file[seen])

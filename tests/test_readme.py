@@ -14,9 +14,13 @@ README = (Path(__file__).parents[1] / "README.md").read_text()
 
 @pytest.fixture
 def lab(tmp_path, monkeypatch):
-    """The directory of a user who has the files that README speaks of."""
-    for name, volume in zip(("wm.nii.gz", "t1.nii.gz"), demo.demo_cortex(), strict=False):
-        write_volume(tmp_path / name, volume.data, volume.affine)
+    """The directory of a user who has the files that README speaks of, white matter only around README's seed point."""
+    white_matter, t1, _ = demo.demo_cortex()
+    near = tuple(slice(at - 48, at + 49) for at in demo.SEED_POINT)
+    part = np.zeros_like(white_matter.data)
+    part[near] = white_matter.data[near]
+    write_volume(tmp_path / "wm.nii.gz", part, white_matter.affine)
+    write_volume(tmp_path / "t1.nii.gz", t1.data, t1.affine)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -40,8 +44,15 @@ def test_the_commands_run(lab):
     assert {path.name for path in lab.iterdir()} >= {"map.npz", "t1_flat.png", "distortion.png"}
 
 
-def test_links_lead_somewhere():
+def test_links_lead_somewhere_and_from_the_readme_to_every_page():
     root = Path(__file__).parents[1]
-    for page in [root / "README.md", *root.glob("docs/**/*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
+    reached, pages = set(), [root / "README.md"]
+    while pages:
+        page = pages.pop()
+        reached.add(page)
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            path = (page.parent / target).resolve()
+            assert path.exists(), f"{page.name}: {target}"
+            found = path.glob("*.md") if path.is_dir() else [path]
+            pages += [path for path in found if path.suffix == ".md" and path not in reached]
+    assert reached >= {root / "CONTRIBUTING.md", root / "CHANGELOG.md", *root.glob("docs/**/*.md")}

@@ -9,8 +9,9 @@ with bounds of the distortion that are proven.
 
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, load_atlas, patches
+from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, load_atlas
 from voxflat.atlases.glued import GluedAtlas, GluedPiece, Seams
+from voxflat.atlases.making import patches
 from voxflat.atlases.page import FlatPage
 from voxflat.distances.geodesic import geodesic
 from voxflat.distances.path import Path, path

@@ -18,7 +18,7 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import patches
+from voxflat.atlases.making import patches
 from voxflat.atlases.pieces import FIGURES
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume

@@ -124,14 +124,13 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     Raises
     ------
     InputError
-        If a package of the demo is missing or the directory cannot be made.
+        If a package of the demo is missing.
+    OSError
+        If the directory cannot be made, or a file not be written.
     """
     from voxflat import figures  # brings in matplotlib
 
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the directory {output}: {error.strerror}; choose another place") from error
+    output.mkdir(parents=True, exist_ok=True)
     white_matter, t1, grey_matter = demo_cortex()
     start = time.perf_counter()
     whole = surface(hemisphere(white_matter), repair=True, progress=progress)

@@ -14,7 +14,7 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.maps import FlatLayers
 from voxflat._napari.results.pages import page_layers
 from voxflat.arguments import Progress
-from voxflat.atlases.certified import patches
+from voxflat.atlases.making import patches
 from voxflat.errors import Cancelled
 from voxflat.methods.flatten import flatten
 

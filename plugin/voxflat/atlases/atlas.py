@@ -18,7 +18,7 @@ from voxflat.atlases.layout import lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
+from voxflat.io.files import atomic_path, holding
 from voxflat.maps.raster import FlatImage
 
 __all__ = ["Atlas"]
@@ -297,14 +297,8 @@ class Atlas(FlatPieces):
         FileNotFoundError
             If there is no such file.
         """
-        path = Path(path)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                text = json.loads(str(file["text"]))
-                if text.pop("format") != cls._format:
-                    raise InputError(f"{path} was written by another version of voxflat; make the patches again")
-                return cls._of_file(text, {name: file[name] for name in cls._arrays})
-        except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
-            raise
-        except Exception as error:  # what damage leads to is known to no one
-            raise InputError(f"{path} is not an atlas of voxflat or is damaged ({type(error).__name__})") from error
+        with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
+            text = json.loads(str(file["text"]))
+            if text.pop("format") != cls._format:
+                raise InputError(f"{path} was written by another version of voxflat; make the patches again")
+            return cls._of_file(text, {name: file[name] for name in cls._arrays})

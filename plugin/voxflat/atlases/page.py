@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,6 @@ from scipy.ndimage import distance_transform_edt
 
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
-from voxflat.maps.colours import coloured
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
@@ -128,7 +127,8 @@ class FlatPage(Planar):
         FlatImage
             NaN beside the pieces.
         """
-        return self._carried(self.atlas.patch_ids + 1, "number of the patch", pixel_size)  # 0 is grey: unlabelled
+        numbers = self.atlas.patch_ids + 1  # 0 is grey: unlabelled
+        return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
 
     def _carried(self, values: NDArray[np.generic], name: str, pixel_size: float | None) -> FlatImage:
         """Carry values of the triangles to their pixels."""
@@ -194,7 +194,7 @@ class FlatPage(Planar):
         """
         shown = self.label_image() if image is None else image
         coordinates = self.texture_coordinates(shown)
-        picture = _spread(coloured(shown.data, colour_map, limits))
+        picture = _spread(shown.colours(colour_map, limits))
         of = self.atlas
         return TexturedSurface(of.points, of.faces, coordinates, picture, texture_faces=of.uv_faces)
 

@@ -7,22 +7,22 @@ from typing import Any
 
 import click
 
-import voxflat
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.output import check_output
+from voxflat.cli.input import source_of
+from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
-
-__all__ = ["cut"]
+from voxflat.surfaces.cut import cut
 
 
 @click.command(
+    "cut",
     epilog="""\b
 Examples:
   voxflat cut lh.white --pial lh.pial --drop medial-wall --relax -o lh.cuts.json
   voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json
   voxflat flatten lh.white --pial lh.pial --cut lh.cuts.json -o lh.flat.surf.gii
-"""
+""",
 )
 @options.input_
 @click.option(
@@ -41,24 +41,22 @@ Examples:
 @options.memory_limit
 @options.as_json
 @options.debug
-def cut(input_: Path, output: Path, as_json: bool, **options: Any) -> None:
+def command(input_: Path, output: Path, as_json: bool, **given: Any) -> None:
     """Cut a surface open, as voxflat flatten would.
 
     What is no disk becomes one; further cuts relieve the map where that pays.
     """
-    from voxflat.cli.program import _print_json, _source
-
     if output.suffix.lower() not in (".json", ".gii", ".vtp", ".ply", ".obj"):
         raise InputError(f"cannot write {output}: its name must end in .json, .surf.gii, .vtp, .ply or .obj")
-    check_output(output, (), (input_, options["keep"], options["drop"]))
+    check_output(output, (), (input_, given["keep"], given["drop"]))
     with bars() as shown:
-        made = voxflat.cut(_source(input_, options, shown), progress=shown.progress, **options)
+        made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
     (made if output.suffix.lower() == ".json" else made.surface).save(output)
     if as_json:
-        cuts = [{"ids": cut.ids.tolist(), "length": cut.length, "reason": cut.reason} for cut in made.cuts]
-        _print_json({"output": str(output), "vertices": len(made.surface), "cuts": cuts})
+        cuts = [{"ids": one.ids.tolist(), "length": one.length, "reason": one.reason} for one in made.cuts]
+        print_json({"output": str(output), "vertices": len(made.surface), "cuts": cuts})
         return
-    for number, cut in enumerate(made.cuts):
-        length = "" if cut.length is None else f", {cut.length:.1f} mm"
-        click.echo(f"cut {number}: {cut.reason}, {len(cut.ids)} vertices{length}")
+    for number, one in enumerate(made.cuts):
+        length = "" if one.length is None else f", {one.length:.1f} mm"
+        click.echo(f"cut {number}: {one.reason}, {len(one.ids)} vertices{length}")
     click.echo(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles\nsaved as {output}")

@@ -15,6 +15,8 @@ from voxflat.cli.console import DEBUG
 
 __all__ = [
     "FILE",
+    "MAKING",
+    "VOLUME",
     "as_json",
     "debug",
     "input_",
@@ -157,6 +159,9 @@ def _group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Co
     return decorate
 
 
+VOLUME = ("label", "threshold", "spacing")
+"""Names of the options of `volume`."""
+
 volume = _group(
     click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
     click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
@@ -168,6 +173,9 @@ volume = _group(
     ),
 )
 """What of a volume is foreground, and where it lies."""
+
+MAKING = ("pial", "probability", "repair")
+"""Names of the options of `making`."""
 
 making = _group(
     click.option("--pial", type=FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."),

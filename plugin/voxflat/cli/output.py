@@ -1,14 +1,23 @@
-"""Whether the result of a command can be written."""
+"""What a command writes: whether it can, and as JSON."""
 
 from __future__ import annotations
 
+import errno
+import json
+import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import click
 
 from voxflat.errors import InputError
 
-__all__ = ["check_output"]
+__all__ = ["FIGURE_ENDINGS", "check_output", "print_json"]
+
+FIGURE_ENDINGS = (".png", ".pdf", ".svg")
+"""How the name of a figure's file may end."""
 
 
 def check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | None]) -> None:
@@ -20,8 +29,13 @@ def check_output(path: Path, endings: Sequence[str], inputs: Sequence[Path | Non
             raise InputError(f"cannot write {path}: it is an input; choose another name")
     try:
         if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """Print one JSON object to stdout."""
+    click.echo(json.dumps(content, allow_nan=False))

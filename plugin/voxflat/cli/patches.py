@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-import voxflat
+from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.layout import PACKINGS
+from voxflat.atlases.making import patches
 from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
+from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE
-from voxflat.cli.output import check_output
+from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.maps.texture import TEXTURED_ENDINGS
-
-__all__ = ["load_flat", "patches"]
-
-_PICTURES = (".png", ".pdf", ".svg")
 
 
 @click.command(
+    "patches",
     epilog="""\b
 Examples:
   voxflat patches lh.white -o atlas.npz
@@ -31,7 +28,7 @@ Examples:
   voxflat patches labels.nii.gz --label 3 --count 200 --json -o atlas.npz
   voxflat patches lh.white --glue 1.5 -o glued.npz --page page.png
   voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
-"""
+""",
 )
 @click.argument("surface_", metavar="SURFACE", type=FILE)
 @click.option(
@@ -89,7 +86,7 @@ Examples:
 @options.as_json
 @options.quiet
 @options.debug
-def patches(
+def command(
     surface_: Path,
     output: Path,
     page: Path | None,
@@ -102,7 +99,7 @@ def patches(
     pixel_size: float | None,
     as_json: bool,
     quiet: bool,
-    **options: Any,
+    **given: Any,
 ) -> None:
     """Flatten a surface in certified patches.
 
@@ -117,15 +114,11 @@ def patches(
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)
     for path in (page, picture):
         if path is not None:
-            check_output(path, _PICTURES if path is page else (".png",), (surface_,))
-    making = {name: options.pop(name) for name in ("pial", "probability", "repair", "label", "threshold", "spacing")}
-    making["repair"] = making["repair"] or False
+            check_output(path, FIGURE_ENDINGS if path is page else (".png",), (surface_,))
     with bars(quiet) as shown:
-        limits = {name: options.pop(name) for name in ("memory_limit", "threads")}
-        source = voxflat.surface(surface_, **making, **limits, progress=shown.progress)
-        told: dict[str, Any] = {"threads": limits["threads"], "progress": shown.progress}
-        patches = voxflat.patches(source, **options, **told)
-        atlas = patches if glue is None else patches.glue(glue, **told)
+        certified = patches(surface_of(surface_, given, shown), progress=shown.progress, **given)
+        told = {"threads": given["threads"], "progress": shown.progress}
+        atlas = certified if glue is None else certified.glue(glue, **told)
     if is_textured:
         _save_textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
     else:
@@ -133,7 +126,7 @@ def patches(
     if page is not None or picture is not None:
         _draw(atlas, page, picture, packing)
     if as_json:
-        click.echo(json.dumps({"output": str(output), **atlas.figures(), "metadata": atlas.metadata}, allow_nan=False))
+        print_json({"output": str(output), **atlas.figures(), "metadata": atlas.metadata})
     elif not quiet:
         click.echo(f"{atlas.table()}\n\nsaved as {output}")
 
@@ -166,32 +159,7 @@ def _save_textured(
     textured.save(output)
 
 
-def load_flat(path: Path) -> voxflat.FlatMap | voxflat.FlatAtlas | voxflat.GluedAtlas:
-    """Load a flat map or an atlas, whichever a file holds.
-
-    Parameters
-    ----------
-    path : path
-        An .npz file.
-
-    Returns
-    -------
-    FlatMap, FlatAtlas or GluedAtlas
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or neither.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            is_atlas = "uv_faces" in file.files
-    except Exception:  # what is wrong, `load` says
-        is_atlas = False
-    return voxflat.load_atlas(path) if is_atlas else voxflat.load(path)
-
-
-def _draw(atlas: voxflat.FlatAtlas | voxflat.GluedAtlas, page: Path | None, picture: Path | None, packing: str) -> None:
+def _draw(atlas: Atlas, page: Path | None, picture: Path | None, packing: str) -> None:
     from voxflat import figures  # brings in matplotlib
 
     if page is not None:

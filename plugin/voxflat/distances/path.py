@@ -36,6 +36,9 @@ class Path:
     points: NDArray[np.float64]
     length: float
 
+    def __repr__(self) -> str:
+        return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
+
 
 def path(
     surface: object,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, amount, log
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
+from voxflat.io.files import atomic_path, naming_file, save_array
 
 FORMAT = "voxflat rows 1"
 ARRAYS = ("points", "ids", "sources")
@@ -82,7 +83,9 @@ def prepare_store(
     Raises
     ------
     InputError
-        If it is a store of other rows, holds other files, cannot be written, or there is no room on the disk.
+        If it is a store of other rows, or holds other files.
+    OSError
+        If it cannot be written, or there is no room on the disk.
     """
     if not isinstance(path, str | os.PathLike) or not os.fspath(path):
         raise InputError(f"the store is {path!r}; give a directory")
@@ -99,7 +102,7 @@ def prepare_store(
         "fingerprint": f"{fingerprint:016x}",
         **{f"{name}_sha256": array_hash(array) for name, array in arrays.items()},
     }
-    try:
+    with naming_file(path):
         is_new = not _holds_files(path)
         if not is_new:
             _compare(path, identity)
@@ -109,8 +112,6 @@ def prepare_store(
             _compare(path, identity)
         for name, array in arrays.items():
             _mend(path / f"{name}.npy", array, identity[f"{name}_sha256"])
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
     text = json.dumps(identity, sort_keys=True)
     return Store(path, hashlib.sha256(text.encode()).hexdigest(), geodesic)
 
@@ -128,7 +129,7 @@ def read_description(path: Path) -> dict[str, Any]:
         wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
         if named == FORMAT and not all(name in described for name in wanted):
             raise ValueError("it is not complete")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file} is damaged ({error}); {OTHER}") from error
     if named != FORMAT:
         raise InputError(f"{file} has the format {named!r}, this version of voxflat has {FORMAT!r}; {OTHER}")
@@ -158,9 +159,11 @@ def _check_disk(path: Path, size: int) -> None:
     need = max(0, size - (_allocated(table) if table.exists() else 0))
     free = shutil.disk_usage(path if path.exists() else path.parent).free
     if need > free:
-        raise InputError(
-            f"{amount(need)} on disk are needed in {path}, {amount(free)} are free; make room, choose another "
-            "directory, or take fewer sources or a smaller patch"
+        raise OSError(
+            errno.ENOSPC,
+            f"{amount(need)} on disk are needed, {amount(free)} are free; make room, choose another directory, or take "
+            "fewer sources or a smaller patch",
+            str(path),
         )
     if need:
         log.info("up to %s on disk are needed in %s", amount(need), path)
@@ -172,8 +175,8 @@ def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]
     try:
         beside.mkdir()
         for name, array in arrays.items():
-            with (beside / f"{name}.npy").open("xb") as file:
-                np.save(file, array, allow_pickle=False)
+            save_array(beside / f"{name}.npy", array)
+            with (beside / f"{name}.npy").open("r+b") as file:
                 _to_disk(file)
         with (beside / "store.json").open("x") as text:
             text.write(json.dumps(identity, indent=2) + "\n")
@@ -221,7 +224,7 @@ def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
         if array_hash(np.load(path, allow_pickle=False)) == expected:
             return
     with atomic_path(path) as temporary:
-        np.save(temporary, array, allow_pickle=False)
+        save_array(temporary, array)
 
 
 def _allocated(path: Path) -> int:

@@ -1,1 +1,1 @@
-"""What flattening did to distances and triangles: figures, and tables of them."""
+"""What flattening did to a surface: `figures` of distances and triangles, and `distortion`, all of a map, in tables."""

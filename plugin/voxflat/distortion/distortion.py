@@ -63,6 +63,13 @@ class Distortion:
     topology: dict[str, int] | None = None
     voxel_size: float | None = None
 
+    def __repr__(self) -> str:
+        error, scatter = 100 * self.raw.relative_error, 100 * self.standard_error.raw.relative_error
+        return (
+            f"<Distortion: relative error {error:.2f} ± {scatter:.2f} %, {self.sources} sources, {self.pairs} pairs, "
+            f"{self.reference} distances>"
+        )
+
     @classmethod
     def of(cls, distances: dict[str, Any], triangles: dict[str, Any] | None, reference: str, **more: Any) -> Distortion:
         """Take what the compiled core has measured.

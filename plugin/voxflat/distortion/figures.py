@@ -46,6 +46,12 @@ class Figures:
     stress_1: float
     sammon_stress: float
 
+    def __repr__(self) -> str:
+        return (
+            f"<Figures at scale {self.scale:.4g}: relative error {100 * self.relative_error:.2f} %, "
+            f"absolute error {self.absolute_error:.3g} mm, stress-1 {self.stress_1:.4f}>"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleFigures:
@@ -95,6 +101,12 @@ class TriangleFigures:
     areal: NDArray[np.float64]
     is_flipped: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        return (
+            f"<TriangleFigures: area, log2, {self.areal_median:.2f} (95 %: {self.areal_p95:.2f}), edges "
+            f"{100 * self.edge:.1f} %, {self.flipped} flipped, {self.covering} covering another>"
+        )
+
 
 @dataclass(frozen=True)
 class StandardErrors:
@@ -116,6 +128,10 @@ class StandardErrors:
     best_scale: Figures
     pearson_r: float
     mean_geodesic: float
+
+    def __repr__(self) -> str:
+        raw, best = (100 * of.relative_error for of in (self.raw, self.best_scale))
+        return f"<StandardErrors: relative error {raw:.2f} %, at the best scale {best:.2f} %>"
 
 
 def json_ready(value: Any) -> Any:

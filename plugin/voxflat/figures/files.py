@@ -31,7 +31,9 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     InputError
-        If the ending is another, or the file cannot be written.
+        If the ending is another.
+    OSError
+        If the file cannot be written.
     """
     path = Path(path)
     kind = path.suffix[1:].lower()
@@ -54,7 +56,9 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> No
     Raises
     ------
     InputError
-        If the ending is another, or the file cannot be written.
+        If the ending is another.
+    OSError
+        If the file cannot be written.
     """
     path = Path(path)
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:

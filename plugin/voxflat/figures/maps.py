@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
 from voxflat.judging.measure import Comparison
-from voxflat.maps.colours import WINDOW, are_labels, label_colours
+from voxflat.maps.colours import WINDOW, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
@@ -157,7 +157,7 @@ def flat_image(
     figure, axes = _map_axes(image)
     if image.is_colour:
         axes.imshow(image.data, **_placed(image))
-    elif are_labels(image.data):
+    elif image.is_labels:
         axes.imshow(label_colours(image.data), **_placed(image))
         _name_labels(axes, image)
     else:

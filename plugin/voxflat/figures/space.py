@@ -24,6 +24,7 @@ from voxflat.io.volumes import as_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.foreground import foreground
 from voxflat.surfaces.making import surface
+from voxflat.surfaces.surface import triangle_keys
 
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista
@@ -219,16 +220,11 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
             f"the mesh lies up to {apart:.3g} mm apart from the map; give the one that was flattened: where it had a "
             "pial surface, voxflat.surface(white, pial=...)"
         )
-    is_around = ~np.isin(_keys(mesh.ids[mesh.faces]), _keys(flat_map.ids[faces]))
+    is_around = ~np.isin(triangle_keys(mesh.ids[mesh.faces]), triangle_keys(flat_map.ids[faces]))
     if not is_around.any():
         return [patch]
     around = mesh.faces[is_around].astype(np.int64)
     return [patch, pyvista.PolyData.from_regular_faces(mesh.points, around).clean()]
-
-
-def _keys(faces: NDArray[np.int64]) -> NDArray[Any]:
-    """Return a value for each triangle, whatever the order of its corners."""
-    return np.ascontiguousarray(np.sort(faces, axis=1)).view([("", faces.dtype)] * 3).ravel()
 
 
 def _iso_surface(flat_map: FlatMap, field: NDArray[np.float32], level: float, first: NDArray[Any]) -> pyvista.PolyData:

@@ -1,6 +1,8 @@
 """Files in and out: volumes on their grids, and meshes with what lies on their points.
 
-What users call stands here; a module a family of formats. No reader knows of surfaces or maps.
+What users call stands here; a module a format, or a family of them. No reader knows of surfaces or maps. From below:
+`files`, `grid` and `triangles` are what formats share; `readers` and `volumes` are of volumes, `formats` tells those of
+meshes apart, `meshes` and `overlays` read and write them all.
 """
 
 from voxflat.io.files import atomic_path

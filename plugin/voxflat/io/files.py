@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import importlib
 import os
@@ -12,9 +13,12 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from voxflat.arguments import amount
 from voxflat.errors import InputError
@@ -50,15 +54,42 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def naming(name: object, remedy: str) -> Iterator[None]:
-    """Turn whatever goes wrong with a file or object into one line that begins with its name."""
+    """Turn whatever is wrong with what a file or object holds into one line that begins with its name.
+
+    Errors of the system, such as a missing file or a full disk, stay what they are.
+    """
     try:
         yield
-    except (FileNotFoundError, PermissionError, MemoryError):
+    except MemoryError:
         raise
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
+            raise
         raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
+
+
+@contextmanager
+def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
+    try:
+        yield
+    except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+        raise
+    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
+        raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
+
+
+@contextmanager
+def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Let errors of the system, such as a full disk, name the file that they are about; not a temporary one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or (error.filename is not None and str(error.filename) != str(temporary)):
+            raise
+        raise OSError(error.errno, error.strerror or os.strerror(error.errno), str(path)) from error
 
 
 def contents(path: Path) -> bytes:
@@ -102,25 +133,37 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    InputError
-        Nothing can be written at `path`.
+    OSError
+        Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
     """
     path = Path(path)
     temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
-    try:
+    with naming_file(path, temporary):
         if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}; choose another place") from error
-    try:
-        yield temporary
         try:
+            yield temporary
             temporary.replace(path)
-        except OSError as error:
-            raise InputError(f"cannot replace {path}: {error.strerror}; is it in use?") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        except Exception:
+            _probe(temporary)
+            raise
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def _probe(path: Path) -> None:
+    """Raise the system's own error where no more can be written: not every package's writer says so."""
+    if path.exists():
+        with path.open("ab") as file:
+            file.write(bytes(_BLOCK))
+            os.fsync(file.fileno())
+
+
+def save_array(path: Path, array: NDArray[Any]) -> None:
+    """Write a .npy file as `numpy.save` does, but by Python's own file, which tells of every byte not written."""
+    with path.open("wb") as file:
+        np.lib.format.write_array(SimpleNamespace(write=file.write), np.asanyarray(array), allow_pickle=False)
 
 
 def beside(path: Path, ending: str) -> Path:

@@ -51,6 +51,9 @@ class Patch:
     border: NDArray[np.bool_]
     path: Path | None = None
 
+    def __repr__(self) -> str:
+        return f"<Patch: {len(self.vertex_ids)} points, {np.count_nonzero(self.border)} of them at the border>"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertex_ids", _check_vertices(self.vertex_ids))
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
@@ -134,7 +137,9 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     Raises
     ------
     InputError
-        The file cannot be written, or cannot hold the patch.
+        The file cannot hold the patch.
+    OSError
+        It cannot be written.
     """
     path = Path(path)
     with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
@@ -275,8 +280,9 @@ def cras_remark(shift: Any) -> str:
 
 def write_geometry(path: Path, points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
     """Write a surface file."""
-    nibabel = require("nibabel")
-    nibabel.freesurfer.write_geometry(path, as_float32(points), faces, create_stamp="created by voxflat")
+    counts = np.array([len(points), len(faces)], ">i4")
+    parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
+    path.write_bytes(b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts))
 
 
 def is_morph(data: bytes) -> bool:

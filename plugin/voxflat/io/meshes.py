@@ -53,6 +53,10 @@ class Mesh:
     texture_coordinates: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        name = "" if self.path is None else f" {self.path.name}"
+        return f"<Mesh{name}: {len(self.points)} points, {len(self.faces)} triangles>"
+
     def __post_init__(self) -> None:
         points = np.asarray(self.points)
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
@@ -235,7 +239,9 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     Raises
     ------
     InputError
-        The format cannot hold the mesh, or the file cannot be written.
+        The format cannot hold the mesh.
+    OSError
+        The file cannot be written.
     """
     path = Path(path)
     with naming(path, "can this format hold it?"):

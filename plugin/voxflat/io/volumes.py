@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require
+from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, as_array, from_itk, from_nibabel, read
 
@@ -46,6 +46,11 @@ class Volume:
     affine: Affine
     path: Path | None = None
     is_placed: bool = True
+
+    def __repr__(self) -> str:
+        name = "" if self.path is None else f" {self.path.name}"
+        shape, spacing = (" x ".join(f"{n:.4g}" for n in sizes) for sizes in (self.data.shape, self.spacing))
+        return f"<Volume{name}: {shape} of {self.data.dtype}, voxels of {spacing} mm, {self.orientation}>"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", _check_data(self.data))
@@ -144,7 +149,9 @@ def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLik
     Raises
     ------
     InputError
-        The format cannot hold the volume, or the file cannot be written.
+        The format cannot hold the volume.
+    OSError
+        The file cannot be written.
     """
     path = Path(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
@@ -182,7 +189,7 @@ def _parts(obj: object) -> tuple[NDArray[Any], NDArray[Any] | None, Path | None]
 def _write_npy(path: Path, volume: Volume) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
         raise InputError("a .npy file keeps no affine: use .npz or an image format")
-    np.save(path, volume.data, allow_pickle=False)
+    save_array(path, volume.data)
 
 
 def _write_npz(path: Path, volume: Volume) -> None:

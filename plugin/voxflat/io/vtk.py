@@ -167,4 +167,10 @@ def write_vtp(
             polydata.point_data[name] = array
         if texture is not None:
             polydata.active_texture_coordinates = texture
-        polydata.save(path)
+        writer = importlib.import_module("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()
+        writer.SetInputData(polydata)
+        writer.SetDataModeToBinary()
+        writer.SetCompressorTypeToZLib()
+        writer.WriteToOutputStringOn()  # VTK 9.7 ends the process where a file cannot be written to its end
+        writer.Write()
+    path.write_bytes(writer.GetOutputString().encode())

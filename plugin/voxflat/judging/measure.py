@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,10 @@ class JudgedMap:
     faces: NDArray[np.uint32]
     distortion: Distortion
 
+    def __repr__(self) -> str:
+        error = 100 * self.distortion.raw.relative_error
+        return f"<JudgedMap: {len(self.uv)} points, {len(self.faces)} triangles, relative error {error:.1f} %>"
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -55,6 +60,10 @@ class Comparison:
     """
 
     maps: dict[str, JudgedMap]
+
+    def __repr__(self) -> str:
+        names = textwrap.shorten(", ".join(self.maps), 200, placeholder=" ...")
+        return f"<Comparison of {len(self.maps)} maps: {names}>"
 
     def __getitem__(self, name: str) -> Distortion:
         """Return what a map does to the surface."""

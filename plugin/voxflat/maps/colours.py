@@ -45,7 +45,7 @@ def are_labels(data: NDArray[Any]) -> bool:
 
 
 def coloured(
-    data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None
+    data: NDArray[Any], colour_map: str | None = None, limits: Sequence[float] | None = None, *, labels: bool
 ) -> NDArray[np.uint8]:
     """Return an image's pixels as colours.
 
@@ -57,6 +57,8 @@ def coloured(
         A colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each.
     limits : sequence of 2 floats, optional
         The values at the ends of the colour map; by default the 1st and 99th percentile.
+    labels : bool
+        Whether they are labels.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def coloured(
     """
     if data.ndim == 3:
         return data
-    if colour_map is None and limits is None and are_labels(data):
+    if colour_map is None and limits is None and labels:
         return label_colours(data)
     level, inside = levels(data, limits)[0], np.isfinite(data)
     pixels = np.zeros((*level.shape, 4), dtype=np.uint8)

@@ -16,7 +16,7 @@ from voxflat.arguments import log
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
+from voxflat.io.files import atomic_path, holding
 from voxflat.io.freesurfer import Patch, patch_border, write_patch
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
@@ -234,7 +234,9 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If the path has another ending or cannot be written.
+            If the path has another ending.
+        OSError
+            If it cannot be written.
         """
         path = Path(path)
         name = path.name.lower()
@@ -327,8 +329,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     FileNotFoundError
         If there is no such file.
     """
-    path = Path(path)
-    try:
+    with holding(path, "a flat map"):
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         metadata = json.loads(str(arrays.pop("metadata")))
@@ -343,11 +344,3 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
         return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)
-    except InputError:
-        raise
-    except (FileNotFoundError, IsADirectoryError, PermissionError):
-        raise
-    except MemoryError:
-        raise
-    except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
-        raise InputError(f"{path} is not a flat map of voxflat or is damaged ({type(error).__name__})") from error

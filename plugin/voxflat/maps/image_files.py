@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
+from voxflat.io.files import atomic_path, save_array
 from voxflat.io.volumes import write_volume
-from voxflat.maps.colours import WINDOW, all_whole, are_labels, label_colours, levels
+from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
 __all__ = ["IMAGE_ENDINGS", "write_image"]
 
 _TIFF_DESCRIPTION, _TIFF_CENTIMETRE = 270, 3
 
 
-def write_image(path: str | os.PathLike[str], data: NDArray[Any], affine: NDArray[np.float64], name: str) -> None:
+def write_image(
+    path: str | os.PathLike[str], data: NDArray[Any], affine: NDArray[np.float64], name: str, *, labels: bool
+) -> None:
     """Write a flat image to a file, all of it or nothing; see `FlatImage.save`.
 
     Parameters
@@ -29,26 +31,30 @@ def write_image(path: str | os.PathLike[str], data: NDArray[Any], affine: NDArra
         Its ending says how.
     data, affine, name
         As in `FlatImage`.
+    labels : bool
+        Whether the values are labels.
 
     Raises
     ------
     InputError
         If the ending is another, or the values do not fit.
+    OSError
+        If the file cannot be written.
     """
     path = Path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
-    write(path, data, affine, name)
+    write(path, data, affine, name, labels)
 
 
-def _write_png(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str) -> None:
+def _write_png(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
     from PIL import Image, PngImagePlugin
 
     text = PngImagePlugin.PngInfo()
     if data.ndim == 3:
         pixels, values = data, "colours"
-    elif are_labels(data):
+    elif labels:
         pixels, values = label_colours(data), "labels, each in a colour of its own"
     else:
         pixels, values = _grey(data)
@@ -59,7 +65,7 @@ def _write_png(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name
         Image.fromarray(pixels).save(temporary, format="PNG", dpi=(per_inch, per_inch), pnginfo=text)
 
 
-def _write_tiff(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str) -> None:
+def _write_tiff(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
     from PIL import Image, TiffImagePlugin
 
     tags = TiffImagePlugin.ImageFileDirectory_v2()
@@ -71,16 +77,16 @@ def _write_tiff(path: Path, data: NDArray[Any], affine: NDArray[np.float64], nam
         Image.fromarray(pixels).save(temporary, format="TIFF", tiffinfo=tags, **resolution)
 
 
-def _write_nifti(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str) -> None:
+def _write_nifti(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
     write_volume(path, _measured(data)[:, :, None], affine)
 
 
-def _write_npy(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str) -> None:
+def _write_npy(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
     with atomic_path(path) as temporary:
-        np.save(temporary, data, allow_pickle=False)
+        save_array(temporary, data)
 
 
-_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str], None]] = {
+_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool], None]] = {
     ".png": _write_png,
     ".tif": _write_tiff,
     ".tiff": _write_tiff,

@@ -35,6 +35,10 @@ class Places:
     points: NDArray[np.float64]
     piece_ids: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        found = int(np.count_nonzero(self.face_ids >= 0))
+        return f"<Places: {found} of {self.face_ids.size} on a triangle>"
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleFinder:

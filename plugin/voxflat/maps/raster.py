@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.ndimage import map_coordinates
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
+from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image
 
 _OUTSIDE = np.uint32(2**32 - 1)
@@ -40,6 +42,10 @@ class Raster:
     weights: NDArray[np.float32]
     origin: tuple[float, float]
     pixel_size: float
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<Raster: {width} x {height} pixels of {self.pixel_size:g} mm>"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -92,17 +98,52 @@ class FlatImage:
         (u, v) of the centre of pixel (0, 0), mm.
     name : str
         What it shows, with its unit.
+    labels : bool or None
+        Whether the values are labels, each with a colour of its own; None: where they look so, as whole numbers that
+        form areas.
     """
 
     data: NDArray[Any]
     pixel_size: float
     origin: tuple[float, float]
     name: str
+    labels: bool | None = None
+
+    def __repr__(self) -> str:
+        height, width = self.data.shape[:2]
+        return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
 
     @property
     def is_colour(self) -> bool:
         """Whether the data are colours."""
         return self.data.ndim == 3
+
+    @property
+    def is_labels(self) -> bool:
+        """Whether the values are labels, or look so."""
+        return are_labels(self.data) if self.labels is None else self.labels
+
+    def colours(self, colour_map: str | None = None, limits: Sequence[float] | None = None) -> NDArray[np.uint8]:
+        """Return the pixels as colours, as in a PNG.
+
+        Parameters
+        ----------
+        colour_map : str, optional
+            A colour map of matplotlib for values; by default grey, and for labels a colour each.
+        limits : sequence of 2 floats, optional
+            The values at the ends of the colour map; by default the 1st and 99th percentile.
+
+        Returns
+        -------
+        ndarray of uint8, shape (H, W, 4)
+            Opacity 0 outside the map.
+
+        Raises
+        ------
+        InputError
+            If there is no such colour map.
+        """
+        return coloured(self.data, colour_map, limits, labels=self.is_labels)
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -131,9 +172,11 @@ class FlatImage:
         Raises
         ------
         InputError
-            If the ending is another, the values do not fit, or the file cannot be written.
+            If the ending is another, or the values do not fit.
+        OSError
+            If the file cannot be written.
         """
-        write_image(path, self.data, self.affine, self.name)
+        write_image(path, self.data, self.affine, self.name, labels=self.is_labels)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

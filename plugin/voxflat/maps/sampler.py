@@ -111,6 +111,7 @@ class Sampler:
         self, raster: Raster, volume: object, *, depth: float = 0.0, interpolation: str | None = None, name: str = ""
     ) -> FlatImage:
         """Sample a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+        depth = checked_number(depth, "depth")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         texture = None if self.is_voxels else self._surface_texture(volume)
         if texture is not None:
@@ -156,7 +157,7 @@ class Sampler:
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
         points = raster.interpolate(self.points)
-        if checked_number(depth, "depth") == 0:
+        if depth == 0:
             return points
         if not np.isfinite(depth):
             raise InputError(f"the depth is {depth}; give a finite number of mm")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io import gltf, obj, ply, vtk
-from voxflat.io.files import atomic_path, beside, by_ending, naming
+from voxflat.io.files import atomic_path, beside, by_ending, naming, naming_file
 from voxflat.maps.pictures import values_at
 from voxflat.maps.subdivision import subdivide
 
@@ -119,7 +119,9 @@ class TexturedSurface:
         Raises
         ------
         InputError
-            If the ending is another, a file beside would replace the picture's own, or a file cannot be written.
+            If the ending is another, or a file beside would replace the picture's own.
+        OSError
+            If a file cannot be written.
         """
         path = Path(path)
         with naming(path, "can this format hold it?"):
@@ -130,7 +132,7 @@ class TexturedSurface:
                 raise InputError(f"cannot write {path}: {name} is the picture itself; choose another name")
         with ExitStack() as files:  # they take their places in reverse: the surface last, when what it names is there
             temporary = [files.enter_context(atomic_path(name)) for name in names]
-            with naming(path, "can this format hold it?"):
+            with naming_file(path), naming(path, "can this format hold it?"):
                 write(temporary, self, [name.name for name in names])
 
 

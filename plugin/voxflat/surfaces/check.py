@@ -91,6 +91,11 @@ class Check:
     can_flatten: bool = False
     advice: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        size = "" if self.surface_points is None else f"{self.surface_points} vertices, "
+        verdict = "can" if self.can_flatten else "cannot"
+        return f"<Check of {self.path or 'an array'}: {self.kind}, {size}{verdict} be flattened>"
+
     def table(self) -> str:
         """Return the findings as a table of text."""
         rows = [("input", self.path or "array"), *self._contents()]

@@ -38,6 +38,10 @@ class Cut:
     length: float | None
     reason: str
 
+    def __repr__(self) -> str:
+        length = "" if self.length is None else f"{self.length:.1f} mm, "
+        return f"<Cut along {len(self.ids)} vertices, {length}{self.reason}>"
+
 
 @dataclass(frozen=True, eq=False)
 class CutSurface:
@@ -59,6 +63,11 @@ class CutSurface:
     cuts: tuple[Cut, ...]
     left_out: NDArray[np.int64]
     remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes.

@@ -164,8 +164,8 @@ class Surface:
         ndarray of bool, shape (F,), or None
             Which of this surface's triangles they are; None if some of them are none of this surface.
         """
-        wanted = _row_keys(faces)
-        found = np.isin(_row_keys(self.vertices[self.faces]), wanted)
+        wanted = triangle_keys(faces)
+        found = np.isin(triangle_keys(self.vertices[self.faces]), wanted)
         return found if found.sum() == len(np.unique(wanted)) else None
 
     def in_patch(self, patch: Patch) -> NDArray[np.bool_]:
@@ -245,12 +245,14 @@ class Surface:
         Raises
         ------
         InputError
-            If the path has another ending or cannot be written.
+            If the path has another ending.
+        OSError
+            If it cannot be written.
         """
         write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure")))
 
 
-def _row_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
+def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
     """Return one item a triangle that does not depend on where it begins or which way it runs."""
     rows = np.ascontiguousarray(np.sort(faces, axis=1))
     return rows.view([("", np.int64)] * 3).ravel()

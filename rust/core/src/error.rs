@@ -245,7 +245,7 @@ pub enum Error {
         "cannot {doing} {path}: {reason}; finished rows are kept: see that the place is writable and has room, then run the \
          same again"
     )]
-    StoreFailed { doing: &'static str, path: String, reason: String },
+    StoreFailed { doing: &'static str, path: String, reason: String, code: Option<i32> },
 
     #[error("the store {path} is in use by {holder}: wait until that ends, or choose another directory")]
     StoreInUse { path: String, holder: String },
@@ -269,6 +269,11 @@ pub enum Error {
 impl Error {
     /// Turns what the system says of a store's file into an error that names it.
     pub(crate) fn of_store(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
-        move |error| Self::StoreFailed { doing, path: path.display().to_string(), reason: error.to_string() }
+        move |error| Self::StoreFailed {
+            doing,
+            path: path.display().to_string(),
+            reason: error.to_string(),
+            code: error.raw_os_error(),
+        }
     }
 }

@@ -9,7 +9,6 @@ mod voxels;
 mod work;
 
 use pyo3::prelude::*;
-use voxflat::distortion::judge::KEPT_BYTES;
 
 /// The memory in bytes that computing a store of so many rows and columns needs at most beside the graph.
 #[pyfunction]
@@ -21,7 +20,7 @@ fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("KEPT_BYTES", KEPT_BYTES)?;
+    module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
     module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;
     module.add_class::<voxels::VoxelSurface>()?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
 use voxflat::control::{Control, Progress};
 use voxflat::{Error, Result};
@@ -80,6 +80,18 @@ pub fn to_python(error: Error) -> PyErr {
     match error {
         Error::Cancelled => Cancelled::new_err(message),
         Error::EigenNotConverged { .. } | Error::RadialSingular { .. } => VoxflatError::new_err(message),
+        Error::StoreFailed { path, code, .. } => os_error(code, "EIO", &message, path),
+        Error::StoreInUse { path, .. } => os_error(None, "EAGAIN", &message, path),
         _ => InputError::new_err(message),
     }
+}
+
+/// An OSError, of the class that belongs to the system's code, or to that of a name in Python's `errno`. It names the file
+/// itself, so the message need not.
+fn os_error(code: Option<i32>, name: &str, message: &str, path: String) -> PyErr {
+    let message = message.replacen(&format!(" {path}"), "", 1);
+    Python::attach(|py| {
+        let code = code.map_or_else(|| py.import("errno")?.getattr(name)?.extract(), Ok);
+        code.map_or_else(|error: PyErr| error, |code: i32| PyOSError::new_err((code, message, path)))
+    })
 }

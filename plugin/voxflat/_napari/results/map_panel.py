@@ -130,5 +130,5 @@ class MapPanel(QWidget):
             try:
                 self.flat_map.save(path if path.endswith(".npz") else f"{path}.npz")
                 show_info(f"saved {path}")
-            except VoxflatError as error:
+            except (VoxflatError, OSError) as error:
                 show_error(str(error))

@@ -110,7 +110,7 @@ def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] |
         return None
     if {"uv", "ids", "metadata"} <= names:
         return lambda path: FlatLayers.of(load(path), Path(path).stem).layers
-    if {"uv", "corners", "labels", "text"} <= names:
+    if {"uv", "uv_faces", "piece_ids", "text"} <= names:
         from voxflat._napari.results.pages import atlas_reader  # which builds on this module
 
         return atlas_reader

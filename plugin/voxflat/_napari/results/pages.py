@@ -12,7 +12,7 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.maps import FlatLayers, LayerData, description, placement, shown_image, units
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
-from voxflat.maps.colours import coloured, label_colours
+from voxflat.maps.colours import label_colours
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 """What the colours of a page's heat map mean."""
@@ -56,7 +56,7 @@ def _patches_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerDa
         **placement(atlas, image),
         **description(atlas, "a colour for each patch, as on the surface"),
     }
-    return coloured(image.data), keywords, "image"
+    return image.colours(), keywords, "image"
 
 
 def _heat_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:

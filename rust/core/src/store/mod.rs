@@ -277,13 +277,7 @@ fn lock(directory: &Path, control: &Control) -> Result<File> {
         control.check()?;
         match file.try_lock() {
             Ok(()) => break,
-            Err(TryLockError::Error(error)) => {
-                return Err(Error::StoreFailed {
-                    doing: "lock",
-                    path: path.display().to_string(),
-                    reason: error.to_string(),
-                });
-            }
+            Err(TryLockError::Error(error)) => return Err(Error::of_store("lock", &path)(error)),
             Err(TryLockError::WouldBlock) if start.elapsed() > PATIENCE => {
                 let mut holder = String::new();
                 let known = file.read_to_string(&mut holder).is_ok_and(|read| read > 0);

@@ -1,0 +1,114 @@
+"""The command `voxflat image`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.certified import load_atlas
+from voxflat.cli import options
+from voxflat.cli.options import FILE
+from voxflat.cli.output import check_output
+from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap, load
+from voxflat.maps.image_files import IMAGE_ENDINGS
+
+
+@click.command(
+    "image",
+    epilog="""\b
+Examples:
+  voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
+  voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
+  voxflat image map.npz --volume face.obj -o face.png
+  voxflat image map.npz --heat-map -o distortion.png
+  voxflat image atlas.npz --volume lh.sulc -o page.png
+""",
+)
+@click.argument("map_", metavar="MAP", type=FILE)
+@click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
+@click.option(
+    "-o",
+    "--output",
+    type=FILE,
+    required=True,
+    metavar="OUT",
+    help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
+)
+@click.option(
+    "--pixel-size",
+    type=float,
+    metavar="MM",
+    help="Side of a pixel, mm.  [default: half the voxel size or edge; of an atlas at most half the gaps]",
+)
+@click.option(
+    "--depth",
+    type=float,
+    metavar="MM",
+    help="How far outside the surface to sample, mm; negative is inside.  [default: 0]",
+)
+@click.option(
+    "--interpolation",
+    type=click.Choice(["linear", "nearest"]),
+    help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
+)
+@options.debug
+def command(
+    map_: Path,
+    volume: Path | None,
+    heat_map: bool,
+    output: Path,
+    pixel_size: float | None,
+    depth: float | None,
+    interpolation: str | None,
+) -> None:
+    """Show a volume, or the distortion, on a map.
+
+    MAP is a file that voxflat flatten made, or an atlas of voxflat patches, of which the page of all patches is shown;
+    its heat map is of C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th percentile),
+    labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
+    figure with a colour bar. The other formats hold the values, NaN outside the map.
+    """
+    if heat_map == (volume is not None):
+        raise click.UsageError("Give either --volume or --heat-map.")
+    if heat_map and (interpolation or depth is not None):
+        raise click.UsageError("--interpolation and --depth are for --volume.")
+    check_output(output, IMAGE_ENDINGS, (map_, volume))
+    flat_map = _load(map_)
+    if volume is None:
+        picture = flat_map.heat_map(pixel_size)
+    else:
+        picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+        _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
+    if heat_map and output.suffix.lower() == ".png":
+        from voxflat import figures  # brings in matplotlib
+
+        if isinstance(flat_map, FlatMap):
+            drawn = figures.heat_map(flat_map, pixel_size)
+        else:
+            drawn = figures.atlas_heat_map(flat_map, pixel_size)
+        figures.save(drawn, output)
+    else:
+        picture.save(output)
+    height, width = picture.data.shape[:2]
+    click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+
+
+def _check_overlap(covered: Any, volume: Path) -> None:
+    if not covered.any():
+        raise InputError(f"{volume} shows nothing on the map: it lies elsewhere; compare the affines by voxflat check")
+
+
+def _load(path: Path) -> FlatMap | Atlas:
+    """Load a flat map or an atlas, whichever a file holds."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            is_atlas = "uv_faces" in file.files
+    except Exception:  # what is wrong, `load` says
+        is_atlas = False
+    return load_atlas(path) if is_atlas else load(path)

@@ -1,0 +1,77 @@
+"""The command `voxflat measure`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.input import source_of
+from voxflat.cli.options import FILE
+from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.judging.measure import compare
+
+
+@click.command(
+    "measure",
+    epilog="""\b
+Examples:
+  voxflat measure lh.white lh.cortex.patch.flat
+  voxflat measure lh.midthickness.surf.gii lh.flat.surf.gii --json
+  voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png
+""",
+)
+@click.argument("surface_", metavar="SURFACE", type=FILE)
+@click.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
+@options.volume
+@options.making
+@click.option(
+    "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
+)
+@click.option(
+    "--reference",
+    type=click.Choice(["exact", "graph"]),
+    help="How distances are measured: exactly over the triangles, which takes its time, or by straight links."
+    "  [default: exact; for volumes graph]",
+)
+@click.option(
+    "--heat-maps", type=FILE, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
+)
+@options.seed
+@options.threads
+@options.as_json
+@options.debug
+def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_json: bool, **given: Any) -> None:
+    """Judge flat maps of any tool.
+
+    Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj with texture coordinates, or a
+    map that voxflat flatten made. The figures are defined in the documentation; distances are measured on SURFACE, cut
+    as the map is, in mm. Several maps are measured from the same points.
+    """
+    names = _short_names(flat)
+    if heat_maps is not None:
+        from voxflat import figures  # brings in matplotlib
+
+        check_output(heat_maps, FIGURE_ENDINGS, (surface_, *flat))
+    with bars() as shown:
+        source = source_of(surface_, given, shown)
+        compared = compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
+    if heat_maps is not None:
+        figures.save(figures.heat_maps(compared), heat_maps)
+    one = compared[names[0]] if len(names) == 1 else compared
+    if as_json:
+        print_json(one.figures())
+    else:
+        click.echo(one.table())
+
+
+def _short_names(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files; whole paths if they are not enough to tell them apart."""
+    for names in ([path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(names):
+            return names
+    raise click.UsageError("A FLAT is given twice.")

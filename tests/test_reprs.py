@@ -1,0 +1,51 @@
+"""What a prompt shows of a result is a line, however large the result is."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import voxflat
+from voxflat import io
+
+LONGEST = 300
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    """One of each public class, by its name."""
+    i, j = np.indices((40, 40)).reshape(2, -1)
+    corner = np.arange(1600).reshape(40, 40)[:-1, :-1].ravel()
+    faces = np.concatenate([corner[:, None] + [0, 40, 1], corner[:, None] + [1, 40, 41]])
+    points = np.column_stack([i, j, 3 * np.sin(i / 4) * np.cos(j / 4)])
+    mesh = io.Mesh(points, faces)
+    flat_map = voxflat.flatten(mesh, sources=30)
+    atlas = voxflat.patches(mesh, 15)
+    glued = atlas.glue(1.6)
+    compared = voxflat.compare(mesh, {f"map {n}": flat_map for n in range(40)}, sources=5)
+    cut = voxflat.cut(mesh)
+    store = tmp_path_factory.mktemp("rows") / "store"
+    voxflat.geodesic(mesh, 5, store=store)
+    patch = io.Patch(np.arange(1600), points, np.zeros(1600, dtype=bool))
+    results = [
+        *(mesh, flat_map, flat_map.distortion, flat_map.distortion.raw, flat_map.distortion.triangles),
+        *(flat_map.distortion.standard_error, flat_map.raster(), flat_map.heat_map(), flat_map.look_up(points[:, :2])),
+        *(atlas, atlas[0], atlas[0].plane, atlas.certificate, atlas.page(), glued, glued[0], glued.seams),
+        *(atlas.page().textured(), compared, compared.maps["map 0"], voxflat.check(mesh), voxflat.surface(mesh)),
+        *(voxflat.path(mesh, 0, 1599), voxflat.open_rows(store), cut, voxflat.surfaces.cut.Cut(i, 1.5, "given"), patch),
+        io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),
+    ]
+    return {type(result).__name__: repr(result) for result in results}
+
+
+def test_every_public_class_is_looked_at(shown):
+    public = {value for module in (voxflat, io) for value in vars(module).values() if inspect.isclass(value)}
+    results = {one.__name__ for one in public if not issubclass(one, Exception)} - {"Atlas"}  # which is none by itself
+    assert results <= set(shown)
+
+
+def test_they_are_a_line(shown):
+    for text in shown.values():
+        assert "\n" not in text
+        assert len(text) <= LONGEST
+        assert "array(" not in text
