@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -26,14 +26,15 @@ test: setup ## all checks and tests
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
 
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
-	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow"
+	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
 
 lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
 
+# cargo takes the whole workspace, so that dependencies have the same features as in the extension and are not compiled again
 lint-rust: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet -p voxflat
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet --workspace
 
 lint-python: setup
 	$(RUN) ruff check
@@ -44,7 +45,7 @@ lint-python: setup
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
 test-rust: setup ## tests of the core
-	cargo test --release --quiet -p voxflat
+	cargo test --release --quiet --workspace
 
 test-python: setup ## tests of the Python package, napari's real window among them
 	$(PYTEST)
@@ -93,8 +94,11 @@ pictures: demo ## the pictures of the docs
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
 
+import-graph: setup ## the graph of the package's imports: figures, and the picture in docs/pictures
+	$(RUN) python docs/decisions/import_graph.py -o docs/pictures/imports_after.png
+
 docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
-	cargo doc --no-deps -p voxflat
+	cargo doc --release --no-deps --workspace
 
 format: setup ## format everything
 	cargo fmt --all

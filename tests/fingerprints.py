@@ -209,8 +209,9 @@ def of_surface(surface):
 def of_atlas(atlas):
     """Return an atlas, its pieces one by one, and its page."""
     pieces = list(atlas)
-    names = ("face_ids", "faces") if hasattr(pieces[0], "face_ids") else ("faces", "triangles")  # as they were called
-    of_pieces = [[getattr(piece, name) for piece in pieces] for name in (*names, "vertices", "uv")]
+    was = ("faces", "triangles", "vertices", "uv")  # as they were called
+    names = ("face_ids", "faces", "vertex_ids", "uv") if hasattr(pieces[0], "face_ids") else was
+    of_pieces = [[getattr(piece, name) for piece in pieces] for name in names]
     joined = dict(zip(("face_ids", "faces", "vertices", "uv"), map(np.concatenate, of_pieces), strict=True))
     derived = taken(atlas, "normals", "isometric", "quasi_conformal", "areal")
     return {"atlas": atlas, "figures": atlas.figures(), "derived": derived, "pieces": joined, "page": of_page(atlas)}
@@ -219,16 +220,18 @@ def of_atlas(atlas):
 def of_page(atlas, volume=None):
     """Return where an atlas's pieces lie on its page, and what is drawn there."""
     page = atlas.page()
-    width, height = page.places.max(axis=0)
+    now = hasattr(page, "uv")  # before: places, use, numbers
+    places = page.uv if now else page.places
+    width, height = places.max(axis=0)
     return {
-        "places": page.places,
+        "places": places,
         "gap": page.gap,
-        "use": page.use,
+        "use": page.used_share if now else page.use,
         "raster": page.raster(),
         "locate": page.locate(),
         "look_up": page.look_up(lattice((0, 0), (width, height))),
         "heat_map": [page.heat_map(of=of).data for of in ("isometric", "quasi_conformal", "areal")],
-        "numbers": page.numbers(),
+        "numbers": page.label_image() if now else page.numbers(),
         "textured": page.textured(page.heat_map(), colour_map="inferno"),
         **({} if volume is None else {"image": page.image(volume)}),
     }

@@ -2,11 +2,12 @@
 
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
 import shapes
-from test_bad_surfaces import grid
+from triangle_meshes import square
 
 from voxflat import _core
 
@@ -15,7 +16,7 @@ IDENTITY = np.eye(4).tolist()
 
 @pytest.fixture(scope="module")
 def surface():
-    points, faces = grid(60)
+    points, faces = square(60)
     return _core.Surface.from_triangles(points, faces)[0]
 
 
@@ -50,8 +51,11 @@ VOXELS = {
 }
 
 
-def lets_others_run(call):
-    """Whether another thread runs while something is called, among threads that never give way by themselves."""
+def lets_others_run(call, seconds=60):
+    """Whether another thread runs while something is called again and again, of threads that never give way unasked.
+
+    What lets go of the interpreter for microseconds is called until the other thread gets a processor.
+    """
     gate, has_run = threading.Event(), threading.Event()
 
     def other():
@@ -64,14 +68,17 @@ def lets_others_run(call):
     sys.setswitchinterval(1000.0)  # seconds: who has the interpreter keeps it until it lets go
     try:
         gate.set()
-        return any(call() is not None and has_run.is_set() for _ in range(500))
+        end = time.monotonic() + seconds
+        while not has_run.is_set() and time.monotonic() < end:
+            assert call() is not None
+        return has_run.is_set()
     finally:
         sys.setswitchinterval(interval)
         thread.join()
 
 
 def test_what_keeps_the_interpreter_is_found_out():
-    assert not lets_others_run(lambda: sorted(range(100)))
+    assert not lets_others_run(lambda: sorted(range(100)), seconds=0.2)
 
 
 @pytest.mark.parametrize("name", SURFACE)

@@ -5,6 +5,8 @@ from PIL import Image
 import voxflat
 from voxflat import demo
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def output(tmp_path_factory):

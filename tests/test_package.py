@@ -1,9 +1,14 @@
+import ast
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+
+import voxflat
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 
@@ -19,6 +24,23 @@ def test_importing_voxflat_brings_in_nothing_heavy():
     code = f"import sys, voxflat; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_inside_the_package_what_users_call_comes_from_its_own_module():
+    # the linter of imports lets all pass that comes from `voxflat` itself: it knows no compiled modules
+    package = Path(voxflat.__file__).parent
+    modules = {"_core", *(path.name for path in package.iterdir() if path.is_dir())}
+    found = {name for path in package.rglob("*.py") for name in names_from_the_package(ast.parse(path.read_text()))}
+    assert "_core" in found
+    assert found <= modules
+
+
+def names_from_the_package(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "voxflat":
+            yield from (alias.name for alias in node.names)
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name == "voxflat")
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ def lab(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_python_example_runs(lab):
     code = re.search(r"```python\n(import voxflat\n.*?)```", README, re.DOTALL)[1]
     names = {"picture": np.zeros((20, 30, 3), np.uint8)}
@@ -35,6 +36,7 @@ def test_the_python_example_runs(lab):
     assert names["path"].length > 10
 
 
+@pytest.mark.slow
 def test_the_commands_run(lab):
     commands = re.findall(r"^ {4}voxflat (.*)$", README, re.MULTILINE)
     assert len(commands) == 4

@@ -12,7 +12,7 @@ import voxflat
 from voxflat import _core
 from voxflat.surfaces.region import cut_out
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "helpers"))
 
 import shapes
 

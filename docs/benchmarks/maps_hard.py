@@ -7,13 +7,13 @@ from distances_tables import table
 
 import voxflat
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "helpers"))
 
 import hard_shapes
 
 
 def adversarial(options):
-    """Flatten the shapes of `tests/test_adversarial.py`."""
+    """Flatten the shapes of `tests/methods/test_adversarial.py`."""
     rows = []
     for shape in (*hard_shapes.MESHES, *hard_shapes.VOLUMES):
         name = shape.__name__.replace("_", " ")

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 import voxflat
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "helpers"))
 
 import shapes
 

@@ -11,7 +11,8 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
 from voxflat._napari.layers.seed import Seed
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.results.maps import FlatLayers
+from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
 from voxflat.arguments import Progress
 from voxflat.atlases.making import patches
@@ -80,7 +81,7 @@ class Job:
         )
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _tell(progress, "drawing the map")
-        return FlatLayers.of(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
+        return map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
 
 
 @dataclass(frozen=True, eq=False)

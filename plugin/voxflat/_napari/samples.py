@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from voxflat._napari.layers.seed import MARKER
-from voxflat._napari.results.maps import LayerData
+from voxflat._napari.results.flat_layers import LayerData
 
 
 def demo_cortex() -> list[LayerData]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from napari.qt.threading import WorkerBase
 
 from voxflat._napari.job import Job, PatchesJob
-from voxflat._napari.results.maps import FlatLayers
+from voxflat._napari.results.flat_layers import FlatLayers
 
 
 class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any

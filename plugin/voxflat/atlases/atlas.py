@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +31,7 @@ Own = TypeVar("Own", bound="Atlas")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Atlas(FlatPieces):
+class Atlas(FlatPieces, ABC):
     """A surface as flat pieces, from the largest to the smallest: a sequence of them, `FlatAtlas` or `GluedAtlas`.
 
     Parameters
@@ -72,9 +73,9 @@ class Atlas(FlatPieces):
     """What its files hold beside text."""
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """One line of what it is, for pictures."""
-        raise NotImplementedError
 
     # -------------------------------------------------------------------------------- as a sequence
 
@@ -88,8 +89,9 @@ class Atlas(FlatPieces):
         """Yield the pieces."""
         return (self._piece(n) for n in range(len(self)))
 
+    @abstractmethod
     def _piece(self, n: int) -> Any:
-        raise NotImplementedError
+        """Return a piece."""
 
     def _parts(self, n: int) -> dict[str, Any]:
         """Return what every piece has, by the fields of `Piece`."""
@@ -199,6 +201,7 @@ class Atlas(FlatPieces):
 
     # ------------------------------------------------------------------------------------- figures
 
+    @abstractmethod
     def figures(self) -> dict[str, Any]:
         """Return the figures by their names, ready for JSON.
 
@@ -206,8 +209,8 @@ class Atlas(FlatPieces):
         -------
         dict
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def table(self) -> str:
         """Return the figures as a table of text.
 
@@ -215,7 +218,6 @@ class Atlas(FlatPieces):
         -------
         str
         """
-        raise NotImplementedError
 
     @property
     def _sizes(self) -> NDArray[np.int64]:
@@ -267,14 +269,14 @@ class Atlas(FlatPieces):
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
 
+    @abstractmethod
     def _text(self) -> dict[str, Any]:
         """Return what JSON can hold, beside the metadata."""
-        raise NotImplementedError
 
     @classmethod
+    @abstractmethod
     def _of_file(cls: type[Own], text: dict[str, Any], arrays: dict[str, Any]) -> Own:
         """Make one of what was saved."""
-        raise NotImplementedError
 
     @classmethod
     def load(cls: type[Own], path: str | os.PathLike[str]) -> Own:

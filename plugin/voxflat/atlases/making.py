@@ -13,7 +13,13 @@ from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.surfaces.making import surface as _surface
 
-__all__ = ["patches"]
+__all__ = ["MAX_ANGLE", "SEEDS", "patches"]
+
+MAX_ANGLE = 10.0
+"""Greatest inclination to a patch's plane, degrees, where no limit is given."""
+
+SEEDS = ("curvature", "flattest", "random")
+"""Where patches may begin."""
 
 
 def patches(
@@ -69,7 +75,7 @@ def patches(
         If `progress` returned False.
     """
     limit, value = _limit(max_angle, bound, count)
-    if seeds not in ("curvature", "flattest", "random"):
+    if seeds not in SEEDS:
         raise InputError(f"seeds is {seeds!r}; give 'curvature', 'flattest' or 'random'")
     seed = checked_seed(seed)
     threads = checked_threads(threads)
@@ -132,7 +138,7 @@ def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")
     if not given:
-        return "angle", 10.0
+        return "angle", MAX_ANGLE
     name, value = next(iter(given.items()))
     fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
     if not fits(value):

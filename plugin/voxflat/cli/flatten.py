@@ -13,8 +13,10 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.distances.geodesic import SOLVERS
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.methods.flatten import flatten
+from voxflat.methods.options import METHODS
 
 
 @click.command(
@@ -39,8 +41,8 @@ Examples:
 )
 @click.option(
     "--method",
-    type=click.Choice(["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"]),
-    default="voxflat",
+    type=click.Choice(list(METHODS)),
+    default=options.default_of(flatten, "method"),
     help="Over the triangles of a surface; or after the papers: over a volume's voxels, by fast marching, by exact "
     "distances from random starts, or glued of certified patches.",
 )
@@ -53,30 +55,30 @@ Examples:
     "--sources",
     type=int,
     metavar="N",
-    help="How many points distances are measured from.  [default: 400; grossmann2002: 1000; zigelman2002: 625; "
-    "schwartz1989: 50]",
+    help=options.telling_default("sources", "How many points distances are measured from."),
 )
 @click.option(
     "--sampling",
-    type=click.Choice(["farthest", "curvature", "random", "decimation"]),
-    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; at random; or"
-    " by decimation (zigelman2002).  [default: farthest; zigelman2002: decimation]",
+    type=click.Choice([*options.SAMPLINGS, "decimation"]),
+    help=options.telling_default(
+        "sampling",
+        "How sources are chosen: evenly, each farthest from the others; closer where the surface bends; at random; or"
+        " by decimation (zigelman2002).",
+    ),
 )
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "marching", "exact"]),
-    help="voxflat: what measures the distances that are kept.  [default: graph]",
+    type=click.Choice(SOLVERS),
+    help=options.telling_default("geodesic", "voxflat: what measures the distances that are kept."),
 )
 @click.option(
     "--weighting",
     type=click.FloatRange(0, 1),
-    help="voxflat: from 0, near distances and shapes above all, to 1, far distances above all.  [default: 0.5]",
+    help=options.telling_default(
+        "weighting", "voxflat: from 0, near distances and shapes above all, to 1, far distances above all."
+    ),
 )
-@click.option(
-    "--link-lengths",
-    type=click.Choice(["chain-code", "euclidean"]),
-    help="grossmann2002: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
-)
+@options.link_lengths("grossmann2002")
 @click.option(
     "--neighbourhood",
     metavar="N|all",
@@ -84,10 +86,16 @@ Examples:
     help="schwartz1989: keep distances within N rings around each point, or all.  [default: a tenth of the points]",
 )
 @click.option(
-    "--starts", type=int, metavar="N", help="schwartz1989: random starts, the best of which is kept.  [default: 3]"
+    "--starts",
+    type=int,
+    metavar="N",
+    help=options.telling_default("starts", "schwartz1989: random starts, the best of which is kept."),
 )
 @click.option(
-    "--bound", type=float, metavar="C", help="saucan2006: how much lengths may change at most.  [default: 1.5]"
+    "--bound",
+    type=float,
+    metavar="C",
+    help=options.telling_default("bound", "saucan2006: how much lengths may change at most."),
 )
 @options.seed
 @options.threads

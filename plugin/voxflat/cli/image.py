@@ -10,6 +10,7 @@ import numpy as np
 
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
+from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
@@ -105,10 +106,5 @@ def _check_overlap(covered: Any, volume: Path) -> None:
 
 
 def _load(path: Path) -> FlatMap | Atlas:
-    """Load a flat map or an atlas, whichever a file holds."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            is_atlas = "uv_faces" in file.files
-    except Exception:  # what is wrong, `load` says
-        is_atlas = False
-    return load_atlas(path) if is_atlas else load(path)
+    """Load a flat map or an atlas, whichever a file holds; `load` says what is wrong with others."""
+    return load_atlas(path) if saved_kind(path) == "atlas" else load(path)

@@ -30,7 +30,11 @@ Examples:
 @options.volume
 @options.making
 @click.option(
-    "--sources", type=int, default=300, metavar="N", help="How many random points distances are measured from."
+    "--sources",
+    type=int,
+    default=options.default_of(compare, "sources"),
+    metavar="N",
+    help="How many random points distances are measured from.",
 )
 @click.option(
     "--reference",

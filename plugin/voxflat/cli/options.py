@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import warnings
 from collections.abc import Callable
@@ -12,14 +13,21 @@ import click
 import numpy as np
 
 from voxflat.cli.console import DEBUG
+from voxflat.distances.geodesic import geodesic
+from voxflat.methods.flatten import flatten
+from voxflat.methods.options import OPTIONS
+from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 __all__ = [
     "FILE",
     "MAKING",
+    "SAMPLINGS",
     "VOLUME",
     "as_json",
     "debug",
+    "default_of",
     "input_",
+    "link_lengths",
     "making",
     "memory_limit",
     "places",
@@ -30,6 +38,7 @@ __all__ = [
     "sampling",
     "seed",
     "store",
+    "telling_default",
     "threads",
     "volume",
 ]
@@ -120,9 +129,27 @@ def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     ctx.meta[DEBUG] = value
 
 
+# ------------------------------------------------------------------------------------------ defaults
+
+
+def default_of(function: Callable[..., Any], name: str) -> Any:
+    """Return the default of a function's parameter, for the option of that name."""
+    return inspect.signature(function).parameters[name].default
+
+
+def telling_default(option: str, help_: str) -> str:
+    """Return the help on an option of `voxflat.flatten` with its default, and those of methods that have another."""
+    (_, usual), *others = OPTIONS[option].items()
+    told = [str(usual), *(f"{method}: {value}" for method, value in others if value != usual)]
+    return f"{help_}  [default: {'; '.join(told)}]"
+
+
 # ------------------------------------------------------------------------------------------ options
 
 FILE = click.Path(path_type=Path)
+
+SAMPLINGS = ("farthest", "curvature", "random")
+"""How sources may be chosen on any surface."""
 
 input_ = click.argument("input_", metavar="INPUT", type=FILE)
 debug = click.option(
@@ -132,12 +159,15 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON o
 threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
 quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
 seed = click.option(
-    "--seed", type=int, default=0, help="Seed of every random choice; the same seed gives the same result."
+    "--seed",
+    type=int,
+    default=default_of(flatten, "seed"),
+    help="Seed of every random choice; the same seed gives the same result.",
 )
 sampling = click.option(
     "--sampling",
-    type=click.Choice(["farthest", "curvature", "random"]),
-    default="farthest",
+    type=click.Choice(SAMPLINGS),
+    default=default_of(geodesic, "sampling"),
     help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; or at random.",
 )
 memory_limit = click.option(
@@ -248,6 +278,15 @@ relax = _group(
     ),
 )
 """Which cuts are made beyond those that make a disk."""
+
+
+def link_lengths(where: str) -> Callable[[_Command], _Command]:
+    """Return the option for the lengths of links between voxels, where these are."""
+    return click.option(
+        "--link-lengths",
+        type=click.Choice(["chain-code", "euclidean"]),
+        help=f"{where}: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: {LINK_LENGTHS}]",
+    )
 
 
 def store(*, required: bool) -> Callable[[_Command], _Command]:

@@ -9,7 +9,7 @@ import click
 
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.layout import PACKINGS
-from voxflat.atlases.making import patches
+from voxflat.atlases.making import MAX_ANGLE, SEEDS, patches
 from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
@@ -41,14 +41,17 @@ Examples:
     "surface with the page as its texture.",
 )
 @click.option(
-    "--max-angle", type=float, metavar="DEGREES", help="Greatest inclination to a patch's plane.  [default: 10]"
+    "--max-angle",
+    type=float,
+    metavar="DEGREES",
+    help=f"Greatest inclination to a patch's plane.  [default: {MAX_ANGLE:g}]",
 )
 @click.option("--bound", type=float, metavar="C", help="Instead: the greatest factor by which lengths may change.")
 @click.option("--count", type=int, metavar="N", help="Instead: the greatest number of patches.")
 @click.option(
     "--seeds",
-    type=click.Choice(["curvature", "flattest", "random"]),
-    default="curvature",
+    type=click.Choice(SEEDS),
+    default=options.default_of(patches, "seeds"),
     help="Where patches begin: compared, the largest first; or as in the paper at the flattest or a random triangle.",
 )
 @options.seed
@@ -61,7 +64,7 @@ Examples:
 @click.option(
     "--packing",
     type=click.Choice(PACKINGS),
-    default="boxes",
+    default=options.default_of(Atlas.page, "packing"),
     help="How the page is packed: boxes in rows, or by their shapes with xatlas, tighter where patches are large.",
 )
 @click.option(

@@ -13,6 +13,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.path import path
 from voxflat.io.files import atomic_path
 
@@ -30,8 +31,8 @@ Examples:
 @click.option("-o", "--output", type=FILE, metavar="OUT", help="Write what it passes, one in each line, for --cut.")
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "marching", "exact", "edges", "chain"]),
-    default="graph",
+    type=click.Choice([*SOLVERS, "edges", "chain"]),
+    default=options.default_of(path, "geodesic"),
     help="Straight links over the surface, back along the fronts of fast marching, the exact shortest path, along "
     "edges as cuts run, or the paper's links between voxels.",
 )

@@ -11,7 +11,7 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.output import print_json
-from voxflat.distances.geodesic import geodesic
+from voxflat.distances.geodesic import SOLVERS, geodesic
 
 
 @click.command(
@@ -26,8 +26,8 @@ Examples:
 @options.store(required=True)
 @click.option(
     "--geodesic",
-    type=click.Choice(["graph", "marching", "exact", "chain"]),
-    default="graph",
+    type=click.Choice([*SOLVERS, "chain"]),
+    default=options.default_of(geodesic, "geodesic"),
     help="Over the triangles of a surface: by straight links, fast marching, or exactly; or by chain codes over the "
     "voxels of a volume.",
 )
@@ -37,11 +37,7 @@ Examples:
 @options.memory_limit
 @click.option("--sources", type=int, required=True, metavar="M", help="How many points distances are measured from.")
 @options.sampling
-@click.option(
-    "--link-lengths",
-    type=click.Choice(["chain-code", "euclidean"]),
-    help="chain: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: chain-code]",
-)
+@options.link_lengths("chain")
 @options.seed
 @options.threads
 @options.as_json

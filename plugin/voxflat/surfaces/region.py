@@ -20,7 +20,7 @@ from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, r
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.of_mesh import as_mesh
-from voxflat.surfaces.seed import check_disk, found_seed
+from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 from voxflat.surfaces.surface import Surface
 
 _STRAY_SHARE = 0.05  # of a patch's area, that may lie in stray pieces
@@ -232,19 +232,16 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
 
 def _seed(part: Surface, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
     """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
-    place = np.asarray(seed_point)
     if not part.is_voxels:
+        place = np.asarray(seed_point)
         if place.ndim != 0 or place.dtype.kind not in "ui":
             raise InputError(f"the seed point is {seed_point!r}; for a mesh give the number of a vertex")
         return int(part.find(place[None], "the seed point")[0]), []
-    if place.shape != (3,) or place.dtype.kind not in "ui":
-        raise InputError(
-            f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"
-        )
-    vertex, distance = part.nearest(place.tolist())
+    wanted = seed_voxel(seed_point)
+    vertex, distance = part.nearest(wanted)
     voxel = part.ids[vertex].tolist()
     size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
-    return vertex, found_seed(place.tolist(), voxel, distance, size)
+    return vertex, found_seed(wanted, voxel, distance, size)
 
 
 def _one_piece(part: Surface, is_chosen: bool) -> tuple[Surface, list[str]]:

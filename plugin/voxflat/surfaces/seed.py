@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from voxflat.arguments import checked_number
 from voxflat.errors import InputError
 
-__all__ = ["check_disk", "found_seed"]
+__all__ = ["check_disk", "found_seed", "seed_voxel"]
 
 _FAR = 2.0  # voxels between a seed point and the surface that need no remark
 
@@ -18,6 +20,16 @@ def check_disk(seed_point: object, radius: float | None) -> float | None:
         given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
         raise InputError(f"{given} is given without {missing}; give both or neither")
     return checked_number(radius, "radius")
+
+
+def seed_voxel(seed_point: object) -> list[int]:
+    """Return a seed point as voxel indices."""
+    place = np.asarray(seed_point)
+    if place.shape != (3,) or place.dtype.kind not in "ui":
+        raise InputError(
+            f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"
+        )
+    return [int(index) for index in place]
 
 
 def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:

@@ -14,7 +14,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, voxel_indices
 from voxflat.errors import InputError
 from voxflat.surfaces.foreground import foreground_of, keep_mask
-from voxflat.surfaces.seed import check_disk, found_seed
+from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 
 __all__ = ["VoxelGraph", "voxel_graph"]
 
@@ -129,20 +129,20 @@ def voxel_graph(
         source, label=label, threshold=threshold, spacing=spacing, affine=affine, memory_limit=memory_limit
     )
     kept = None if keep is None else keep_mask(keep, given.volume)
-    seed = None if seed_point is None else voxel_indices(np.asarray([seed_point]), "the seed point")[0].tolist()
+    seed = None if seed_point is None else seed_voxel(seed_point)
     lengths = link_lengths or LINK_LENGTHS
     whole = _core.VoxelSurface.from_mask(given.mask, given.volume.affine.tolist(), lengths, progress)
     part = whole.cut_out(kept, seed, radius, progress)
-    seed_voxel, remarks = None, []
+    found, remarks = None, []
     if seed is not None:
         vertex, distance = whole.nearest(seed)
-        seed_voxel = [int(index) for index in whole.voxels[vertex]]
-        remarks = found_seed(seed, seed_voxel, distance, float(given.volume.spacing.max()))
+        found = [int(index) for index in whole.voxels[vertex]]
+        remarks = found_seed(seed, found, distance, float(given.volume.spacing.max()))
     components = whole.component_sizes()
     metadata = {
         **given.metadata,
         "seed_point": seed,
-        "seed_found": seed_voxel,
+        "seed_found": found,
         "radius": radius,
         "keep": kept is not None,
         "link_lengths": lengths,

@@ -16,18 +16,14 @@ from voxflat._napari.layers.meshes import LayerMesh, vary
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.errors import InputError
+from voxflat.methods.options import METHODS
 
 if TYPE_CHECKING:
     from napari import Viewer
     from napari.layers import Layer
 
 _RADIUS = 45.0  # mm, as the demo's
-_METHODS = {
-    "voxflat": "voxflat: over triangles",
-    "grossmann2002": "Grossmann et al. 2002: over voxels",
-    "zigelman2002": "Zigelman et al. 2002: fast marching",
-    "schwartz1989": "Schwartz et al. 1989: random starts",
-}
+_METHODS = {name: f"{name}: {what}" for name, what in METHODS.items() if name != "saucan2006"}  # which has its own form
 _PATCHES = {
     "disk": "disk around a seed point",
     "whole": "whole surface",

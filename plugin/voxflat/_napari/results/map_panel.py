@@ -9,8 +9,9 @@ from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.map_view import MapView
-from voxflat._napari.results.maps import HEAT_MEANING, FlatLayers
+from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import figures, table, warnings
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 
-from voxflat._napari.results.maps import LayerData
+from voxflat._napari.results.flat_layers import LayerData
 
 if TYPE_CHECKING:
     from napari import Viewer

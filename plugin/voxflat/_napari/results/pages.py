@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Shown
 from voxflat._napari.layers.world import from_ras
-from voxflat._napari.results.maps import FlatLayers, LayerData, description, placement, shown_image, units
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData, description, placement, shown_image, units
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.certified import load_atlas
 from voxflat.maps.colours import label_colours
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
@@ -94,29 +91,3 @@ def _unique(pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
     """Return the two columns of the different pairs, in their order, and which of them each pair is."""
     found, which = np.unique(pairs, axis=0, return_inverse=True)
     return found.T, which.reshape(-1)
-
-
-def atlas_reader(path: str) -> list[LayerData]:
-    """Read an atlas that was saved.
-
-    Parameters
-    ----------
-    path : str
-        An .npz file.
-
-    Returns
-    -------
-    list of LayerData
-        The page's images, and the surface, which is hidden.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
-    atlas = load_atlas(path)
-    atlas.metadata["napari"] = {"layer": Path(path).stem, "world_axes": "RAS", "unit": "millimeter"}
-    drawn = page_layers(atlas)
-    for _, keywords, _ in drawn.in_space:
-        keywords["visible"] = False  # it would lie across the page
-    return [*drawn.in_space, *drawn.layers]

@@ -10,8 +10,8 @@ from qtpy.QtCore import QEvent, QTimer
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from voxflat._napari.results import report
+from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.map_panel import MapPanel
-from voxflat._napari.results.maps import FlatLayers
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
 

@@ -1,0 +1,62 @@
+"""The reader of flat maps and atlases that were saved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.pages import page_layers
+from voxflat.atlases.certified import load_atlas
+from voxflat.atlases.saved import saved_kind
+from voxflat.maps.flat_map import load
+
+
+def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] | None:
+    """Offer to read an .npz file, if it is a flat map or an atlas of voxflat.
+
+    Parameters
+    ----------
+    path : str or list of str
+        The file, or files to be stacked, which flat maps are not.
+
+    Returns
+    -------
+    callable or None
+        Takes the path, and returns layers.
+    """
+    if not isinstance(path, str):
+        return None
+    return {"map": _map, "atlas": _atlas, None: None}[saved_kind(path)]
+
+
+def _map(path: str) -> list[LayerData]:
+    """Read a flat map that was saved."""
+    return map_layers(load(path), Path(path).stem).layers
+
+
+def _atlas(path: str) -> list[LayerData]:
+    """Read an atlas that was saved.
+
+    Parameters
+    ----------
+    path : str
+        An .npz file.
+
+    Returns
+    -------
+    list of LayerData
+        The page's images, and the surface, which is hidden.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    atlas = load_atlas(path)
+    atlas.metadata["napari"] = {"layer": Path(path).stem, "world_axes": "RAS", "unit": "millimeter"}
+    drawn = page_layers(atlas)
+    for _, keywords, _ in drawn.in_space:
+        keywords["visible"] = False  # it would lie across the page
+    return [*drawn.in_space, *drawn.layers]

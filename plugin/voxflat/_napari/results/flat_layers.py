@@ -1,0 +1,94 @@
+"""Layers of what is flat: what those of maps and of pages have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.sampled import Shown
+from voxflat.atlases.atlas import Atlas
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import FlatImage
+
+LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
+"""The layer's data, its keywords and its type, as napari takes them."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlatLayers:
+    """A flat map or an atlas, and its layers.
+
+    Parameters
+    ----------
+    flat_map : FlatMap, FlatAtlas or GluedAtlas
+        The map, or the atlas.
+    layers : list of LayerData
+        Images: what the map shows, if anything, and the distortion. Before them, of a mesh, its flat surface with its
+        own values, if it has some, and with the distortion, both hidden.
+    in_space : list of LayerData
+        Of an atlas the surface, coloured by patch.
+    """
+
+    flat_map: FlatMap | Atlas
+    layers: list[LayerData]
+    in_space: list[LayerData] = field(default_factory=list)
+
+
+def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:
+    """Return the layer of what a map or page shows."""
+    image = shown.image(flat_map, pixel_size)
+    data: NDArray[Any] = image.data
+    keywords = {
+        "name": f"{shown.name} flattened",
+        **shown.display,
+        **placement(flat_map, image),
+        **description(flat_map, shown.meaning),
+    }
+    if shown.kind == "labels":
+        data = np.nan_to_num(data).astype(np.int64)  # 0 is no label: transparent, as NaN is in an image
+    elif image.is_colour:
+        keywords["rgb"] = True
+    else:
+        keywords.setdefault("contrast_limits", limits(data))
+    return data, keywords, shown.kind
+
+
+def placement(flat_map: FlatMap | Atlas, image: FlatImage) -> dict[str, Any]:
+    """Return the keywords for where a flat image lies.
+
+    napari's rows grow downwards and the map's v upwards, so the world's axes are −v and u.
+    """
+    u, v = image.origin
+    scale = (image.pixel_size, image.pixel_size)
+    return {"scale": scale, "translate": (-v, u), "units": units(flat_map)}
+
+
+def units(flat_map: FlatMap | Atlas) -> tuple[str, str] | None:
+    """Return the units of the surface's layer: napari cannot show pixels beside millimetres."""
+    in_pixels = flat_map.metadata.get("napari", {}).get("unit", "").startswith("pixel")
+    return None if in_pixels else ("mm", "mm")
+
+
+def description(flat_map: FlatMap | Atlas, meaning: str) -> dict[str, Any]:
+    """Return the keywords for what a layer is."""
+    return {
+        "metadata": {
+            "voxflat": flat_map,
+            "parameters": flat_map.metadata,
+            "distortion": (flat_map.distortion if isinstance(flat_map, FlatMap) else flat_map).figures(),
+            "colours": meaning,
+            "axes": "rows: −v, columns: u, mm",
+        }
+    }
+
+
+def limits(values: NDArray[Any]) -> tuple[float, float]:
+    """Return contrast limits that show most values apart; napari's own would be NaN."""
+    values = values.astype(np.float64)  # of a mesh they may be bool
+    if not np.isfinite(values).any():
+        return 0.0, 1.0
+    low, high = (float(limit) for limit in np.nanpercentile(values, (1, 99)))
+    return (low, high) if low < high else (low - 0.5, low + 0.5)

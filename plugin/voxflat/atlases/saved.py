@@ -1,0 +1,33 @@
+"""Which of the two an .npz file holds: a flat map or an atlas."""
+
+from __future__ import annotations
+
+import os
+from typing import Literal
+
+import numpy as np
+
+__all__ = ["saved_kind"]
+
+
+def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
+    """Say what an .npz file holds.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    {"map", "atlas"} or None
+        What `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names = set(file.files)
+    except Exception:  # what damage leads to is known to no one
+        return None
+    if {"uv", "ids", "metadata"} <= names:
+        return "map"
+    return "atlas" if {"uv", "uv_faces", "text"} <= names else None

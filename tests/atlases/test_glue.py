@@ -1,0 +1,331 @@
+"""Gluing certified patches: the open problem of Appleboim, Saucan and Zeevi (2006)."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from triangle_meshes import singular_values
+
+import voxflat
+from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures
+from voxflat.cli import main
+from voxflat.io.meshes import Mesh, write_mesh
+
+
+def sheet(m, n, place):
+    """Return a mesh of irregular triangles between straight lines along which it is folded."""
+    rng = np.random.default_rng(0)
+    x, y = (values.astype(float) for values in np.meshgrid(np.arange(m + 1), np.arange(n + 1), indexing="ij"))
+    y[:, 1:-1] += rng.uniform(-0.4, 0.4, y[:, 1:-1].shape)
+    number = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)])
+    return np.stack(place(x.ravel(), y.ravel()), axis=1), faces
+
+
+def bumps(m=24, n=20):
+    return sheet(m, n, lambda x, y: (x, y, 1.5 * np.sin(0.7 * x) * np.cos(0.6 * y)))
+
+
+@pytest.fixture(scope="module")
+def atlas():
+    return voxflat.patches(bumps(), 10)
+
+
+@pytest.fixture(scope="module")
+def glued(atlas):
+    return atlas.glue(1.1)
+
+
+def check(atlas, glued):
+    """Check what is promised by what is returned alone."""
+    flat = glued.uv[glued.uv_faces]
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
+    most, least = singular_values(glued.points[glued.faces], flat).T
+    assert np.maximum(most, 1 / least).max() <= glued.bound * (1 + 1e-9)
+    np.testing.assert_allclose(glued.stretch, np.stack([most, least], axis=1), rtol=1e-6)
+    assert np.array_equal(glued.vertex_ids[glued.uv_faces], glued.faces)
+    assert np.array_equal(glued.patch_ids, atlas.piece_ids)
+    for number, piece in enumerate(glued):
+        assert (glued.piece_ids[piece.face_ids] == number).all()
+        assert np.array_equal(piece.vertex_ids[piece.faces], glued.faces[piece.face_ids])
+        whole = voxflat.surface((glued.points, glued.faces[piece.face_ids]))
+        assert len(whole.faces) == len(piece.face_ids)
+    length = np.linalg.norm(np.diff(glued.points[glued.cuts], axis=1)[:, 0], axis=1).sum()
+    assert length == pytest.approx(glued.seams.cuts, rel=1e-9, abs=1e-9)
+    assert glued.seams.length == pytest.approx(glued.seams.closed + glued.seams.cuts)
+
+
+class TestGlue:
+    def test_what_is_promised_holds(self, atlas, glued):
+        check(atlas, glued)
+        assert isinstance(glued, GluedAtlas)
+        assert len(glued) < len(atlas) / 10
+        assert glued.seams.closed_share > 0.9
+        assert glued.certified_before == atlas.certificate.c
+        assert glued.measured_before == pytest.approx(atlas.figures()["measured"]["c"])
+
+    @pytest.mark.parametrize(
+        "place",
+        [
+            lambda x, y: (0.7 * x, y, 3 * np.sin(0.4 * x)),
+            lambda x, y: (0.6 * (5 + y) * np.cos(0.2 * x), 0.6 * (5 + y) * np.sin(0.2 * x), 0.8 * (5 + y)),
+        ],
+        ids=["wavy cylinder", "cone sector"],
+    )
+    def test_developable_surfaces_are_isometric(self, place):
+        atlas = voxflat.patches(sheet(24, 12, place), 10)
+        glued = atlas.glue()
+        check(atlas, glued)
+        assert len(atlas) > 5
+        assert len(glued) == 1
+        assert glued.seams.cuts == 0
+        assert np.abs(glued.stretch - 1).max() < 1e-6
+
+    def test_a_closed_cylinder_is_cut_along_one_line(self):
+        angle, height = 2 * np.pi * np.arange(36) / 36, np.arange(21)
+        points = np.stack(
+            [np.repeat(5 * np.cos(angle), 21), np.repeat(5 * np.sin(angle), 21), np.tile(height, 36)], axis=1
+        )
+        number = np.arange(36 * 21).reshape(36, 21)
+        beside = np.roll(number, -1, axis=0)
+        a, b, c, d = number[:, :-1], beside[:, :-1], beside[:, 1:], number[:, 1:]
+        halves = [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
+        atlas = voxflat.patches((points, np.concatenate(halves)), 10)
+        glued = atlas.glue()
+        check(atlas, glued)
+        assert len(glued) == 1
+        assert np.abs(glued.stretch - 1).max() < 1e-6
+        assert 20 - 1e-9 < glued.seams.cuts < 24
+        assert glued.seams.cuts == pytest.approx(glued.seams.holonomy)
+
+    def test_a_wider_bound_closes_more(self, atlas, glued):
+        wide = atlas.glue(1.5)
+        check(atlas, wide)
+        assert wide.seams.closed_share >= glued.seams.closed_share
+
+    @pytest.mark.slow
+    def test_the_number_of_threads_does_not_matter(self, atlas, glued):
+        for threads in (1, 3):
+            other = atlas.glue(1.1, threads=threads)
+            assert np.array_equal(glued.uv, other.uv)
+            assert np.array_equal(glued.uv_faces, other.uv_faces)
+
+    @pytest.mark.parametrize(
+        ("bound", "message"),
+        [
+            (1, r"a bound of 1 on C; give one from 1\.000001 to 10"),
+            (0.5, r"a bound of 0\.5"),
+            (-1.5, r"a bound of -1\.5"),
+            (11, "a bound of 11"),
+            (float("nan"), "a bound of NaN"),
+            (float("inf"), "a bound of inf"),
+            (1.0001, r"change lengths by a factor of up to 1\.01.* greater bound"),
+            ("tight", "bound is 'tight'; give a number"),
+            (True, "bound is True"),
+            (None, "bound is None"),
+        ],
+    )
+    def test_wrong_bounds_are_named(self, atlas, bound, message):
+        with pytest.raises(InputError, match=message):
+            atlas.glue(bound)
+
+    def test_it_can_be_cancelled(self, atlas):
+        with pytest.raises(InputError, match="threads"):
+            atlas.glue(threads=0)
+        with pytest.raises(Cancelled):
+            atlas.glue(progress=lambda stage, done, total: False)
+        stages = []
+        atlas.glue(progress=lambda stage, done, total: stages.append(stage))
+        assert stages
+
+
+class TestGluedAtlas:
+    def test_it_is_a_sequence(self, glued):
+        assert len(glued[:1]) == 1
+        assert np.array_equal(glued[-1].uv, glued[len(glued) - 1].uv)
+        assert "seams closed" in repr(glued)
+        assert "triangles" in repr(glued[0])
+        with pytest.raises(IndexError):
+            glued[len(glued)]
+
+    def test_figures_and_table_agree(self, atlas, glued):
+        told = glued.figures()
+        assert told["patches"] == len(atlas)
+        assert told["seams"]["closed_share"] == glued.seams.closed_share
+        assert told["measured"]["c"] == pytest.approx(glued.measured[:, 1].max())
+        table = glued.table()
+        assert f"{100 * glued.seams.closed_share:.2f} %" in table
+        assert f"{told['measured']['c']:.4f}" in table
+        assert json.dumps(told, allow_nan=False)
+
+    def test_saved_and_loaded_it_is_the_same(self, atlas, glued, tmp_path):
+        glued.save(tmp_path / "glued.npz")
+        loaded = voxflat.load_atlas(tmp_path / "glued.npz")
+        assert isinstance(loaded, GluedAtlas)
+        assert loaded.seams == glued.seams
+        assert loaded.table() == glued.table()
+        check(atlas, loaded)
+        atlas.save(tmp_path / "atlas.npz")
+        again = voxflat.load_atlas(tmp_path / "atlas.npz")
+        assert isinstance(again, FlatAtlas)
+        assert np.array_equal(again.glue(1.1).uv, glued.uv)
+
+    def test_other_files_are_refused(self, atlas, glued, tmp_path):
+        with pytest.raises(InputError, match=r"ends in \.npz"):
+            glued.save(tmp_path / "glued.obj")
+        atlas.save(tmp_path / "atlas.npz")
+        with pytest.raises(InputError):
+            GluedAtlas.load(tmp_path / "atlas.npz")
+        (tmp_path / "broken.npz").write_bytes(b"PK")
+        with pytest.raises(InputError, match="is not an atlas"):
+            voxflat.load_atlas(tmp_path / "broken.npz")
+        with pytest.raises(FileNotFoundError):
+            voxflat.load_atlas(tmp_path / "nowhere.npz")
+
+    def test_the_outline_is_where_pieces_end(self, glued):
+        places = glued.uv[glued.outline]
+        boundary = np.linalg.norm(np.diff(glued.points[glued.vertex_ids[glued.outline]], axis=1)[:, 0], axis=1).sum()
+        edges = np.sort(np.stack([glued.faces, np.roll(glued.faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+        ends, uses = np.unique(edges, axis=0, return_counts=True)
+        rim = np.linalg.norm(np.diff(glued.points[ends[uses == 1]], axis=1)[:, 0], axis=1).sum()
+        assert boundary == pytest.approx(rim + 2 * glued.seams.cuts)
+        assert np.isfinite(places).all()
+
+    def test_pieces_have_a_page_without_overlap(self, glued, tmp_path):
+        places = glued.layout()
+        a, b, c = np.moveaxis(places[glued.uv_faces], 1, 0)
+        drawn = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        np.testing.assert_allclose(drawn, glued.areal * _areas(glued), rtol=1e-6)
+        figures.save(figures.atlas_page(glued), tmp_path / "page.png")
+        assert (tmp_path / "page.png").stat().st_size > 10_000
+
+
+def _areas(glued):
+    corners = glued.points[glued.faces]
+    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+
+
+class TestCommand:
+    def run(self, *arguments):
+        return CliRunner().invoke(main, ["patches", *map(str, arguments)], prog_name="voxflat")
+
+    @pytest.fixture
+    def mesh(self, tmp_path):
+        voxflat.surface(bumps()).save(tmp_path / "bumps.obj")
+        return tmp_path / "bumps.obj"
+
+    def test_it_writes_the_glued_atlas_and_its_table(self, mesh, tmp_path):
+        out, page = tmp_path / "glued.npz", tmp_path / "page.png"
+        result = self.run(mesh, "-o", out, "--glue", 1.2, "--page", page)
+        assert result.exit_code == 0, result.output
+        loaded = voxflat.load_atlas(out)
+        assert loaded.bound == 1.2
+        assert loaded.table() in result.output
+        assert page.exists()
+
+    def test_json(self, mesh, tmp_path):
+        result = self.run(mesh, "-o", tmp_path / "glued.npz", "--glue", 1.2, "--json")
+        assert result.exit_code == 0, result.output
+        told = json.loads(result.stdout)
+        assert told["bound"] == 1.2
+        assert told["seams"]["closed"] <= told["seams"]["length"]
+
+    def test_errors_are_one_line(self, mesh, tmp_path):
+        result = self.run(mesh, "-o", tmp_path / "glued.npz", "--glue", 0.5)
+        assert result.exit_code != 0
+        assert "a bound of 0.5" in result.output
+        assert not (tmp_path / "glued.npz").exists()
+
+
+class TestOneMap:
+    def test_it_is_the_glued_piece(self):
+        mesh = bumps()
+        flat = voxflat.flatten(mesh, method="saucan2006", bound=1.3)
+        glued = voxflat.patches(mesh, 10).glue(1.3)
+        assert len(glued) == 1
+        np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.uv_faces])
+        np.testing.assert_array_equal(flat.points[flat.faces], glued.points[glued.faces])
+        assert flat.distortion.triangles.flipped == flat.distortion.triangles.covering == 0
+        assert flat.metadata["method"] == "saucan2006"
+        assert flat.metadata["bound"] == 1.3
+        assert flat.metadata["seams"]["closed_share"] == glued.seams.closed_share
+        assert np.isfinite(flat.normals).all()
+        assert len(flat.sources) == 0
+        most, least = singular_values(flat.points[flat.faces], flat.uv[flat.faces]).T
+        assert np.maximum(most, 1 / least).max() <= 1.3 * (1 + 1e-9)
+
+    def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
+        ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
+        flat = voxflat.flatten(ball, method="saucan2006", bound=1.6)
+        assert any("stay cut" in warning for warning in flat.metadata["warnings"])
+        assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
+        assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
+        flat.save(tmp_path / "ball.npz")
+        np.testing.assert_array_equal(voxflat.load(tmp_path / "ball.npz").uv, flat.uv)
+
+    def test_what_unrolls_is_unrolled(self):
+        mesh = sheet(30, 16, lambda x, y: (8 * np.cos(x / 8), 8 * np.sin(x / 8), y))
+        flat = voxflat.flatten(mesh, method="saucan2006")
+        assert flat.distortion.triangles.edge < 1e-6
+        assert flat.metadata["warnings"] == []
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"bound": 1.0}, "bound is 1.0; give a number above 1, up to 10"),
+            ({"bound": np.nan}, "bound is nan"),
+            ({"bound": "1.5"}, "bound is '1.5'"),
+            ({"sources": 50}, "the method 'saucan2006' knows no sources"),
+            ({"sampling": "random"}, "knows no sampling"),
+            ({"keep_rows": True}, "knows no keep_rows"),
+            ({"method": "voxflat", "bound": 1.5}, "the method 'voxflat' knows no bound"),
+        ],
+    )
+    def test_bad_options_are_refused(self, options, message):
+        with pytest.raises(InputError, match=message):
+            voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
+
+    def test_metadata_say_what_the_method_has(self):
+        flat = voxflat.flatten(bumps(), method="saucan2006", bound=1.3)
+        assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
+        assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
+        assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
+
+    def test_too_little_memory_is_refused_before_work_begins(self):
+        stages = []
+        options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
+        with pytest.raises(InputError, match="of memory are needed, 10 bytes is the limit; take a smaller patch"):
+            voxflat.flatten(bumps(), **options, memory_limit=10)
+        assert "growing patches" not in stages
+
+    def test_any_number_of_threads_makes_the_same_map(self):
+        one, two = (voxflat.flatten(bumps(), method="saucan2006", threads=threads) for threads in (1, 2))
+        np.testing.assert_array_equal(one.uv, two.uv)
+        assert one.distortion.figures() == two.distortion.figures()
+
+    @pytest.mark.slow
+    def test_several_pieces_are_refused(self):
+        mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
+        assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1
+        with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
+            voxflat.flatten(mesh, method="saucan2006", bound=1.02)
+
+    def test_the_command(self, tmp_path):
+        write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))
+        arguments = [
+            "flatten",
+            tmp_path / "bumps.ply",
+            "--method",
+            "saucan2006",
+            "--bound",
+            1.3,
+            "-o",
+            tmp_path / "m.npz",
+        ]
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+        assert result.exit_code == 0, result.output
+        assert voxflat.load(tmp_path / "m.npz").metadata["bound"] == 1.3
+        assert "\nsources" not in result.output

@@ -1,0 +1,147 @@
+"""Atlases on the command line and in PyVista."""
+
+import json
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+from triangle_meshes import torus
+
+import voxflat
+from voxflat import figures
+from voxflat.cli import main
+from voxflat.io import meshes
+
+pv = pytest.importorskip("pyvista")
+
+
+class TestCommand:
+    def run(self, *arguments):
+        return CliRunner().invoke(main, [*map(str, arguments)], prog_name="voxflat")
+
+    @pytest.fixture
+    def mesh(self, tmp_path):
+        voxflat.surface(torus(20)).save(tmp_path / "torus.obj")
+        return tmp_path / "torus.obj"
+
+    @pytest.fixture
+    def overlay(self, tmp_path):
+        points, faces = torus(20)
+        colours = np.full((len(points), 3), [200, 100, 50], dtype=np.uint8)
+        mesh = pv.PolyData.from_regular_faces(points, faces)
+        mesh.point_data["rgb"] = colours
+        mesh.save(tmp_path / "coloured.vtp")
+        return tmp_path / "coloured.vtp"
+
+    @pytest.mark.parametrize("name", ["atlas.obj", "atlas.vtp", "atlas.glb", "atlas.ply"])
+    def test_textured_surfaces(self, mesh, tmp_path, name):
+        result = self.run("patches", mesh, "--max-angle", 30, "-o", tmp_path / name, "--pixel-size", 1)
+        assert result.exit_code == 0, result.output
+        assert (tmp_path / name).stat().st_size > 1000
+        if name != "atlas.glb":
+            read = meshes.read_mesh(tmp_path / name)
+            assert len(read.faces) >= len(torus(20)[1])
+
+    def test_what_the_texture_shows(self, mesh, overlay, tmp_path):
+        pictures = []
+        for options in ((), ("--heat-map",), ("--volume", overlay)):
+            result = self.run("patches", mesh, "--max-angle", 30, "-o", tmp_path / "atlas.obj", *options)
+            assert result.exit_code == 0, result.output
+            with Image.open(tmp_path / "atlas.png") as picture:
+                pictures.append(np.asarray(picture))
+        assert pictures[0].shape == pictures[1].shape
+        assert (pictures[0] != pictures[1]).any()
+        assert (pictures[2] == [200, 100, 50]).all()
+
+    def test_images_of_a_saved_atlas(self, mesh, overlay, tmp_path):
+        atlas = tmp_path / "atlas.npz"
+        assert self.run("patches", mesh, "--max-angle", 30, "-o", atlas).exit_code == 0
+        for name, options in (
+            ("page.png", ("--volume", overlay)),
+            ("heat.png", ("--heat-map",)),
+            ("heat.npy", ("--heat-map", "--pixel-size", 0.5)),
+        ):
+            result = self.run("image", atlas, *options, "-o", tmp_path / name)
+            assert result.exit_code == 0, result.output
+        assert_array_equal(np.load(tmp_path / "heat.npy"), voxflat.FlatAtlas.load(atlas).heat_map(0.5).data)
+
+    def test_options_that_do_not_fit_are_refused_before_the_work(self, mesh, tmp_path):
+        for name, options, message in (
+            ("atlas.npz", ("--heat-map",), "--heat-map"),
+            ("atlas.npz", ("--pixel-size", 1), "--pixel-size"),
+            ("atlas.obj", ("--heat-map", "--volume", mesh), "either --volume or --heat-map"),
+            ("atlas.obj", ("--depth", 1), "--depth is for --volume"),
+        ):
+            result = self.run("patches", mesh, "-o", tmp_path / name, *options)
+            assert result.exit_code == 2
+            assert message in result.stderr
+            assert not (tmp_path / name).exists()
+        result = self.run("image", mesh, "--heat-map", "-o", tmp_path / "x.png")
+        assert result.exit_code == 1
+        assert "is not a flat map" in result.stderr
+
+    def test_the_heat_map_is_a_figure(self, tmp_path):
+        atlas = voxflat.patches(torus(20), 30)
+        for of in ("isometric", "quasi_conformal", "areal"):
+            figures.save(figures.atlas_heat_map(atlas, of=of), tmp_path / f"{of}.png")
+            assert (tmp_path / f"{of}.png").stat().st_size > 10_000
+
+
+class TestPyVista:
+    def test_the_page_of_a_mesh(self):
+        points, faces = torus(20)
+        order = np.random.default_rng(5).permutation(len(faces))
+        mesh = pv.PolyData.from_regular_faces(points, np.roll(faces[order], 1, axis=1))
+        mesh.point_data["height"] = points[:, 2]
+        page = mesh.voxflat.patches(max_angle=20)
+        atlas = voxflat.patches((points, faces), 20)
+        assert_array_equal(mesh.cell_data["patch"], atlas.piece_ids[order])
+        assert_allclose(mesh.cell_data["isometric"], atlas.isometric[order], rtol=1e-9)
+        assert page.n_cells == mesh.n_cells
+        assert_array_equal(page.cell_data["patch"], mesh.cell_data["patch"])
+        assert_array_equal(page.cell_data["quasi_conformal"], mesh.cell_data["quasi_conformal"])
+        assert set(page.cell_data.keys()) == {"patch", "piece", "isometric", "quasi_conformal", "areal"}
+        assert (page.points[:, 2] == 0).all()
+        corners = page.regular_faces
+        assert_array_equal(np.sort(page.point_data["vertex_ids"][corners]), np.sort(mesh.regular_faces))
+        assert_array_equal(page.point_data["height"], points[page.point_data["vertex_ids"], 2])
+        assert_array_equal(page.point_data["surface_points"], points[page.point_data["vertex_ids"]])
+        ratio = page.compute_cell_sizes()["Area"] / mesh.compute_cell_sizes()["Area"]
+        assert_allclose(ratio, mesh.cell_data["areal"], rtol=1e-4)
+        assert json.loads(page.field_data["voxflat"][0])["method"] == "saucan2006"
+
+    def test_the_page_of_glued_patches(self):
+        mesh = pv.PolyData.from_regular_faces(*torus(20))
+        page = mesh.voxflat.patches(max_angle=20, glue=1.6)
+        glued = voxflat.patches(mesh, 20).glue(1.6)
+        assert_array_equal(page.cell_data["patch"], glued.patch_ids)
+        assert_array_equal(page.cell_data["piece"], glued.piece_ids)
+        assert_array_equal(mesh.cell_data["piece"], glued.piece_ids)
+        assert page.n_points == len(glued.uv)
+        assert page.cell_data["isometric"].max() <= 1.6
+
+    def test_texture_coordinates_are_those_of_the_image(self):
+        mesh = pv.PolyData.from_regular_faces(*torus(20))
+        atlas = voxflat.patches(mesh, 20)
+        page = mesh.voxflat.to_page_polydata(atlas)
+        image = atlas.image(atlas.points[:, 0])
+        height, width = image.data.shape
+        s, t = page.active_texture_coordinates.T
+        left, right, bottom, top = image.extent
+        assert_allclose(left + s * (right - left), page.points[:, 0], atol=1e-4)
+        assert_allclose(bottom + t * (top - bottom), page.points[:, 1], atol=1e-4)
+        assert right - left == pytest.approx(width * image.pixel_size)
+        assert top - bottom == pytest.approx(height * image.pixel_size)
+
+    def test_the_page_of_an_image(self):
+        ball = shapes.ball(8)
+        image = pv.ImageData(dimensions=ball.shape, spacing=(0.5, 0.5, 0.5))
+        image["labels"] = ball.astype(np.uint8).ravel(order="F")
+        page = image.voxflat.patches(bound=1.3, label=1)
+        assert page.point_data["voxel_ids"].shape == (page.n_points, 3)
+        assert page.cell_data["isometric"].max() <= 1.3
+        with pytest.raises(voxflat.InputError, match="leave it out"):
+            page.voxflat.patches(scalars="labels")

@@ -1,0 +1,280 @@
+"""Quasi-isometric patches after Appleboim, Saucan and Zeevi (2006)."""
+
+import itertools
+import json
+
+import mesh_files
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+from triangle_meshes import cylinder, singular_values
+
+import voxflat
+from voxflat import Cancelled, FlatAtlas, InputError, figures
+from voxflat.cli import main
+
+pv = pytest.importorskip("pyvista")
+
+
+@pytest.fixture(scope="module")
+def torus():
+    mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=60, v_res=30, w_res=1).clean().triangulate()
+    return np.asarray(mesh.points, dtype=float), np.asarray(mesh.regular_faces)
+
+
+@pytest.fixture(scope="module")
+def atlas(torus):
+    return voxflat.patches(torus, 10)
+
+
+def check(atlas):
+    """Check what is promised of all patches by what is returned alone."""
+    certificate = atlas.certificate
+    assert np.array_equal(np.sort(np.concatenate([patch.face_ids for patch in atlas])), np.arange(len(atlas.faces)))
+    for number, patch in enumerate(atlas):
+        assert (atlas.piece_ids[patch.face_ids] == number).all()
+        assert np.array_equal(patch.vertex_ids[patch.faces], atlas.faces[patch.face_ids])
+        plane = patch.plane
+        frame = np.vstack([plane.axes, plane.normal])
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(frame) > 0
+        projected = (atlas.points[patch.vertex_ids] - plane.origin) @ plane.axes.T
+        np.testing.assert_allclose(patch.uv, projected, atol=1e-9)
+        corners = patch.uv[patch.faces]
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
+        most, least = singular_values(atlas.points[atlas.faces[patch.face_ids]], corners).T
+        assert np.maximum(most, 1 / least).max() == pytest.approx(patch.isometric, rel=1e-6)
+        assert (most / least).max() == pytest.approx(patch.quasi_conformal, rel=1e-6)
+        assert np.maximum(most, 1 / least).max() <= certificate.c * (1 + 1e-9)
+        assert (most / least).max() <= certificate.k * (1 + 1e-9)
+        assert patch.tilt <= certificate.angle + 1e-6
+
+
+class TestPatches:
+    @pytest.mark.parametrize(("angle", "c"), [(10, 1.1763), (5, 1.0875)])
+    def test_certificates_are_the_papers(self, torus, angle, c):
+        atlas = voxflat.patches(torus, max_angle=angle)
+        assert atlas.certificate.c == pytest.approx(c, abs=5e-5)
+        assert atlas.certificate.k == pytest.approx(c**1.5, abs=1e-4)
+        check(atlas)
+
+    def test_a_bound_allows_the_angle_of_its_cosine(self, torus, atlas):
+        bounded = voxflat.patches(torus, bound=1.1763)
+        assert (bounded.certificate.c, bounded.certificate.k) == (1.1763, 1.1763)
+        assert bounded.certificate.angle == pytest.approx(np.degrees(np.arccos(1 / 1.1763)))
+        assert max(patch.isometric for patch in bounded) > 1.1
+        assert len(bounded) < len(atlas) / 3
+        check(bounded)
+
+    def test_a_number_of_patches_is_not_exceeded(self, torus):
+        few = voxflat.patches(torus, count=30)
+        assert len(few) <= 30
+        assert len(voxflat.patches(torus, 0.9 * few.certificate.angle)) > 30
+        check(few)
+        with pytest.raises(InputError, match="2 patches are too few"):
+            voxflat.patches(torus, count=2)
+
+    @pytest.mark.parametrize("seeds", ["curvature", "flattest", "random"])
+    def test_where_patches_begin(self, torus, atlas, seeds):
+        other = voxflat.patches(torus, seeds=seeds)
+        check(other)
+        assert len(other) == len(atlas) if seeds == "curvature" else len(other) > 1.33 * len(atlas)
+
+    def test_a_developable_surface_still_bends(self):
+        mesh, _ = cylinder((21, 16))
+        check(voxflat.patches(mesh, 20))
+
+    def test_voxels_take_the_same_way(self):
+        ball = voxflat.patches(shapes.ball(12), 15, spacing=(0.5, 0.5, 0.5))
+        assert ball.ids.shape == ball.points.shape
+        assert ball.metadata["limit"] == {"angle": 15.0}
+        check(ball)
+        sheet = voxflat.patches(shapes.sheet())
+        assert len(sheet) == 1
+        assert sheet[0].isometric == pytest.approx(1, abs=1e-9)
+        check(sheet)
+
+    def test_cortex_of_any_topology(self):
+        surface = voxflat.surface(str(mesh_files.fsaverage5("white_left")))
+        counts = [len(voxflat.patches(surface, seeds=seeds)) for seeds in ("curvature", "random")]
+        assert counts[0] < 0.75 * counts[1]
+
+    def test_numbers_of_vertices_and_faces_do_not_matter(self, torus, atlas):
+        rng = np.random.default_rng(3)
+        points, faces = torus
+        order, rows = rng.permutation(len(points)), rng.permutation(len(faces))
+        number = np.argsort(order)
+        other = voxflat.patches((points[order], np.roll(number[faces[rows]], 1, axis=1)), 10)
+        assert np.array_equal(atlas.piece_ids[rows], other.piece_ids)
+        for one, two in zip(atlas, other, strict=True):
+            mine = dict(zip(map(bytes, atlas.points[one.vertex_ids]), one.uv.tolist(), strict=True))
+            theirs = dict(zip(map(bytes, other.points[two.vertex_ids]), two.uv.tolist(), strict=True))
+            assert mine == theirs
+
+    def test_the_number_of_threads_does_not_matter(self, torus, atlas):
+        for threads in (1, 2, 5):
+            other = voxflat.patches(torus, 10, threads=threads)
+            assert np.array_equal(atlas.piece_ids, other.piece_ids)
+            assert np.array_equal(atlas.uv, other.uv)
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"max_angle": 0}, "the angle is 0°"),
+            ({"max_angle": 90.0}, "the angle is 90°"),
+            ({"max_angle": float("nan")}, "the angle is NaN°"),
+            ({"max_angle": "steep"}, "max_angle is 'steep'; give a number"),
+            ({"bound": 1}, "the bound C is 1"),
+            ({"count": 0}, "count is 0"),
+            ({"count": 2.5}, "count is 2.5; give a whole number"),
+            ({"count": True}, "count is True"),
+            ({"max_angle": 10, "bound": 1.2}, "max_angle and bound are given"),
+            ({"seeds": "best"}, "seeds is 'best'"),
+            ({"seed": -1}, "the seed is -1"),
+            ({"threads": 0}, "threads"),
+            ({"label": 3}, "label is given"),
+        ],
+    )
+    def test_wrong_arguments_are_named(self, torus, options, message):
+        with pytest.raises(InputError, match=message):
+            voxflat.patches(torus, **options)
+
+    def test_triangles_so_thin_that_rounding_counts_are_told(self, caplog):
+        points = np.array([[0, 0, 0], [1e6, 0.3, 0.7], [3e5, 0.09, 0.21 + 1e-9], [2e5, -1e5, 4e4]]) + 1e3
+        atlas = voxflat.patches((points, np.array([[0, 1, 2], [1, 0, 3]])), 0.01)
+        assert len(atlas) == 2
+        assert atlas.figures()["broken"] == atlas.broken.sum()
+        assert ("rounding" in caplog.text) == bool(atlas.broken.any())
+
+    def test_it_can_be_cancelled(self, torus):
+        with pytest.raises(Cancelled):
+            voxflat.patches(torus, 10, progress=lambda stage, done, total: False)
+        stages = []
+        voxflat.patches(torus, 10, progress=lambda stage, done, total: stages.append(stage))
+        assert stages
+
+    def test_it_is_asked_for_progress_even_where_nothing_moves(self):
+        # or nobody could cancel a stage of which the end is not counted
+        reports = []
+        mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=300, v_res=150, w_res=1)
+        mesh = mesh.clean().triangulate()
+        faces = np.asarray(mesh.regular_faces)
+        voxflat.patches(
+            (np.asarray(mesh.points, dtype=float), faces), 5, progress=lambda *report: reports.append(report)
+        )
+        assert any(before == after for before, after in itertools.pairwise(reports))
+
+
+class TestFlatAtlas:
+    def test_it_is_a_sequence(self, atlas):
+        assert len(atlas.patches) == len(atlas)
+        assert np.array_equal(atlas[-1].uv, atlas[len(atlas) - 1].uv)
+        assert len(atlas[:3]) == 3
+        areas = [patch.area for patch in atlas]
+        assert areas == sorted(areas, reverse=True)
+        with pytest.raises(IndexError):
+            atlas[len(atlas)]
+        assert "1.1763" in repr(atlas)
+        assert "triangles" in repr(atlas[0])
+
+    def test_the_table_has_certificates_beside_measured_figures(self, atlas):
+        table = atlas.table()
+        assert "1.1763" in table
+        measured = atlas.figures()["measured"]
+        assert f"{measured['c']:.4f}" in table
+        assert measured["c"] < atlas.certificate.c
+        assert atlas.figures()["broken"] == 0
+
+    def test_patches_on_the_page_do_not_overlap(self, atlas):
+        places = atlas.layout()
+        boxes = [(part.min(axis=0), part.max(axis=0)) for part in np.split(places, atlas.starts[1:-1])]
+        low, high = (np.array(corner) for corner in zip(*boxes, strict=True))
+        meet = ((low[:, None] < high[None]) & (low[None] < high[:, None])).all(axis=2)
+        assert np.array_equal(meet, np.eye(len(atlas), dtype=bool))
+        for n, patch in enumerate(atlas):
+            placed = places[atlas.starts[n] : atlas.starts[n + 1]]
+            one, two = (part - part.mean(axis=0) for part in (patch.uv, placed))
+            turn = np.linalg.lstsq(one, two, rcond=None)[0]
+            np.testing.assert_allclose(turn @ turn.T, np.eye(2), atol=1e-9)
+            assert np.linalg.det(turn) > 0
+            np.testing.assert_allclose(one @ turn, two, atol=1e-9)
+        width, height = np.ptp(places, axis=0)
+        assert 0.4 < width / height < 2.5
+
+    def test_saved_and_loaded_it_is_the_same(self, atlas, tmp_path):
+        atlas.save(tmp_path / "atlas.npz")
+        loaded = FlatAtlas.load(tmp_path / "atlas.npz")
+        assert loaded.certificate == atlas.certificate
+        assert loaded.metadata == atlas.metadata
+        assert loaded.table() == atlas.table()
+        for name in ("points", "faces", "ids", "piece_ids", "stretch", "uv", "planes", "measured"):
+            assert np.array_equal(getattr(loaded, name), getattr(atlas, name))
+        check(loaded)
+
+    def test_other_files_are_refused(self, atlas, tmp_path):
+        with pytest.raises(InputError, match=r"ends in \.npz"):
+            atlas.save(tmp_path / "atlas.obj")
+        (tmp_path / "broken.npz").write_bytes(b"PK")
+        with pytest.raises(InputError, match="is not an atlas"):
+            FlatAtlas.load(tmp_path / "broken.npz")
+        with pytest.raises(FileNotFoundError):
+            FlatAtlas.load(tmp_path / "nowhere.npz")
+
+    def test_pictures(self, atlas, tmp_path, monkeypatch):
+        figures.save(figures.atlas_page(atlas), tmp_path / "page.png")
+        assert (tmp_path / "page.png").stat().st_size > 10_000
+        picture = figures.atlas_3d(atlas, size=300)
+        assert picture.shape == (300, 300, 3)
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+        monkeypatch.setitem(__import__("sys").modules, "pyvista", None)
+        drawn = figures.atlas_3d(atlas, size=300)
+        assert drawn.shape == (300, 300, 3)
+        assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
+        with pytest.raises(InputError, match="towards"):
+            figures.atlas_3d(atlas, towards=(0, 0, 0))
+
+
+class TestCommand:
+    def run(self, *arguments):
+        return CliRunner().invoke(main, ["patches", *map(str, arguments)], prog_name="voxflat")
+
+    @pytest.fixture
+    def mesh(self, torus, tmp_path):
+        voxflat.surface(torus).save(tmp_path / "torus.obj")
+        return tmp_path / "torus.obj"
+
+    def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
+        out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
+        result = self.run(mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)
+        assert result.exit_code == 0, result.output
+        assert "1.0875" in result.output
+        assert FlatAtlas.load(out).certificate.angle == 5
+        assert page.exists()
+        assert picture.exists()
+
+    def test_json(self, mesh, tmp_path):
+        result = self.run(
+            mesh, "-o", tmp_path / "atlas.npz", "--bound", 1.2, "--seeds", "random", "--seed", 3, "--json"
+        )
+        assert result.exit_code == 0, result.output
+        told = json.loads(result.stdout)
+        assert told["certificate"]["c"] == 1.2
+        assert told["patches"] == len(FlatAtlas.load(tmp_path / "atlas.npz"))
+        assert told["metadata"]["seed"] == 3
+
+    def test_errors_are_one_line(self, mesh, tmp_path):
+        out = tmp_path / "atlas.npz"
+        for arguments, message in (
+            ((mesh, "-o", tmp_path / "atlas.stl"), "must end in .npz or .obj"),
+            ((mesh, "-o", out, "--max-angle", 10, "--count", 5), "max_angle and count are given"),
+            ((mesh, "-o", out, "--max-angle", 95), "the angle is 95°"),
+            ((mesh, "-o", out, "--picture", tmp_path / "torus.pdf"), "must end in .png"),
+            ((tmp_path / "nowhere.obj", "-o", out), "nowhere.obj"),
+        ):
+            result = self.run(*arguments)
+            assert result.exit_code == 1
+            assert message in result.stderr
+            assert result.stderr.count("\n") == 1
+        assert not out.exists()

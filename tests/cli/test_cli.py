@@ -1,0 +1,649 @@
+import inspect
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+from PIL import Image
+
+import voxflat
+from voxflat import cli
+from voxflat.cli import options as _options
+from voxflat.io.volumes import read_volume, write_volume
+from voxflat.maps.colours import are_labels, label_colours
+from voxflat.maps.raster import FlatImage
+
+nib = pytest.importorskip("nibabel")
+
+AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])
+PROGRAM = Path(sys.executable).with_name("voxflat")
+COLOURS = {".png": "RGBA", ".tif": "RGBA"}
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+
+
+def program(*arguments, **options):
+    command = [PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, **options)
+
+
+def half_cylinder(radius=8, length=24):
+    i, j = np.indices((2 * radius + 5, radius + 5))
+    bow = (np.abs(np.hypot(i - radius - 2, j - 1) - radius) < 0.8) & (j >= 1)
+    return np.repeat(bow[..., None], length, axis=2).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """Inputs and a map that no test changes."""
+    folder = tmp_path_factory.mktemp("shared")
+    surface = half_cylinder()
+    i, _, k = np.indices(surface.shape)
+    rng = np.random.default_rng(3)
+    volumes = {
+        "surface": surface,
+        "t1": (100 + 5 * k + rng.normal(0, 9, surface.shape)).astype(np.float32),
+        "t1_whole": rng.integers(60, 200, surface.shape).astype(np.int16),
+        "areas": (1 + k // 8 + 10 * (i // 7)).astype(np.int16),
+        "colours": rng.integers(0, 256, (*surface.shape, 3), dtype=np.uint8),
+    }
+    for name, data in volumes.items():
+        write_volume(folder / f"{name}.nii.gz", data, AFFINE)
+    np.save(folder / "surface.npy", surface)
+    np.save(folder / "t1.npy", volumes["t1"])
+    voxflat.flatten(folder / "surface.nii.gz", sources=60).save(folder / "map.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def flat_map(shared):
+    return voxflat.load(shared / "map.npz")
+
+
+# -------------------------------------------------------------------------------------------- flatten
+
+
+def test_flatten_saves_the_map_of_the_function(shared, flat_map, tmp_path):
+    out = tmp_path / "map.npz"
+    result = run("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
+    assert result.exit_code == 0
+    np.testing.assert_array_equal(voxflat.load(out).uv, flat_map.uv)
+    assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+
+
+def test_flatten_tells_what_it_did(shared, flat_map, tmp_path):
+    out = tmp_path / "map.npz"
+    result = run("flatten", shared / "surface.nii.gz", "-o", out, "--sources", 60)
+    points = len(flat_map)
+    assert re.search(rf"flattened +{points} of {points} points, all\n", result.stdout)
+    assert flat_map.distortion.table() in result.stdout
+    assert f"saved as {out}" in result.stdout
+    assert "%|" not in result.stderr  # no progress bar: this is no terminal
+
+
+def test_flatten_says_which_part(shared, tmp_path):
+    surface = half_cylinder()
+    surface = np.pad(surface, [(0, 0), (0, 4), (0, 0)])
+    surface[:4, -1, :4] = 1
+    np.save(tmp_path / "two.npy", surface)
+    arguments = ["flatten", tmp_path / "two.npy", "-o", tmp_path / "map.npz"]
+    told = run(*arguments)
+    assert "the largest component" in told.stdout
+    assert "warning: the surface has 2 components" in told.stderr
+    disk = run(*arguments, "--seed-point", "10,9,12", "--radius", "6").stdout
+    assert "within 6.0 mm of voxel [10, 9, 12]" in disk
+    np.save(tmp_path / "keep.npy", np.indices(surface.shape)[2] > 8)
+    assert "those of the mask" in run(*arguments, "--keep", tmp_path / "keep.npy").stdout
+
+
+def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
+    surface = np.zeros((20, 20, 3), np.uint8)
+    surface[:, :, 1] = 1
+    surface[8:12, 8:12] = 0
+    np.save(tmp_path / "ring.npy", surface)
+    result = run("flatten", tmp_path / "ring.npy", "-o", tmp_path / "map.npz")
+    assert result.exit_code == 0
+    memory, *warnings = result.stderr.splitlines()
+    assert re.fullmatch(r"voxflat: up to \S+ [KM]iB of memory are needed", memory)
+    assert any("warning: the surface is no disk (0 handles, 2 boundary loops): it was cut open" in w for w in warnings)
+    assert "warning" not in result.stdout
+
+
+def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
+    given = {}
+
+    def flatten(surface, progress=None, **options):
+        given.update(options)
+        raise voxflat.Cancelled
+
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
+    options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
+    options += (
+        " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
+    )
+    options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
+    options += " --store rows"
+    run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
+    assert [given.pop(name) for name in ("cuts", "polygon", "relax")] == [None] * 3
+    assert given == {
+        "method": "grossmann2002",
+        "drop": Path("d.nii"),
+        "label": 2,
+        "threshold": 0.5,
+        "keep": Path("k.nii"),
+        "seed_point": (1, 2, 3),
+        "radius": 4.5,
+        "spacing": (0.5, 1.0, 2.0),
+        "sources": 70,
+        "sampling": "random",
+        "link_lengths": "euclidean",
+        "neighbourhood": 8,
+        "starts": 5,
+        "bound": 1.4,
+        "geodesic": "exact",
+        "weighting": 0.7,
+        "seed": 9,
+        "threads": 2,
+        "memory_limit": 4 * 2**30,
+        "keep_rows": True,
+        "store": Path("rows"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("1000", 1000), ("4G", 2**32), ("1.5k", 1536), ("512MiB", 2**29), ("2 TB", 2**41), ("0", 0)]
+)
+def test_memory_sizes(text, size):
+    assert _options._bytes(None, None, text) == size
+
+
+def test_keep_rows(shared, tmp_path):
+    run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20, "--keep-rows")
+    rows = voxflat.load(tmp_path / "map.npz").rows
+    assert rows is not None
+    assert rows.shape[0] == 20
+
+
+def test_spacing_places_an_array_and_its_mask(shared, tmp_path):
+    np.save(tmp_path / "keep.npy", np.indices(half_cylinder().shape)[2] > 8)
+    arguments = ["--spacing", "2,2,2", "--keep", tmp_path / "keep.npy", "-o", tmp_path / "map.npz"]
+    assert run("flatten", shared / "surface.npy", *arguments).exit_code == 0
+    assert voxflat.load(tmp_path / "map.npz").spacing == pytest.approx(2)
+
+
+def test_quiet_says_nothing(shared, tmp_path):
+    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20, "--quiet")
+    assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
+
+
+@pytest.mark.slow
+def test_json_is_one_object(shared, tmp_path):
+    out = tmp_path / "map.npz"
+    result = program("flatten", shared / "surface.npy", "-o", out, "--sources", "60", "--json")
+    assert result.returncode == 0
+    assert "of memory are needed" in result.stderr
+    content = json.loads(result.stdout)
+    saved = voxflat.load(out)
+    assert content["output"] == str(out)
+    assert content["points"] == len(saved)
+    assert content["distortion"]["raw"]["relative_error"] == saved.distortion.raw.relative_error
+    assert content["warnings"] == saved.metadata["warnings"]
+
+
+def test_undefined_figures_are_null_in_json(shared, tmp_path):
+    arguments = ["--spacing", "20,20,20", "--json", "-o", tmp_path / "map.npz"]
+    result = run("flatten", shared / "surface.npy", *arguments)  # no pair is nearer than 10 mm
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is no JSON")
+
+    content = json.loads(result.stdout, parse_constant=refuse)
+    assert content["distortion"]["raw"]["relative_error_10mm"] is None
+    assert content["distortion"]["raw"]["relative_error"] > 0
+
+
+# ---------------------------------------------------------------------------------------------- check
+
+
+def test_check_says_yes(shared):
+    result = run("check", shared / "surface.nii.gz")
+    assert result.exit_code == 0
+    assert result.stdout == voxflat.check(shared / "surface.nii.gz").table() + "\n"
+    assert result.stderr == ""
+
+
+def test_check_says_no(tmp_path):
+    box = np.pad(np.ones((6, 6, 6), np.uint8), 2)
+    box[0, 0, 0] = 2
+    np.save(tmp_path / "box.npy", box)
+    result = run("check", tmp_path / "box.npy", "--json")  # which label?
+    assert result.exit_code == 1
+    content = json.loads(result.stdout)
+    assert content["can_flatten"] is False
+    assert content["contents"]["labels"] == {"1": 216, "2": 1}
+    result = run("check", tmp_path / "box.npy", "--label", 1, "--json")  # closed: it is cut open, and that is said
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert (content["closed"], content["euler_characteristic"]) == (True, 2)
+    assert "it was cut open along 1 path," in content["advice"][0]
+
+
+def test_check_of_ambiguous_labels_lists_them(shared):
+    result = run("check", shared / "areas.nii.gz")
+    assert result.exit_code == 1
+    assert "give a label or a threshold" in result.stdout
+
+
+# ---------------------------------------------------------------------------------------------- image
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "nearest"])
+def test_tiff_and_nifti_hold_the_values(shared, flat_map, tmp_path, interpolation):
+    expected = flat_map.image(shared / "t1.nii.gz", 0.5, interpolation=interpolation)
+    for ending in (".tif", ".tiff", ".nii", ".nii.gz"):
+        out = tmp_path / f"t1{ending}"
+        options = ["--pixel-size", 0.5, "--interpolation", interpolation, "-o", out]
+        result = run("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", *options)
+        assert result.exit_code == 0, result.output
+        if ".nii" in ending:
+            volume = nib.load(out)
+            np.testing.assert_allclose(volume.affine, expected.affine, atol=1e-5)
+            values = np.asarray(volume.dataobj)[..., 0]
+        else:
+            picture = Image.open(out)
+            assert float(picture.tag_v2[282]) == float(picture.tag_v2[283]) == 20  # pixels
+            assert picture.tag_v2[296] == 3  # per cm
+            values = np.asarray(picture)
+        assert values.dtype == np.float32
+        np.testing.assert_array_equal(values, expected.data.astype(np.float32))  # NaN outside, too
+
+
+def test_npy_holds_the_array(shared, flat_map, tmp_path):
+    out = tmp_path / "t1.npy"
+    assert run("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", "-o", out).exit_code == 0
+    np.testing.assert_array_equal(np.load(out), flat_map.image(shared / "t1.nii.gz").data)
+
+
+def test_png_of_scalars_is_grey_and_transparent_outside(shared, flat_map, tmp_path):
+    out = tmp_path / "t1.png"
+    run("image", shared / "map.npz", "--volume", shared / "t1.nii.gz", "-o", out)
+    expected = flat_map.image(shared / "t1.nii.gz")
+    picture = Image.open(out)
+    assert picture.mode == "LA"
+    grey, alpha = (np.asarray(channel) for channel in picture.split())
+    inside = np.isfinite(expected.data)
+    np.testing.assert_array_equal(alpha, np.where(inside, 255, 0))
+    low, high = np.percentile(expected.data[inside], (1, 99))
+    np.testing.assert_array_equal(
+        grey[inside], np.round(255 * np.clip((expected.data[inside] - low) / (high - low), 0, 1))
+    )
+    assert picture.text["Values"] == f"black {low:g}, white {high:g} (1st and 99th percentile)"
+    assert picture.text["Pixel size"] == f"{expected.pixel_size:.9g} mm"
+    assert picture.info["dpi"][0] == pytest.approx(25.4 / expected.pixel_size, abs=0.02)
+
+
+def test_png_of_labels_has_one_colour_each(shared, flat_map, tmp_path):
+    out = tmp_path / "areas.png"
+    run("image", shared / "map.npz", "--volume", shared / "areas.nii.gz", "-o", out)
+    labels = flat_map.image(shared / "areas.nii.gz").data
+    picture = np.asarray(Image.open(out).convert("RGBA"))
+    np.testing.assert_array_equal(picture[..., 3], np.where(np.isnan(labels), 0, 255))
+    colours = [np.unique(picture[labels == label], axis=0) for label in np.unique(labels[np.isfinite(labels)])]
+    assert all(len(colour) == 1 for colour in colours)
+    assert len(np.unique(np.concatenate(colours), axis=0)) == len(colours) > 5
+
+
+def test_neighbouring_label_numbers_look_different():
+    colours = label_colours(np.arange(400.0)[:, None])[:, 0, :3].astype(float)
+    distances = np.linalg.norm(colours[:, None] - colours[None], axis=2) + 1e9 * np.eye(len(colours))
+    assert distances.min() > 0
+    near = np.abs(np.subtract.outer(np.arange(400), np.arange(400)))
+    assert distances[(near > 0) & (near <= 4)].min() > 40
+
+
+def test_whole_intensities_are_no_labels(shared):
+    flat_map = voxflat.flatten(shared / "surface.nii.gz", method="grossmann2002", sources=60)
+    assert are_labels(flat_map.image(shared / "areas.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels a voxel
+    assert not are_labels(flat_map.image(shared / "t1.nii.gz").data)
+    assert not are_labels(flat_map.image(shared / "colours.nii.gz").data)
+
+
+@pytest.mark.parametrize("ending", [".png", ".tif", ".nii.gz", ".npy"])
+def test_colours_stay_as_they_are(shared, flat_map, tmp_path, ending):
+    out = tmp_path / f"colours{ending}"
+    assert run("image", shared / "map.npz", "--volume", shared / "colours.nii.gz", "-o", out).exit_code == 0
+    expected = flat_map.image(shared / "colours.nii.gz").data
+    if ending in COLOURS:
+        picture = Image.open(out)
+        assert picture.mode == COLOURS[ending]
+        values = np.asarray(picture)
+    else:
+        values = np.load(out) if ending == ".npy" else read_volume(out).data[:, :, 0]
+    np.testing.assert_array_equal(values, expected)
+
+
+def test_heat_map(shared, flat_map, tmp_path):
+    for ending in (".png", ".tif"):
+        assert run("image", shared / "map.npz", "--heat-map", "-o", tmp_path / f"heat{ending}").exit_code == 0
+    picture = Image.open(tmp_path / "heat.png")  # a figure, not pixel by pixel
+    assert min(picture.size) > 800
+    expected = flat_map.heat_map().data.astype(np.float32)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "heat.tif")), expected)
+
+
+def test_an_array_without_affine_lies_where_the_flattened_volume_lies(shared, tmp_path):
+    for name in ("t1.npy", "t1.nii.gz"):
+        arguments = ["image", shared / "map.npz", "--volume", shared / name, "-o", tmp_path / f"{name}.npy"]
+        assert run(*arguments).exit_code == 0
+    np.testing.assert_array_equal(np.load(tmp_path / "t1.npy.npy"), np.load(tmp_path / "t1.nii.gz.npy"))
+
+
+def test_a_volume_that_lies_elsewhere_is_no_empty_picture(shared, tmp_path):
+    far = AFFINE.copy()
+    far[0, 3] += 500
+    write_volume(tmp_path / "far.nii.gz", np.ones((5, 5, 5), np.float32), far)
+    result = run("image", shared / "map.npz", "--volume", tmp_path / "far.nii.gz", "-o", tmp_path / "far.png")
+    assert result.exit_code == 1
+    assert "shows nothing on the map" in result.stderr
+    assert not (tmp_path / "far.png").exists()
+
+
+def test_labels_never_change_silently(tmp_path):
+    image = FlatImage(np.array([[1.0, 614454277.0], [np.nan, 2.0]]), 0.5, (0.0, 0.0), "Allen atlas")
+    for ending in (".tif", ".nii.gz"):
+        with pytest.raises(voxflat.InputError, match=r"614454277 are too large for float32.*use \.npy"):
+            image.save(tmp_path / f"atlas{ending}")
+    assert list(tmp_path.iterdir()) == []
+    image.save(tmp_path / "atlas.npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "atlas.npy"), image.data)
+
+
+def test_constant_and_partly_infinite_images_can_be_drawn(tmp_path):
+    for data in (np.full((4, 4), 0.5), np.array([[0.5, np.inf], [np.nan, 1.5]]), np.full((4, 4), np.nan)):
+        FlatImage(data, 0.5, (0.0, 0.0), "volume").save(tmp_path / "image.png")
+        alpha = np.asarray(Image.open(tmp_path / "image.png").convert("RGBA"))[..., 3]
+        np.testing.assert_array_equal(alpha, np.where(np.isfinite(data), 255, 0))
+
+
+# ----------------------------------------------------------------------------------------------- demo
+
+
+def test_demo_runs_in_its_directory(tmp_path, monkeypatch):
+    demo = pytest.importorskip("voxflat.demo")
+    monkeypatch.setattr(demo, "run", lambda output, progress=None, tell=print: tell(f"{output} {progress}"))
+    result = run("demo", "-o", tmp_path / "results")
+    assert (result.exit_code, result.stdout) == (0, f"{tmp_path / 'results'} None\n")
+
+
+def test_demo_without_its_packages_says_what_to_install(monkeypatch):
+    demo = pytest.importorskip("voxflat.demo")
+
+    def missing(output, **options):
+        raise ModuleNotFoundError("No module named 'pyvista'", name="pyvista")
+
+    monkeypatch.setattr(demo, "run", missing)
+    result = run("demo")
+    assert result.exit_code == 1
+    assert result.stderr == "voxflat: error: the demo needs pyvista: pip install 'voxflat[demo]'\n"
+
+
+# --------------------------------------------------------------------------- usage, errors, interruption
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in cli.main.commands)])
+def test_help(command):
+    for flag in ("-h", "--help"):
+        result = run(*command, flag)
+        assert result.exit_code == 0
+        assert result.stdout.startswith("Usage: voxflat")
+
+
+def help_on(command, option):
+    """What --help says of an option, in one line."""
+    text = run(command, "--help").stdout
+    found = re.search(rf"^  {option} .*?(?=^  -|\Z)", text, re.MULTILINE | re.DOTALL)
+    return " ".join(found[0].split())
+
+
+def told_default(command, option, method):
+    """The default that --help tells for a method: the one of its name, else the first."""
+    told = re.search(r"\[default: ([^]]*)\]", help_on(command, option))[1].split("; ")
+    by_name = dict(part.split(": ") for part in told[1:])
+    return by_name.get(method, told[0])
+
+
+@pytest.mark.parametrize(
+    ("method", "size", "options"),
+    [
+        ("voxflat", 24, ["sources", "sampling", "geodesic", "weighting"]),
+        ("grossmann2002", 33, ["sources", "sampling", "link_lengths"]),
+        ("zigelman2002", 30, ["sources", "sampling"]),
+        ("schwartz1989", 12, ["sources", "sampling", "starts"]),
+        ("saucan2006", 12, ["bound"]),
+    ],
+)
+def test_the_defaults_in_help_are_those_that_are_used(tmp_path, method, size, options):
+    np.save(tmp_path / "sheet.npy", np.ones((size, size, 1), np.uint8))
+    result = run("flatten", tmp_path / "sheet.npy", "--method", method, "--json", "-o", tmp_path / "map.npz")
+    used = json.loads(result.stdout)
+    used["starts"] = len(used.get("starts", ()))  # the stress of each
+    for option in options:
+        assert told_default("flatten", f"--{option.replace('_', '-')}", method) == str(used[option])
+
+
+def test_the_default_method_in_help_is_the_one_that_is_used(shared):
+    used = voxflat.load(shared / "map.npz").metadata["method"]
+    assert told_default("flatten", "--method", None) == used
+
+
+def test_the_default_of_patches_in_help_is_the_one_that_is_used(tmp_path):
+    np.save(tmp_path / "sheet.npy", np.ones((9, 9, 1), np.uint8))
+    limit = voxflat.patches(tmp_path / "sheet.npy").metadata["limit"]
+    assert limit == {"angle": float(told_default("patches", "--max-angle", None))}
+
+
+@pytest.mark.parametrize(
+    ("command", "function"),
+    [
+        ("flatten", voxflat.flatten),
+        ("check", voxflat.check),
+        ("surface", voxflat.surface),
+        ("cut", voxflat.cut),
+        ("path", voxflat.path),
+        ("measure", voxflat.compare),
+        ("patches", voxflat.patches),
+        ("rows", voxflat.geodesic),
+    ],
+)
+def test_commands_and_functions_have_the_same_defaults(command, function):
+    usual = {name: parameter.default for name, parameter in inspect.signature(function).parameters.items()}
+    for option in cli.main.commands[command].params:
+        if option.name in usual and not option.required:
+            told = option.to_info_dict()["default"]
+            assert (told or None) == (usual[option.name] or None)  # nothing, 0 and False say the same
+
+
+def test_version():
+    assert run("--version").stdout == f"voxflat {voxflat.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["unknown"],
+        ["flatten", "a.nii"],
+        ["flatten", "a.nii", "-o", "m.npz", "--sampling", "best"],
+        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2"],
+        ["flatten", "a.nii", "-o", "m.npz", "--seed-point", "1,2,x"],
+        ["flatten", "a.nii", "-o", "m.npz", "--spacing", "1;1;1"],
+        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "much"],
+        ["flatten", "a.nii", "-o", "m.npz", "--memory-limit", "-1G"],
+        ["flatten", "a.nii", "-o", "m.npz", "--label", "1.5"],
+        ["image", "m.npz", "-o", "a.png"],
+        ["image", "m.npz", "-o", "a.png", "--heat-map", "--volume", "t1.nii"],
+        ["image", "m.npz", "-o", "a.png", "--heat-map", "--interpolation", "linear"],
+    ],
+)
+def test_wrong_usage_is_status_2(arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Usage: voxflat" in result.stderr
+
+
+def test_the_output_is_no_input(shared, tmp_path):
+    np.savez(tmp_path / "surface.npz", half_cylinder())
+    before = (tmp_path / "surface.npz").read_bytes()
+    (tmp_path / "link.npz").symlink_to("surface.npz")
+    for out in ("surface.npz", "link.npz"):
+        result = run("flatten", tmp_path / "surface.npz", "-o", tmp_path / out)
+        assert result.exit_code == 1
+        assert "it is an input" in result.stderr
+    keep = run("flatten", shared / "surface.npy", "--keep", tmp_path / "surface.npz", "-o", tmp_path / "surface.npz")
+    assert "it is an input" in keep.stderr
+    assert (tmp_path / "surface.npz").read_bytes() == before
+
+
+def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
+    def flatten(*arguments, **options):
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
+    arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
+    result = run(*arguments)
+    assert result.exit_code == 1
+    assert result.stderr.startswith("voxflat: error: ZeroDivisionError: first line second line (")
+    assert result.stderr.count("\n") == 1
+    assert "Traceback" in run(*arguments, "--debug").stderr
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt(), voxflat.Cancelled("cancelled")])
+def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
+    def flatten(*arguments, **options):
+        raise raised
+
+    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
+    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
+    assert (result.exit_code, result.stderr) == (1, "voxflat: cancelled\n")
+
+
+def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
+    def savez(file, **arrays):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", savez)
+    result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20)
+    assert (result.exit_code, result.stderr.splitlines()[-1]) == (1, "voxflat: cancelled")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no pseudo-terminals")
+def test_ctrl_c_during_the_long_work(tmp_path):
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    sheet = np.zeros((300, 300, 3), np.uint8)
+    sheet[:, :, 1] = 1
+    np.save(tmp_path / "sheet.npy", sheet)
+    terminal, stderr = pty.openpty()
+    fcntl.ioctl(stderr, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # bars need columns
+    command = [PROGRAM, "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sampling", "random"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr) as process:
+        os.close(stderr)
+        try:
+            shown = read_terminal(terminal, until=b"measuring distances")
+            assert b"measuring distances" in shown
+            process.send_signal(signal.SIGINT)
+            start = time.monotonic()
+            status = process.wait(timeout=60)
+            seconds = time.monotonic() - start
+            shown += read_terminal(terminal)
+        finally:
+            process.kill()
+            os.close(terminal)
+        assert process.stdout.read() == b""
+    assert status == 1
+    assert seconds < 5  # half a second where the machine has nothing else to do
+    assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
+    last = shown.decode().rsplit("\r", 2)[-2]  # bars are drawn over by spaces
+    assert last == "voxflat: cancelled"
+    assert "Traceback" not in shown.decode()
+
+
+def read_terminal(terminal, until=None, seconds=120):
+    """Read what is shown until a text appears, or to the end."""
+    shown = b""
+    end = time.monotonic() + seconds
+    while until is None or until not in shown:
+        ready, _, _ = select.select([terminal], [], [], max(0, end - time.monotonic()))
+        assert ready, f"nothing for {seconds} s after {shown!r}"
+        try:
+            piece = os.read(terminal, 4096)
+        except OSError:  # what Linux says when the other end is closed
+            return shown
+        if not piece:
+            return shown
+        shown += piece
+    return shown
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes differ")
+def test_a_reader_that_leaves_early_is_no_error(shared):
+    with subprocess.Popen([PROGRAM, "check", shared / "surface.npy"], stdout=-1, stderr=-1) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+
+
+def test_python_m(shared):
+    command = [sys.executable, "-m", "voxflat.cli", "check", shared / "surface.npy"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0
+    assert re.search(r"can be flattened +yes", result.stdout)
+
+
+@pytest.mark.slow
+def test_starting_needs_no_plotting_and_no_gui():
+    code = "import sys, voxflat.cli; print([m for m in ('matplotlib', 'napari', 'pyvista', 'itk') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout == "[]\n"
+
+
+def test_image_at_a_depth(tmp_path):
+    ball = shapes.ball(12)
+    np.save(tmp_path / "ball.npy", ball)
+    patch = ["--seed-point", "24,14,14", "--radius", "12", "--sources", "60"]
+    assert run("flatten", tmp_path / "ball.npy", *patch, "-o", tmp_path / "map.npz").exit_code == 0
+    np.save(tmp_path / "i.npy", np.indices(ball.shape)[0].astype(np.float32))
+    for depth in (0, 2):
+        arguments = ["--volume", tmp_path / "i.npy", "--depth", depth, "-o", tmp_path / f"{depth}.npy"]
+        assert run("image", tmp_path / "map.npz", *arguments).exit_code == 0
+    outward = np.load(tmp_path / "2.npy") - np.load(tmp_path / "0.npy")
+    assert 1 < np.nanmean(outward) < 2  # the patch faces along i
+
+
+def test_check_of_nan_is_still_json(tmp_path):
+    volume = np.zeros((5, 5, 5))
+    volume[2, 2, 2] = np.nan
+    np.save(tmp_path / "nan.npy", volume)
+    result = run("check", tmp_path / "nan.npy", "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert content["contents"]["range"] == [None, None]
+    assert "NaN" in content["advice"][0]

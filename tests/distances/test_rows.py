@@ -1,0 +1,497 @@
+"""Distance rows on disk: the same bits as in memory, whatever happens on the way."""
+
+import json
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.distances import store as _store
+
+fcntl = pytest.importorskip("fcntl")
+
+FILES = ["ids.npy", "journal.jsonl", "lock", "points.npy", "rows.npy", "sources.npy", "store.json"]
+SOURCES = 40
+HEIGHT = 3  # rows of a block; the fourteenth has one only
+SHEET = np.ones((30, 20, 1), dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return voxflat.geodesic(SHEET, SOURCES)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    return voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def messages(caplog, level=logging.INFO):
+    return [record.getMessage() for record in caplog.records if record.levelno >= level]
+
+
+@pytest.fixture(autouse=True)
+def log(caplog):
+    caplog.set_level(logging.INFO, logger="voxflat")
+    return caplog
+
+
+class TestAStore:
+    def test_holds_the_rows_that_memory_would(self, stored, expected):
+        for name in ("rows", "ids", "points", "sources"):
+            np.testing.assert_array_equal(getattr(stored, name), getattr(expected, name))
+        assert names(stored.store) == FILES
+        np.testing.assert_array_equal(np.load(stored.store / "rows.npy", mmap_mode="r"), expected.rows)
+        stored.verify()
+        expected.verify()
+
+    def test_of_chain_codes(self, tmp_path):
+        options = {"geodesic": "chain", "link_lengths": "euclidean", "spacing": (1, 2, 1.5)}
+        rows = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
+        np.testing.assert_array_equal(rows, voxflat.geodesic(SHEET, SOURCES, **options))
+        with pytest.raises(
+            voxflat.InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"
+        ):
+            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
+
+    def test_is_opened_without_reading_it(self, stored, expected):
+        rows = voxflat.open_rows(str(stored.store))
+        assert isinstance(rows.rows, np.memmap)
+        assert (rows.shape, rows.dtype, rows.ndim, len(rows)) == (expected.shape, np.float32, 2, SOURCES)
+        assert rows.chunks == (HEIGHT, 600)
+        assert rows.nbytes == expected.nbytes == 4 * 600 * SOURCES
+        for index in (3, (4, 5), np.s_[2:30:3, ::-1], np.s_[:, 7], np.s_[[1, 5, 1]], np.s_[..., None]):
+            np.testing.assert_array_equal(rows[index], expected[index])
+            assert not isinstance(rows[index], np.memmap)
+        assert np.asarray(rows, dtype=float).dtype == np.float64
+        with pytest.raises(ValueError, match="read-only"):
+            rows.rows[0] = 0
+
+    def test_is_an_array_of_dask(self, stored, expected):
+        array = pytest.importorskip("dask.array").from_array(stored, chunks=stored.chunks)
+        assert array.chunks == ((HEIGHT,) * 13 + (1,), (600,))
+        np.testing.assert_array_equal(array[5:20, ::7].compute(), expected[5:20, ::7])
+
+    def test_is_shown_by_napari(self, stored, expected):
+        layers = pytest.importorskip("napari.layers")
+        layer = layers.Image(stored)
+        assert layer.data is stored
+        assert layer.contrast_limits == [0, expected.rows.max()]
+
+    def test_has_the_same_bits_for_any_number_of_threads(self, tmp_path):
+        for threads in (1, 2, 7):
+            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / str(threads), threads=threads)
+        one, two, seven = ((tmp_path / name / "rows.npy").read_bytes() for name in "127")
+        assert one == two == seven
+
+    def test_can_be_an_empty_directory_beforehand(self, tmp_path, expected):
+        (tmp_path / "empty").mkdir()
+        np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "empty"), expected)
+        assert names(tmp_path) == ["empty"]
+
+    def test_tells_what_it_needs(self, tmp_path, log):
+        stored = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+        memory, disk = messages(log)
+        assert re.fullmatch(r"up to \S+ [KM]iB of memory are needed for rows in the making", memory)
+        assert disk == f"up to 93.75 KiB on disk are needed in {stored.store}"
+
+    def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):
+        monkeypatch.chdir(tmp_path)
+        rows = voxflat.geodesic(SHEET, SOURCES, store="here")
+        monkeypatch.chdir("/")
+        assert rows.store == tmp_path / "here"
+        rows.verify()
+
+
+class TestFlatten:
+    def test_by_a_store_is_the_same(self, tmp_path):
+        plain = voxflat.flatten(SHEET, sources=SOURCES)
+        flat = voxflat.flatten(SHEET, sources=SOURCES, store=tmp_path / "store")
+        np.testing.assert_array_equal(flat.uv, plain.uv)
+        assert flat.distortion.figures() == plain.distortion.figures()
+        np.testing.assert_array_equal(flat.rows, voxflat.geodesic(SHEET, SOURCES))
+        np.testing.assert_array_equal(voxflat.open_rows(flat.metadata["store"]).sources, flat.sources)
+
+    def test_takes_and_leaves_the_store_of_geodesic(self, stored, log):
+        before = (stored.store / "journal.jsonl").stat().st_mtime_ns
+        log.clear()
+        voxflat.flatten(SHEET, sources=SOURCES, store=stored.store)
+        assert f"{SOURCES} rows were in the store {stored.store} already" in messages(log)
+        assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
+
+    def test_of_the_paper_keeps_rows_there(self, tmp_path):
+        options = {"method": "grossmann2002", "sources": SOURCES}
+        plain = voxflat.flatten(SHEET, **options, keep_rows=True)
+        flat = voxflat.flatten(SHEET, **options, keep_rows=True, store=tmp_path / "store")
+        np.testing.assert_array_equal(flat.uv, plain.uv)
+        np.testing.assert_array_equal(flat.rows, plain.rows)
+        assert isinstance(flat.rows, np.memmap)
+
+    def test_saves_no_rows_of_a_store(self, tmp_path):
+        flat = voxflat.flatten(SHEET, sources=SOURCES, store=tmp_path / "store")
+        flat.save(tmp_path / "map.npz")
+        again = voxflat.load(tmp_path / "map.npz")
+        assert again.rows is None
+        voxflat.open_rows(again.metadata["store"]).verify()
+
+    def test_of_no_disk_is_refused_before_rows_are_measured(self, tmp_path):
+        ring = SHEET.copy()
+        ring[5:25, 5:15] = 0
+        with pytest.raises(voxflat.InputError, match="no disk"):
+            voxflat.flatten(ring, sources=SOURCES, cuts=[], store=tmp_path / "store")
+        assert not (tmp_path / "store" / "rows.npy").exists()
+
+
+# ----------------------------------------------------------------------------------------- interruptions
+
+LARGE = np.ones((140, 140, 1), dtype=np.uint8)
+MANY = 500
+HEIGHT_OF_MANY = 32  # 16 blocks
+RUN = """
+import sys, logging, numpy, voxflat
+logging.basicConfig(level=logging.INFO, format="%(message)s")
+print("computing", voxflat.geodesic(numpy.ones((140, 140, 1), numpy.uint8), 500, store=sys.argv[1], sampling="random",
+                                    threads=int(sys.argv[2])))
+"""
+
+
+def blocks(store):
+    journal = store / "journal.jsonl"
+    return journal.read_text().count("crc32") if journal.exists() else 0
+
+
+def run_until(store, finished, threads, number):
+    """Compute in a process of its own that gets a signal when so many blocks are finished; return what it logged."""
+    command = [sys.executable, "-c", RUN, store, str(threads)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60
+        while blocks(store) < finished and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.001)
+        process.send_signal(number)
+        return process.communicate(timeout=60)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "times"), [(signal.SIGKILL, 3), (signal.SIGINT, 1)])
+def test_what_was_stopped_goes_on_and_ends_with_the_same_bits(tmp_path, number, times, log):
+    store = tmp_path / "store"
+    rng = np.random.default_rng(0)
+    for goal in np.sort(rng.choice(11, size=times, replace=False)) + 1:
+        before, threads = blocks(store), int(rng.integers(1, 4))
+        told = run_until(store, goal, threads, number)
+        assert blocks(store) >= max(goal, before)
+        assert before == 0 or re.search(r"(\d+) rows were in the store", told) is None  # it did not come to its end
+        with pytest.raises(voxflat.InputError, match="is not complete"):
+            voxflat.open_rows(store)
+    kept = blocks(store)
+    log.clear()
+    rows = voxflat.geodesic(LARGE, MANY, sampling="random", store=store)
+    found = int(re.search(r"(\d+) rows were in the store", "\n".join(messages(log)))[1])
+    assert HEIGHT_OF_MANY * (kept - 1) < found <= HEIGHT_OF_MANY * kept  # the last block is lower
+    assert not messages(log, logging.WARNING)
+    np.testing.assert_array_equal(rows, voxflat.geodesic(LARGE, MANY, sampling="random"))
+    rows.verify()
+    assert names(store) == FILES
+    assert names(tmp_path) == ["store"]
+
+
+@pytest.mark.slow
+def test_what_was_cancelled_goes_on(tmp_path, expected):
+    def refuse(stage, done, total):
+        return stage != "measuring distances"
+
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.geodesic(LARGE, MANY, store=tmp_path / "store", progress=refuse)
+    rows = voxflat.geodesic(LARGE, MANY, store=tmp_path / "store")
+    np.testing.assert_array_equal(rows, voxflat.geodesic(LARGE, MANY))
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on_later(tmp_path, expected):
+    limited = """
+import resource, sys, numpy, voxflat
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
+voxflat.geodesic(numpy.ones((30, 20, 1), numpy.uint8), 40, store=sys.argv[1])
+"""
+    store = tmp_path / "store"
+    done = subprocess.run([sys.executable, "-c", limited, store], capture_output=True, text=True, check=False)
+    assert re.search(
+        rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
+    )
+    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+        voxflat.open_rows(store)
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=store), expected)
+
+
+# ------------------------------------------------------------------------------------------------ damage
+
+
+def spoil(path, at, value=b"\xff"):
+    with path.open("r+b") as file:
+        file.seek(at, os.SEEK_END if at < 0 else os.SEEK_SET)
+        file.write(value)
+
+
+def test_damaged_rows_are_found_and_mended(stored, expected, log):
+    spoil(stored.store / "rows.npy", -5)
+    again = voxflat.open_rows(stored.store)
+    with pytest.raises(voxflat.InputError, match=r"the rows 39 to 39 of .*store do not agree .* measure again"):
+        again.verify()
+    log.clear()
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    (warning,) = messages(log, logging.WARNING)
+    assert warning.startswith("1 rows of the store")
+    voxflat.open_rows(stored.store).verify()
+
+
+def truncate(path):
+    os.truncate(path, path.stat().st_size // 2)
+
+
+DAMAGES = {
+    "truncated rows": ("rows.npy", truncate),
+    "no rows": ("rows.npy", Path.unlink),
+    "a header of garbage": ("rows.npy", lambda path: spoil(path, 0, b"garbage")),
+    "rows of another type": ("rows.npy", lambda path: np.save(path, np.zeros((SOURCES, 600)))),
+    "no journal": ("journal.jsonl", Path.unlink),
+    "a truncated journal": ("journal.jsonl", lambda path: os.truncate(path, path.stat().st_size - 50)),
+    "a torn line": ("journal.jsonl", lambda path: os.truncate(path, path.stat().st_size - 9)),
+    "damaged points": ("points.npy", lambda path: spoil(path, -3)),
+    "truncated ids": ("ids.npy", truncate),
+    "no sources": ("sources.npy", Path.unlink),
+    "sources that are no array": ("sources.npy", lambda path: path.write_text("no array")),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, damage):
+    name, spoiled = DAMAGES[damage]
+    spoiled(stored.store / name)
+    with pytest.raises(voxflat.InputError, match="measure again with the same store"):
+        voxflat.open_rows(stored.store)
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    rows = voxflat.open_rows(stored.store)
+    rows.verify()
+    np.testing.assert_array_equal(rows.sources, expected.sources)
+    assert names(stored.store) == FILES
+
+
+def test_garbage_in_the_journal_costs_no_more_than_its_lines(stored, expected, log):
+    journal = stored.store / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(
+        b"".join([lines[0], b"\x00\xffgarbage\n{}\n[1]\n", lines[1], b'{"block": 99, "crc32": "00"}\n'])
+    )
+    log.clear()
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    assert any(re.match(r"(3|1) rows were in the store", message) for message in messages(log))
+    voxflat.open_rows(stored.store).verify()
+
+
+def test_a_journal_without_its_first_line_is_refused(stored):
+    spoil(stored.store / "journal.jsonl", 0, b"garbage")
+    before = (stored.store / "rows.npy").read_bytes()
+    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
+        voxflat.geodesic(SHEET, SOURCES, store=stored.store)
+    assert (stored.store / "rows.npy").read_bytes() == before
+    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+        voxflat.open_rows(stored.store)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "store.json is damaged"),
+        ("[]", "store.json is damaged"),
+        ('{"format": "voxflat rows 1"}', r"store.json is damaged \(it is not complete\)"),
+        (
+            '{"format": "voxflat rows 2"}',
+            "has the format 'voxflat rows 2', this version of voxflat has 'voxflat rows 1'",
+        ),
+    ],
+)
+def test_a_bad_description_is_refused(stored, text, message):
+    (stored.store / "store.json").write_text(text)
+    for use in (voxflat.open_rows, lambda path: voxflat.geodesic(SHEET, SOURCES, store=path)):
+        with pytest.raises(voxflat.InputError, match=message + r".*; choose another directory, or delete this one"):
+            use(stored.store)
+
+
+# -------------------------------------------------------------------------------------------- what is refused
+
+
+def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
+    before = {name: (stored.store / name).read_bytes() for name in FILES if name != "lock"}
+    hole = SHEET.copy()
+    hole[0, 0] = 0
+    mesh = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+    for surface, sources, options, message in [
+        (SHEET, SOURCES, {"geodesic": "chain"}, "its geodesic is 'graph', not 'chain'"),
+        (SHEET, SOURCES + 1, {}, "its sources are others (40; these are 41)"),
+        (SHEET, SOURCES, {"sampling": "random"}, "its sources are others (40; these are 40)"),
+        (SHEET, SOURCES, {"spacing": (1, 1, 2)}, "its surface is another"),
+        (hole, SOURCES, {}, "its surface is another (600 points; this one has 599)"),
+        (mesh, 2, {}, "its surface is another (600 points; this one has 4)"),
+    ]:
+        with pytest.raises(voxflat.InputError, match=re.escape(f"is a store of other rows: {message}")):
+            voxflat.geodesic(surface, sources, store=stored.store, **options)
+    assert before == {name: (stored.store / name).read_bytes() for name in before}
+
+
+def test_the_same_points_under_other_triangles_are_told_apart(tmp_path):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
+    voxflat.geodesic((points, np.array([[0, 1, 2], [1, 3, 2]])), [0, 3], store=tmp_path / "store")
+    with pytest.raises(voxflat.InputError, match="its surface has other triangles"):
+        voxflat.geodesic((points, np.array([[0, 1, 3], [0, 3, 2]])), [0, 3], store=tmp_path / "store")
+
+
+def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("much work")
+    (tmp_path / "file").write_text("a file")
+    for name, message in [
+        ("thesis", "is no store and holds other files (chapter.tex); give a new or empty one"),
+        ("file", "is a file; give a directory"),
+    ]:
+        with pytest.raises(voxflat.InputError, match=re.escape(message)):
+            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / name)
+        with pytest.raises(voxflat.InputError, match="no store"):
+            voxflat.open_rows(tmp_path / name)
+    for name in ("missing/store", "file/store"):
+        with pytest.raises(OSError, match=name.split("/")[0]):
+            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / name)
+    assert names(tmp_path) == ["file", "thesis"]
+    assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
+    for store in ("", 5):
+        with pytest.raises(voxflat.InputError, match="give a directory"):
+            voxflat.geodesic(SHEET, SOURCES, store=store)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_directory_that_is_not_writable_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(PermissionError, match="store"):
+        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+
+
+def test_a_store_in_use_is_refused(stored):
+    with (stored.store / "lock").open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(BlockingIOError, match=f"in use by process {os.getpid()}: wait until that ends") as told:
+            voxflat.geodesic(SHEET, SOURCES, store=stored.store)
+    assert told.value.filename == str(stored.store)
+    voxflat.geodesic(SHEET, SOURCES, store=stored.store)  # a lock file that nobody holds is stale
+
+
+def test_too_little_memory_is_refused_with_numbers(tmp_path):
+    with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
+        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", memory_limit=1000)
+    with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 10 bytes is the limit; .* a store"):
+        voxflat.geodesic((np.eye(3), [[0, 1, 2]]), 3, memory_limit=10)
+    assert names(tmp_path) == []
+
+
+def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
+    monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
+    with pytest.raises(OSError, match=r"93.75 KiB on disk are needed, 1 KiB are free; make room.*store"):
+        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+    assert names(tmp_path) == []
+
+
+def test_a_complete_store_needs_no_room(stored, expected, monkeypatch, log):
+    log.clear()
+    monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 0}))
+    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    assert f"{SOURCES} rows were in the store" in "\n".join(messages(log))  # none was measured again
+
+
+# ------------------------------------------------------------------------------------------- command line
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+
+
+def test_the_command_measures_and_goes_on(tmp_path):
+    np.save(tmp_path / "sheet.npy", shapes.sheet((30, 20)))
+    command = [
+        "rows",
+        tmp_path / "sheet.npy",
+        "--sources",
+        SOURCES,
+        "--spacing",
+        "1,1,2",
+        "--store",
+        tmp_path / "store",
+    ]
+    result = run(*command)
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"
+    assert f"voxflat: up to 93.75 KiB on disk are needed in {tmp_path / 'store'}" in result.stderr
+    expected = voxflat.geodesic(tmp_path / "sheet.npy", SOURCES, spacing=(1, 1, 2))
+    np.testing.assert_array_equal(voxflat.open_rows(tmp_path / "store"), expected)
+    again = run(*command, "--json")
+    assert json.loads(again.stdout) == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
+    assert "40 rows were in the store" in again.stderr
+    assert run(*command, "--quiet").output == ""
+    refused = run(*command, "--radius", 9, "--seed-point", "9,9,1")
+    assert refused.exit_code == 1
+    assert "is a store of other rows" in refused.stderr
+    refused = run(*command, "--geodesic", "chain", "--repair", "voxels")
+    assert "are for surfaces of triangles" in refused.stderr
+
+
+def test_the_command_passes_every_option(tmp_path, monkeypatch):
+    given = {}
+
+    def geodesic(surface, sources, progress=None, **options):
+        given.update(options, surface=surface, sources=sources)
+        raise voxflat.Cancelled
+
+    monkeypatch.setattr("voxflat.cli.rows.geodesic", geodesic)
+    options = "--label 2 --threshold 0.5 --keep k.nii --drop d.nii --seed-point 7 --radius 4.5 --spacing 0.5,1,2"
+    options += " --geodesic chain --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G"
+    run("rows", "volume.npy", "--sources", 70, "--store", "rows", *options.split())
+    assert given == {
+        "surface": Path("volume.npy"),
+        "sources": 70,
+        "store": Path("rows"),
+        "geodesic": "chain",
+        "label": 2,
+        "threshold": 0.5,
+        "keep": Path("k.nii"),
+        "drop": Path("d.nii"),
+        "seed_point": 7,
+        "radius": 4.5,
+        "cuts": None,
+        "polygon": None,
+        "spacing": (0.5, 1.0, 2.0),
+        "sampling": "random",
+        "link_lengths": "euclidean",
+        "seed": 9,
+        "threads": 2,
+        "memory_limit": 4 * 2**30,
+    }
+
+
+def test_flatten_keeps_its_rows(tmp_path):
+    np.save(tmp_path / "sheet.npy", SHEET)
+    result = run(
+        "flatten", tmp_path / "sheet.npy", "-o", tmp_path / "map.npz", "--sources", 20, "--store", tmp_path / "s"
+    )
+    assert result.exit_code == 0, result.output
+    assert voxflat.open_rows(tmp_path / "s").shape == (20, 600)

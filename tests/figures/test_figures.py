@@ -1,0 +1,365 @@
+import dataclasses
+import subprocess
+import sys
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+import voxflat
+from voxflat import InputError, figures
+from voxflat.figures.maps import _add_scale_bar
+from voxflat.figures.space import load_pyvista
+from voxflat.io.volumes import Volume
+from voxflat.maps.raster import FlatImage
+
+SHAPE = (22, 26, 12)
+
+
+def solid():
+    """A solid with a wavy front towards −x, which is what is flattened."""
+    i, j, _ = np.indices(SHAPE)
+    return (i >= np.rint(6 + 2 * np.sin(j / 5))).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def flat_map():
+    front = np.zeros(SHAPE, dtype=np.uint8)
+    front[:12, 3:23] = 1
+    front &= np.roll(solid(), 1, axis=0) == 0
+    return voxflat.flatten(solid(), keep=front, sources=80, spacing=(1.0, 1.0, 2.0))
+
+
+def with_errors(flat_map, per_point):
+    distortion = dataclasses.replace(flat_map.distortion, per_point=np.asarray(per_point, dtype=np.float64))
+    return dataclasses.replace(flat_map, distortion=distortion)
+
+
+def drawn(figure):
+    """Draw a figure and return its pixels, and where the axes' data coordinates lie among them."""
+    canvas = mpl.backends.backend_agg.FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+
+    def at(u, v):
+        column, row = figure.axes[0].transData.transform((u, v))
+        return pixels[pixels.shape[0] - 1 - int(row), int(column), :3].tolist()
+
+    return pixels, at
+
+
+def the_image(figure):
+    (image,) = figure.axes[0].images
+    return image
+
+
+def the_bar(figure):
+    return figure.axes[1]
+
+
+# ------------------------------------------------------------------------------------------- scatter
+
+
+def test_scatter_has_all_pairs_between_equal_axes(flat_map):
+    pairs = flat_map.distortion.scatter
+    (axes, *_) = figures.scatter(flat_map).axes
+    (hexagons,) = axes.collections
+    assert hexagons.get_array().sum() == len(pairs)
+    assert axes.get_xlim() == axes.get_ylim()
+    assert axes.get_xlim()[0] == 0
+    assert axes.get_xlim()[1] > pairs.max()
+    assert axes.get_aspect() == 1
+    centres = hexagons.get_offsets()
+    step = axes.get_xlim()[1] / 90
+    near = np.abs(pairs[:50, None, :] - centres[None]).max(axis=2).min(axis=1)
+    assert near.max() <= step  # x is geodesic, y is flat, and not the other way round
+    assert "geodesic" in axes.get_xlabel()
+    assert "flat" in axes.get_ylabel()
+
+
+def test_scatter_has_the_diagonal(flat_map):
+    (axes, *_) = figures.scatter(flat_map).axes
+    (line,) = axes.lines
+    np.testing.assert_array_equal(*line.get_data())
+    assert tuple(line.get_xdata()) == axes.get_xlim()
+
+
+def test_scatter_names_the_paper_s_figures(flat_map):
+    title = figures.scatter(flat_map).axes[0].get_title()
+    distortion = flat_map.distortion
+    assert f"{distortion.raw.absolute_error:.2f} mm" in title
+    assert f"{100 * distortion.raw.relative_error:.1f} %" in title
+    assert f"{distortion.mean_geodesic:.1f} mm" in title
+
+
+# ------------------------------------------------------------------------------------------ heat map
+
+
+@pytest.mark.parametrize("pixel_size", [None, 0.7])
+def test_heat_map_shows_the_heat_map_s_pixels_in_percent(flat_map, pixel_size):
+    expected = flat_map.heat_map(pixel_size)
+    shown = the_image(figures.heat_map(flat_map, pixel_size))
+    np.testing.assert_array_equal(np.ma.filled(shown.get_array(), np.nan), 100 * expected.data)
+    assert tuple(shown.get_extent()) == expected.extent
+    assert shown.origin == "upper"
+
+
+def test_heat_map_colours_reach_to_the_99th_percentile(flat_map):
+    figure = figures.heat_map(flat_map)
+    top = 100 * np.percentile(flat_map.distortion.per_point, 99)
+    assert the_image(figure).get_clim() == pytest.approx((0, top))
+    assert the_bar(figure).get_ylim() == pytest.approx((0, top))
+    assert "%" in the_bar(figure).get_ylabel()
+
+
+def test_heat_map_is_drawn_where_the_map_lies(flat_map):
+    upper = flat_map.uv[:, 1] > flat_map.uv[:, 1].mean()
+    figure = figures.heat_map(with_errors(flat_map, np.where(upper, 0.2, 0.0)))
+    axes = figure.axes[0]
+    _, at = drawn(figure)
+    u, v = flat_map.uv.mean(axis=0)
+    inferno = mpl.colormaps["inferno"]
+    assert at(u, v + 4) == pytest.approx([255 * c for c in inferno(1.0)[:3]], abs=1)
+    assert at(u, v - 4) == pytest.approx([255 * c for c in inferno(0.0)[:3]], abs=1)
+    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
+    assert at(left + 0.2, top - 0.2) == [255, 255, 255]
+    assert axes.get_aspect() == 1
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("u (mm)", "v (mm)")
+
+
+def test_axes_hold_the_whole_map(flat_map):
+    for figure in (figures.heat_map(flat_map), figures.flat_image(flat_map, solid())):
+        (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
+        assert left < flat_map.uv[:, 0].min() < flat_map.uv[:, 0].max() < right
+        assert bottom < flat_map.uv[:, 1].min() < flat_map.uv[:, 1].max() < top
+
+
+def test_a_map_without_error_can_be_shown(flat_map):
+    figure = figures.heat_map(with_errors(flat_map, np.zeros(len(flat_map))))
+    assert the_image(figure).get_clim() == (0, 1)
+
+
+# ---------------------------------------------------------------------------------------- flat image
+
+
+def test_flat_image_shows_scalars_in_grey(flat_map):
+    volume = np.random.default_rng(0).normal(size=SHAPE)
+    figure = figures.flat_image(flat_map, volume, title="noise")
+    image = the_image(figure)
+    expected = flat_map.image(volume).data
+    np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.nan), expected)
+    assert image.get_cmap().name == "gray"
+    assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(expected, (1, 99))))
+    assert the_bar(figure).get_ylim() == pytest.approx(image.get_clim())
+    assert figure.axes[0].get_title() == "noise"
+
+
+def test_flat_image_gives_each_label_a_colour_and_names_it(flat_map):
+    labels = np.full(SHAPE, 4, dtype=np.uint8)
+    labels[:, :, 6:] = 9
+    figure = figures.flat_image(flat_map, labels)
+    legend = figure.axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["4", "9"]
+    shown, data = the_image(figure).get_array(), flat_map.image(labels).data
+    for handle, label in zip(legend.legend_handles, (4, 9), strict=True):
+        colour = np.round(255 * np.array(handle.get_facecolor())).astype(int).tolist()
+        assert np.unique(shown[data == label], axis=0).tolist() == [colour]
+    assert (shown[np.isnan(data), 3] == 0).all()
+
+
+def test_flat_image_names_no_more_labels_than_can_be_read(flat_map):
+    labels = np.indices(SHAPE)[1]
+    assert figures.flat_image(flat_map, labels.astype(np.int16)).axes[0].get_legend() is None
+
+
+def test_flat_image_shows_colours_as_they_are(flat_map):
+    colours = np.random.default_rng(0).integers(0, 255, (*SHAPE, 3), dtype=np.uint8)
+    shown = the_image(figures.flat_image(flat_map, colours)).get_array()
+    np.testing.assert_array_equal(shown, flat_map.image(colours).data)
+
+
+def test_scale_bar_is_as_long_as_it_says(flat_map):
+    axes = figures.flat_image(flat_map, solid()).axes[0]
+    (bar,) = axes.lines
+    (text,) = axes.texts
+    length = float(np.ptp(bar.get_xdata()))
+    assert text.get_text() == f"{length:g} mm"
+    assert length in (1, 2, 5, 10)
+    width = np.ptp(flat_map.uv[:, 0])
+    assert width / 10 < length < 0.3 * width
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_scale_bar_hides_least_of_the_map(corner):
+    shown = np.ones((40, 60))
+    row, column = corner
+    shown[20 * row : 20 * row + 20, 30 * column : 30 * column + 30] = np.nan  # the only corner without a map
+    axes = Figure().subplots()
+    _add_scale_bar(axes, FlatImage(shown, 1.0, (0.0, 0.0), "made up"))
+    (bar,) = axes.lines
+    right, low = np.mean(bar.get_xdata()) > 30, np.mean(bar.get_ydata()) < -20
+    assert (int(low), int(right)) == corner
+
+
+def test_flat_image_refuses_a_volume_elsewhere(flat_map):
+    away = Volume(solid().astype(np.float32), np.array([[1, 0, 0, 900], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    with pytest.raises(InputError, match="no value anywhere on the map"):
+        figures.flat_image(flat_map, away)
+
+
+# ------------------------------------------------------------------------------------------ spectrum
+
+
+def test_spectrum_marks_the_two_largest_positive_eigenvalues(flat_map):
+    values = np.array([50.0, -40.0, 30.0, 5.0, -1.0])
+    axes = figures.spectrum(dataclasses.replace(flat_map, eigenvalues=values)).axes[0]
+    assert [bar.get_height() for bar in axes.patches] == np.abs(values).tolist()
+    colours = [bar.get_facecolor() for bar in axes.patches]
+    assert colours[0] == colours[2]
+    assert colours[1] == colours[4]
+    assert len(set(colours)) == 3
+    names = {text.get_text(): patch.get_facecolor() for text, patch in _legend(axes)}
+    assert names["used for the map"] == colours[0]
+    assert names["other, negative"] == colours[1]
+    assert names["other, positive"] == colours[3]
+    assert f"{100 * flat_map.metadata['planarity']:.1f} %" in axes.get_title()
+
+
+def _legend(axes):
+    legend = axes.get_legend()
+    return zip(legend.get_texts(), legend.legend_handles, strict=True)
+
+
+# ---------------------------------------------------------------------------------------- in space
+
+
+@pytest.fixture
+def scene():
+    """Return the part of a picture left of its colour bar."""
+    try:
+        load_pyvista()
+    except InputError as error:
+        pytest.skip(str(error))
+    return lambda picture: picture[:, : int(0.86 * picture.shape[1])].astype(int)
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_patch_3d_shows_the_patch_from_outside(flat_map, scene, in_place):
+    # the front, seen along +x with z up, has +y, where the errors are put, on its left
+    far = flat_map.points[:, 1] > flat_map.points[:, 1].mean()
+    picture = figures.patch_3d(
+        with_errors(flat_map, np.where(far, 0.1, 0.0)), solid() if in_place else None, size=(300, 200)
+    )
+    assert picture.shape == (200, 300, 3)
+    assert picture.dtype == np.uint8
+    red, green, blue = np.moveaxis(scene(picture), 2, 0)
+    bright = (red > 150) & (blue < red - 40)
+    dark = red + green + blue < 150
+    middle = bright.shape[1] / 2
+    assert bright.sum() > 2000
+    assert dark.sum() > 2000
+    assert np.nonzero(bright)[1].mean() < 0.8 * middle
+    assert np.nonzero(dark)[1].mean() > 1.2 * middle
+
+
+def test_patch_3d_shows_the_surroundings_in_grey(flat_map, scene):
+    assert greys(scene(figures.patch_3d(flat_map, solid(), size=(300, 200)))) > 1000
+    assert greys(scene(figures.patch_3d(flat_map, size=(300, 200)))) < 100
+
+
+def greys(pixels):
+    return int(((np.ptp(pixels, axis=2) < 12) & (pixels.min(axis=2) > 60) & (pixels.max(axis=2) < 245)).sum())
+
+
+@pytest.fixture(scope="module")
+def mesh_map():
+    """A dome, and the map of its top, whose errors are 0 but for one side."""
+    x, y = np.indices((30, 30)).reshape(2, -1)
+    corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
+    faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
+    dome = np.column_stack([x, y, 8 * np.sin(x * np.pi / 29) * np.sin(y * np.pi / 29)]), faces
+    flat_map = voxflat.flatten(dome, seed_point=465, radius=9.0, sources=40)
+    return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
+
+
+def test_patch_3d_shows_the_triangles_of_a_mesh_in_the_colours_of_their_errors(mesh_map, scene):
+    dome, flat_map = mesh_map
+    alone = scene(figures.patch_3d(flat_map, size=(300, 200)))  # from above: +x, where the errors are, is right
+    red, green, blue = np.moveaxis(alone, 2, 0)
+    bright, dark = (red > 150) & (blue < red - 40), red + green + blue < 150
+    assert min(bright.sum(), dark.sum()) > 2000
+    assert np.nonzero(dark)[1].mean() < np.nonzero(bright)[1].mean() - 20
+    in_place = scene(figures.patch_3d(flat_map, dome, size=(300, 200)))
+    assert greys(in_place) > greys(alone) + 1000
+    drawn = bright | dark
+    assert (np.abs(in_place - alone).max(axis=2)[drawn] < 60).mean() > 0.95  # the patch is where and as it was
+
+
+def test_patch_3d_refuses_another_mesh(mesh_map, scene):
+    (points, faces), flat_map = mesh_map
+    with pytest.raises(InputError, match=r"the mesh has 870 vertices, the flattened one 900"):
+        figures.patch_3d(flat_map, (points[:870], faces[(faces < 870).all(axis=1)]))
+    with pytest.raises(InputError, match=r"lies up to 2 mm apart from the map"):
+        figures.patch_3d(flat_map, (points + np.array([0, 0, 2]), faces))
+
+
+def test_patch_3d_refuses_another_volume(flat_map, scene):
+    with pytest.raises(InputError, match="shape"):
+        figures.patch_3d(flat_map, solid()[:-1])
+    with pytest.raises(InputError, match="no foreground of this volume"):
+        figures.patch_3d(flat_map, solid()[:, :, ::-1].copy() * (np.indices(SHAPE)[1] > 12))
+
+
+def test_patch_3d_without_pyvista_names_the_remedy(flat_map, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r"pip install 'voxflat\[pyvista\]'"):
+        figures.patch_3d(flat_map)
+
+
+# -------------------------------------------------------------------------------------------- files
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [".png", ".pdf", ".svg"])
+def test_save_writes_what_the_ending_says(tmp_path, ending, flat_map):
+    path = tmp_path / f"figure{ending}"
+    figures.save(figures.spectrum(flat_map), path)
+    assert path.read_bytes()[:4] in (b"\x89PNG", b"%PDF", b"<?xm")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_save_refuses_other_endings(tmp_path):
+    for name in ("figure", "figure.xyz"):
+        with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
+            figures.save(Figure(), tmp_path / name)
+        with pytest.raises(InputError, match=r"\.png or \.tif"):
+            figures.save_picture(np.zeros((2, 2, 3), dtype=np.uint8), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_save_keeps_the_old_file_if_it_fails(tmp_path, monkeypatch):
+    path = tmp_path / "figure.png"
+    path.write_text("old")
+
+    def fail(*args, **kwargs):
+        raise RuntimeError
+
+    monkeypatch.setattr(Figure, "savefig", fail)
+    with pytest.raises(RuntimeError):
+        figures.save(Figure(), path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_save_picture_keeps_every_pixel(tmp_path):
+    picture = np.random.default_rng(0).integers(0, 255, (7, 9, 3), dtype=np.uint8)
+    figures.save_picture(picture, tmp_path / "picture.png")
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "picture.png")), picture)
+
+
+@pytest.mark.slow
+def test_figures_need_neither_pyplot_nor_pyvista():
+    code = "import sys, voxflat.figures; print(*({'matplotlib.pyplot', 'pyvista', 'vtkmodules'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() == []

@@ -1,0 +1,75 @@
+"""Small surfaces, and checks that all tests of files share."""
+
+import importlib.util
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, read_mesh
+
+nib = pytest.importorskip("nibabel")
+pv = pytest.importorskip("pyvista")
+
+FORMATS = ["s.surf.gii", "lh.white", "s", "s.vtp", "s.ply", "s.obj"]
+FLOAT32 = ("s.surf.gii", "lh.white", "s")
+needs_workbench = pytest.mark.skipif(
+    shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing"
+)
+fast = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def sphere(**options):
+    ball = pv.Icosphere(radius=50.0, nsub=1)
+    return Mesh(np.asarray(ball.points, dtype=np.float64), np.asarray(ball.regular_faces), **options)
+
+
+def grid(n=4, z=0.0):
+    """Return a flat square of n by n points."""
+    i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    points = np.column_stack([10.0 * i.ravel(), 10.0 * j.ravel(), np.full(n * n, z)])
+    corner = (i[:-1, :-1] * n + j[:-1, :-1]).ravel()
+    faces = np.concatenate(
+        [np.column_stack([corner, corner + n, corner + 1]), np.column_stack([corner + 1, corner + n, corner + n + 1])]
+    )
+    return Mesh(points, faces)
+
+
+def fsaverage5(name):
+    """Return a file that lies in nilearn's package, without the seconds that importing it takes."""
+    package = importlib.util.find_spec("nilearn")
+    if package is None:
+        pytest.skip("nilearn, whose package has fsaverage5, is missing")
+    return Path(package.origin).parent / "datasets" / "data" / "fsaverage5" / f"{name}.gii.gz"
+
+
+def same(read, mesh, tolerance=0.0):
+    np.testing.assert_array_equal(read.faces, mesh.faces)
+    np.testing.assert_allclose(read.points, mesh.points, rtol=tolerance, atol=0)
+    assert read.points.dtype == np.float64
+    assert read.faces.dtype == np.int64
+
+
+def refuses(path, message, read=read_mesh, *arguments):
+    with pytest.raises(InputError, match=message) as caught:
+        read(path, *arguments)
+    assert str(caught.value).startswith(str(path))
+    assert str(caught.value).count(str(path)) == 1
+    assert "\n" not in str(caught.value)
+
+
+def gifti(path, arrays=None, change=lambda image: None, **options):
+    """Write GIFTI by nibabel, with other arrays or a change."""
+    if arrays is None:
+        arrays = [(sphere().points.astype("f4"), "pointset"), (sphere().faces.astype("i4"), "triangle")]
+    image = nib.gifti.GiftiImage()
+    for data, intent in arrays:
+        code = f"NIFTI_INTENT_{intent.upper()}"
+        array = nib.gifti.GiftiDataArray(data, code, datatype=data.dtype, **options)
+        image.add_gifti_data_array(array)
+    change(image)
+    path.write_bytes(image.to_bytes())
+    return path

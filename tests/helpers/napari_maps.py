@@ -1,0 +1,15 @@
+"""Maps in layers of napari."""
+
+import pytest
+from numpy.testing import assert_array_equal
+
+napari = pytest.importorskip("napari")
+
+
+def same_map(layer, expected):
+    """Whether a layer has exactly this map."""
+    flat_map = layer.metadata["voxflat"]
+    for name in ("uv", "points", "ids", "faces", "sources", "eigenvalues"):
+        assert_array_equal(getattr(flat_map, name), getattr(expected, name))
+    assert_array_equal(flat_map.distortion.per_point, expected.distortion.per_point)
+    assert flat_map.metadata == {**expected.metadata, "napari": flat_map.metadata["napari"]}

@@ -1,0 +1,237 @@
+"""Meshes are written and read again as they were; the Mesh itself; files of real data."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, grid, needs_workbench, nib, pv, refuses, same, sphere
+
+from voxflat.errors import InputError
+from voxflat.io import gifti as _gifti
+from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, suspicious_units, write_mesh
+from voxflat.io.overlays import read_overlay, read_region
+
+
+@st.composite
+def meshes(draw):
+    n = draw(st.integers(3, 12))
+    points = draw(npst.arrays(np.float64, (n, 3), elements=st.floats(-1e4, 1e4)))
+    shape = (draw(st.integers(1, 9)), 3)
+    faces = draw(npst.arrays(np.int64, shape, elements=st.integers(0, n - 1)))
+    texture = draw(st.none() | npst.arrays(np.float64, (n, 2), elements=st.floats(0, 1)))
+    return Mesh(points, faces, texture_coordinates=texture)
+
+
+# -------------------------------------------------------------------------------------- round trips
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@fast
+@given(mesh=meshes())
+def test_round_trip(tmp_path, name, mesh):
+    path = tmp_path / name
+    write_mesh(path, mesh)
+    read = read_mesh(path)
+    expected = Mesh(mesh.points.astype(np.float32), mesh.faces) if name in FLOAT32 else mesh
+    same(read, expected, 5e-9 if name == "s.obj" else 0)
+    assert read.path == path
+    if name not in FLOAT32 and mesh.texture_coordinates is not None:
+        used = np.unique(mesh.faces) if name == "s.obj" else np.arange(len(mesh.points))
+        np.testing.assert_allclose(read.texture_coordinates[used], mesh.texture_coordinates[used], rtol=5e-9)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("dtype", ["u1", "u4", ">i4", "i8", "u8"])
+def test_types_of_faces(tmp_path, name, dtype):
+    mesh = Mesh(grid().points.astype(">f4"), grid().faces.astype(dtype))
+    write_mesh(tmp_path / name, mesh)
+    same(read_mesh(tmp_path / name), grid())
+
+
+def test_vtp_keeps_values(tmp_path):
+    data = {"thickness": np.arange(42.0), "is wall": np.arange(42) % 2 == 0, "rgb": np.ones((42, 3), np.uint8)}
+    write_mesh(tmp_path / "s.vtp", sphere(point_data=data))
+    read = read_mesh(tmp_path / "s.vtp")
+    assert set(read.point_data) == set(data)
+    for name, values in data.items():
+        np.testing.assert_array_equal(read.point_data[name], values)
+
+
+@pytest.mark.parametrize("folder", ["with spaces", "größe 脳 %20 #1", "-o"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_odd_names(tmp_path, folder, name):
+    (tmp_path / folder).mkdir()
+    path = tmp_path / folder / name
+    write_mesh(path, sphere())
+    same(read_mesh(str(path)), read_mesh(path))
+
+
+def test_structures(tmp_path):
+    for name, given_one, read in [
+        ("s.surf.gii", "CortexRight", "CortexRight"),
+        ("lh.s.surf.gii", "CortexRight", "CortexRight"),
+        ("lh.s.surf.gii", None, "CortexLeft"),
+        ("rh.pial", None, "CortexRight"),
+        ("s.surf.gii", None, None),
+    ]:
+        write_mesh(tmp_path / name, sphere(structure=given_one))
+        assert read_mesh(tmp_path / name).structure == read
+
+
+@pytest.mark.parametrize(
+    ("mesh", "geometry", "topology"),
+    [(sphere(), "Anatomical", "Closed"), (grid(), "Flat", "Cut"), (grid(z=1.0), "Anatomical", "Open")],
+)
+def test_gifti_says_what_it_holds(tmp_path, mesh, geometry, topology):
+    write_mesh(tmp_path / "s.surf.gii", mesh)
+    points, triangles = nib.load(tmp_path / "s.surf.gii").darrays
+    assert points.meta["GeometricType"] == geometry
+    assert triangles.meta["TopologicalType"] == topology
+    assert (points.data.dtype, triangles.data.dtype) == (np.float32, np.int32)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("s.stl", "ending '.stl' is unknown; .surf.gii, .vtp, .ply, .obj can be written"),
+        ("s.vtk", "unknown"),
+        ("s.gii", "unknown"),
+        ("lh.white.stl", "unknown"),
+        ("lh.cortex.patch.flat", "use write_patch"),
+    ],
+)
+def test_what_cannot_be_written(tmp_path, name, message):
+    with pytest.raises(InputError, match=message):
+        write_mesh(tmp_path / name, sphere())
+    with pytest.raises(FileNotFoundError, match=r"s\.ply"):
+        write_mesh(tmp_path / "missing" / "s.ply", sphere())
+    assert not any(tmp_path.iterdir())
+
+
+def test_values_that_a_format_cannot_hold(tmp_path):
+    far = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1e39, 0]]), [[0, 1, 2]])
+    for name in FLOAT32:
+        refuses(tmp_path / name, "point 2 lies at .*too far", write_mesh, far)
+    half = Mesh(grid().points, grid().faces, texture_coordinates=np.where(np.eye(16, 2) > 0, np.nan, 0))
+    refuses(tmp_path / "s.obj", "point 0 has no texture coordinate", write_mesh, half)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    for name in FORMATS:
+        write_mesh(tmp_path / name, grid())
+    monkeypatch.setattr(pv.PolyData, "from_regular_faces", lambda *_: 1 / 0)
+    monkeypatch.setattr("voxflat.io.freesurfer.as_float32", lambda *_: 1 / 0)
+    monkeypatch.setattr(_gifti, "surface_bytes", lambda *_: 1 / 0)
+    monkeypatch.setattr(np, "savetxt", lambda *_: 1 / 0)
+    monkeypatch.setattr(np, "empty", lambda *_: 1 / 0)
+    for name in FORMATS:
+        refuses(tmp_path / name, "division by zero: can this format hold it", write_mesh, sphere())
+    monkeypatch.undo()
+    for name in FORMATS:
+        same(read_mesh(tmp_path / name), grid())
+    assert len(list(tmp_path.iterdir())) == len(FORMATS)
+
+
+# -------------------------------------------------------------------------------------------- Mesh
+
+
+@pytest.mark.parametrize(
+    ("points", "faces", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), int), "no points"),
+        (np.zeros((3, 3)), np.zeros((0, 3), int), "no faces"),
+        (np.zeros((3, 2)), [[0, 1, 2]], r"points are float64 of shape \(3, 2\)"),
+        (np.zeros((3, 3), complex), [[0, 1, 2]], "points are complex128"),
+        (np.zeros((3, 3)), [[0, 1, 2, 0]], r"shape \(1, 4\)"),
+        (np.zeros((3, 3)), [[0.0, 1, 2]], "faces are float64"),
+        (np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], r"face 1 is \[0, 1, 3\]; the surface has the points 0 to 2"),
+        (np.zeros((3, 3)), [[0, 1, -1]], r"face 0 is \[0, 1, -1\]"),
+        (np.zeros((3, 3)), np.array([[0, 1, 2**64 - 1]], np.uint64), "face 0 is"),
+        ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], r"point 1 lies at \[0.0, nan, 0.0\]"),
+        ([[0, 0, 0], [0, 0, 0], [0, 0, -np.inf]], [[0, 1, 2]], "point 2 lies at"),
+    ],
+)
+def test_bad_arrays(points, faces, message):
+    with pytest.raises(InputError, match=message):
+        Mesh(points, faces)
+
+
+def test_bad_data():
+    with pytest.raises(InputError, match=r"texture coordinates have shape \(3, 2\): give \(16, 2\)"):
+        Mesh(grid().points, grid().faces, texture_coordinates=np.zeros((3, 2)))
+    with pytest.raises(InputError, match="point data 'curv' has 3 values; the surface has 16 points"):
+        Mesh(grid().points, grid().faces, point_data={"curv": np.zeros(3)})
+
+
+def test_suspicious_units(tmp_path):
+    assert suspicious_units(sphere().points) is None
+    remark = "is 0.17 units across; coordinates are taken as mm: are they metres? multiply by 1000"
+    assert suspicious_units(sphere().points * 0.0017) == remark
+    write_mesh(tmp_path / "s.ply", Mesh(sphere().points * 0.0017, sphere().faces))
+    assert read_mesh(tmp_path / "s.ply").remarks == (remark,)
+
+
+@pytest.mark.slow
+def test_packages_are_imported_late(tmp_path):
+    code = "import sys, voxflat.io; print({'nibabel', 'pyvista', 'vtkmodules'} & set(sys.modules))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"
+
+
+def test_missing_packages_are_named(tmp_path, monkeypatch):
+    for name in ("s.vtp", "s.surf.gii", "lh.white"):
+        write_mesh(tmp_path / name, sphere())
+    monkeypatch.setitem(sys.modules, "nibabel", None)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    for name, package in [("s.vtp", "pyvista"), ("s.surf.gii", "nibabel"), ("lh.white", "nibabel")]:
+        refuses(tmp_path / name, rf"pip install 'voxflat\[{package}\]'")
+        if name != "lh.white":  # which is written here
+            refuses(tmp_path / name, rf"pip install 'voxflat\[{package}\]'", write_mesh, sphere())
+
+
+# --------------------------------------------------------------------------------------- real data
+
+
+def test_fsaverage5(tmp_path):
+    white, pial, flat = (read_mesh(fsaverage5(name)) for name in ("white_left", "pial_left", "flat_left"))
+    points, faces = (array.data for array in nib.load(fsaverage5("white_left")).darrays)
+    np.testing.assert_array_equal(white.points, points)
+    np.testing.assert_array_equal(white.faces, faces)
+    assert (white.structure, pial.structure, flat.structure) == ("CortexLeft", "CortexLeft", None)
+    assert white.remarks == ()
+    sulc = read_overlay(fsaverage5("sulc_left"), len(white.points))
+    assert sulc.shape == (10242,)
+    assert holds_mesh(fsaverage5("white_left"))
+    assert not holds_mesh(fsaverage5("sulc_left"))
+    region = read_region(fsaverage5("flat_left"), len(white.points))
+    assert region.sum() == 9465  # the flat map leaves out the medial wall, but its file has all points
+    assert read_region(fsaverage5("white_left"), len(white.points)).all()
+    for name in FORMATS:
+        write_mesh(tmp_path / name, white)
+        same(read_mesh(tmp_path / name), white, 5e-9 if name == "s.obj" else 0)
+
+
+@needs_workbench
+def test_workbench_takes_flat_maps(tmp_path):
+    white, flat = read_mesh(fsaverage5("white_left")), read_mesh(fsaverage5("flat_left"))
+    plane = np.column_stack([flat.points[:, :2], np.zeros(len(flat.points))])
+    for name, points, faces in [("flat", plane, flat.faces), ("cut", white.points, flat.faces)]:
+        write_mesh(tmp_path / f"{name}.surf.gii", Mesh(points, faces, structure="CortexLeft"))
+
+    def workbench(*arguments):
+        return subprocess.run(["wb_command", *arguments], cwd=tmp_path, check=True, capture_output=True, text=True)
+
+    lines = workbench("-file-information", "flat.surf.gii").stdout.splitlines()
+    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    assert told["Structure"] == "CortexLeft"
+    assert told["Surface Type (Primary)"] == "Flat"
+    assert (told["Number of Vertices"], told["Number of Triangles"]) == ("10242", str(len(flat.faces)))
+    workbench("-surface-distortion", "cut.surf.gii", "flat.surf.gii", "areal.func.gii")
+    areal = read_overlay(tmp_path / "areal.func.gii", 10242)[np.unique(flat.faces)]
+    assert np.isfinite(areal).all()
+    assert areal.std() > 0

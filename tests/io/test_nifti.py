@@ -1,0 +1,202 @@
+"""NIfTI volumes: values, places, units, and what is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from volume_files import BOTH, NIFTI, SHAPE, hide, oblique, rotation, same_as_nibabel, save, values
+
+from voxflat.errors import InputError
+from voxflat.io.grid import check_affine
+from voxflat.io.volumes import Volume, as_volume, read_volume, write_volume
+
+itk = pytest.importorskip("itk")
+nib = pytest.importorskip("nibabel")
+
+
+# --------------------------------------------------------------------------------- NIfTI, by nibabel
+
+
+@pytest.mark.parametrize("ending", NIFTI)
+@pytest.mark.parametrize(
+    "dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8", ">i2", ">i4", ">f4", ">f8", ">i8"]
+)
+def test_nifti_values(tmp_path, dtype, ending):
+    endian = ">" if dtype[0] == ">" else "<"
+    same_as_nibabel(save(tmp_path / f"v{ending}", values(dtype), endian=endian))
+
+
+@pytest.mark.parametrize("sform", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("qform", [0, 1, 2])
+def test_nifti_chooses_the_affine_as_nibabel_does(tmp_path, sform, qform, capfd):
+    path = save(tmp_path / "v.nii", values(), sform=sform, qform=qform, qaffine=oblique(1, (1, 2, 0.7), (1, 200, 3)))
+    same_as_nibabel(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("flip", list(np.ndindex(2, 2, 2)))
+@pytest.mark.parametrize("form", ["sform", "qform"])
+def test_nifti_flipped_and_permuted_axes(tmp_path, flip, form):
+    signs = 1 - 2 * np.array([*flip, 0])
+    affine = (np.diag([1.0, 2, 3, 1]) * np.array([*signs[:3], 1]))[[2, 0, 1, 3]]
+    codes = {"sform": 1, "qform": 0} if form == "sform" else {"sform": 0, "qform": 1}
+    same_as_nibabel(save(tmp_path / "v.nii", values(), affine, **codes))
+
+
+@pytest.mark.parametrize("module", ["itk", "nibabel"])
+def test_one_package_is_enough(tmp_path, monkeypatch, module):
+    path = save(tmp_path / "v.nii.gz", values(), sform=1, qform=1, qaffine=oblique(5))
+    image = nib.load(path)
+    hide(monkeypatch, *({"itk", "nibabel"} - {module}))
+    volume = read_volume(path)
+    np.testing.assert_array_equal(volume.data, np.asarray(image.dataobj))
+    np.testing.assert_allclose(volume.affine, image.affine, rtol=1e-12)
+
+
+def test_missing_packages_are_named(tmp_path, monkeypatch):
+    path = save(tmp_path / "v.nii", values("i1"))
+    hide(monkeypatch, "nibabel")
+    with pytest.raises(InputError, match=r"pip install 'voxflat\[nibabel\]'"):
+        read_volume(path)
+    hide(monkeypatch, "itk")
+    with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'; .*pip install 'voxflat\[nibabel\]'"):
+        read_volume(path)
+    (tmp_path / "v.mha").write_text("ElementDataFile = LOCAL\n")
+    with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'$"):
+        read_volume(tmp_path / "v.mha")
+
+
+@pytest.mark.parametrize(("slope", "inter"), [(2.5, -3), (1, 5), (0, 5), (np.nan, 0), (-1, 0), (1, 0)])
+@pytest.mark.parametrize("dtype", ["u1", "i2", "i4", "f4"])
+def test_nifti_scaling(tmp_path, slope, inter, dtype):
+    scale = {112: np.float32(slope), 116: np.float32(inter)}
+    same_as_nibabel(save(tmp_path / "v.nii", values(dtype), patch=scale))
+
+
+def test_nifti_scaled_on_writing(tmp_path):
+    same_as_nibabel(save(tmp_path / "v.nii.gz", values("f4"), dtype=np.int16))
+
+
+def test_nifti_with_an_extension_and_nifti2(tmp_path):
+    image = nib.Nifti1Image(values(), oblique())
+    image.header.extensions.append(nib.nifti1.Nifti1Extension("comment", b"x" * 1000))
+    nib.save(image, tmp_path / "v.nii")
+    same_as_nibabel(tmp_path / "v.nii")
+    nib.save(nib.Nifti2Image(values(), oblique()), tmp_path / "w.nii.gz")
+    same_as_nibabel(tmp_path / "w.nii.gz")
+
+
+def test_nifti_pixdim_at_odds_with_the_sform_is_silent(tmp_path, capfd):
+    same_as_nibabel(save(tmp_path / "v.nii", values(), patch={80: np.float32(9)}))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("value", [0, -1, np.nan])
+def test_nifti_pixdim_must_be_positive_where_it_counts(tmp_path, value):
+    for sform, qform in [(0, 0), (0, 1)]:
+        path = save(tmp_path / "v.nii", values(), sform=sform, qform=qform, patch={80: np.float32(value)})
+        with pytest.raises(InputError, match="pixdim"):
+            read_volume(path)
+    path = save(tmp_path / "v.nii", values(), patch={80: np.float32(value)})
+    np.testing.assert_allclose(read_volume(path).affine, oblique(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("parts", [(1, 0, 0), (0.6, 0.8, 0), (0, 0.6, -0.8), (0.57735, 0.57735, 0.57735), (0, 0, 0)])
+@pytest.mark.parametrize("step", [-1, 0, 1])
+def test_nifti_quaternions_near_a_half_turn(tmp_path, parts, step):
+    quaternion = np.float32(parts)
+    if step:
+        quaternion[0] = np.nextafter(quaternion[0], np.float32(step))
+    same_as_nibabel(save(tmp_path / "v.nii", values(), sform=0, qform=1, patch={256: quaternion}))
+
+
+def test_nifti_impossible_quaternion(tmp_path):
+    path = save(tmp_path / "v.nii", values(), sform=0, qform=1, patch={256: np.float32([0.9, 0.9, 0.9])})
+    with pytest.raises(InputError, match="quaternion"):
+        read_volume(path)
+
+
+@pytest.mark.parametrize("code", [1, 3])
+def test_units_other_than_mm_are_refused(tmp_path, code):
+    path = save(tmp_path / "v.nii", values(), patch={123: np.uint8(code)})
+    with pytest.raises(InputError, match=r"lengths are in (meter|micron)"):
+        read_volume(path)
+    with pytest.raises(InputError, match="lengths are in"):
+        as_volume(nib.load(path))
+
+
+@pytest.mark.parametrize("extra", [(1,), (1, 1), (1, 1, 1)])
+def test_extra_axes_of_length_1_are_dropped(tmp_path, extra):
+    data = values()
+    path = save(tmp_path / "v.nii", data.reshape(*SHAPE, *extra))
+    np.testing.assert_array_equal(read_volume(path).data, data)
+    np.testing.assert_array_equal(as_volume(nib.load(path)).data, data)
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (4,), (4, 5, 6, 2), (4, 5, 6, 1, 3), (4, 5, 6, 3)])
+def test_other_dimensions_are_refused_by_shape(tmp_path, shape):
+    path = save(tmp_path / "v.nii", values(shape=shape))
+    for obj in (path, nib.load(path), values(shape=shape)):
+        with pytest.raises(InputError, match=r"shape \(4,"):
+            as_volume(obj)
+
+
+@pytest.mark.parametrize("names", ["RGB", "RGBA"])
+@pytest.mark.parametrize("packages", BOTH)
+def test_colour_nifti(tmp_path, monkeypatch, names, packages):
+    data = values("u1", (*SHAPE, len(names)))
+    pixel = np.dtype([(name, "u1") for name in names])
+    nib.save(nib.Nifti1Image(data.view(pixel)[..., 0], oblique()), tmp_path / "v.nii")
+    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
+    volume = read_volume(tmp_path / "v.nii")
+    np.testing.assert_array_equal(volume.data, data)
+    assert volume.data.dtype == np.uint8
+
+
+def test_complex_nifti_is_refused(tmp_path):
+    with pytest.raises(InputError, match="complex64"):
+        read_volume(save(tmp_path / "v.nii", values("f4").astype("c8")))
+
+
+def test_sheared_nifti_is_refused_and_nearly_orthogonal_read(tmp_path):
+    for shear, good in [(5e-4, True), (2e-3, False), (0.3, False)]:
+        affine = oblique()
+        affine[:3, 1] += shear * affine[:3, 0] * np.linalg.norm(affine[:3, 1]) / np.linalg.norm(affine[:3, 0])
+        path = save(tmp_path / "v.nii", values(), affine)
+        if good:
+            same_as_nibabel(path)
+        else:
+            with pytest.raises(InputError, match=r"sheared.*resample"):
+                read_volume(path)
+
+
+rotations = st.builds(rotation, st.integers(0, 2**31))
+millimetres = st.floats(0.05, 20)
+
+
+@pytest.mark.slow
+@settings(max_examples=100)
+@given(rotations, st.tuples(*[millimetres] * 3), st.tuples(*[st.floats(-500, 500)] * 3), st.booleans())
+def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
+    affine = np.eye(4)
+    affine[:3, :3] = turn * sizes
+    affine[:3, 3] = origin
+    path = tmp_path_factory.getbasetemp() / "any.nii"
+    same_as_nibabel(save(path, values("u1", (2, 3, 2)), affine, sform=int(sform), qform=int(not sform)))
+    # a float32 quaternion resolves half turns to 1.2e-3 radians only
+    rough = 3e-3 * max(sizes) + 1e-4
+    np.testing.assert_allclose(read_volume(path).affine, affine, rtol=0, atol=1e-4 if sform else rough)
+    np.testing.assert_array_equal(check_affine(affine), affine)
+    write_volume(path, values("u1", (2, 3, 2)), affine)
+    np.testing.assert_allclose(read_volume(path).affine, affine, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(nib.load(path).get_qform(), affine, rtol=0, atol=rough)
+
+
+@settings(max_examples=200)
+@given(rotations, st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3), st.floats(0, 1))
+def test_orientation_is_nibabels(turn, order, signs, weight):
+    blend = weight * turn + (1 - weight) * (np.eye(3)[:, list(order)] * signs)
+    u, _, v = np.linalg.svd(blend)
+    affine = np.eye(4)
+    affine[:3, :3] = (u @ v) * (0.7, 1.1, 2.3)
+    assert Volume(np.zeros(SHAPE), affine).orientation == "".join(nib.aff2axcodes(affine))

@@ -1,0 +1,188 @@
+"""Arrays, images of nibabel and ITK, .npy and .npz as volumes; affines."""
+
+import gc
+
+import numpy as np
+import pytest
+from volume_files import SHAPE, agrees_with_itk, change, itk_image, oblique, physical, rotation, save, values
+
+from voxflat.errors import InputError
+from voxflat.io.grid import check_affine
+from voxflat.io.volumes import Volume, as_volume, read_volume
+
+itk = pytest.importorskip("itk")
+nib = pytest.importorskip("nibabel")
+
+
+# ------------------------------------------------------------------------------------ npy, npz, objects
+
+
+def test_npy_and_npz(tmp_path):
+    data, affine = np.asfortranarray(values()), oblique()
+    np.save(tmp_path / "v.npy", data)
+    np.savez(tmp_path / "one.npz", anything=data)
+    np.savez(tmp_path / "placed.npz", data=data, affine=affine, more=np.zeros(3))
+    for name, expected in [("v.npy", np.eye(4)), ("one.npz", np.eye(4)), ("placed.npz", affine)]:
+        volume = read_volume(tmp_path / name)
+        np.testing.assert_array_equal(volume.data, data)
+        np.testing.assert_array_equal(volume.affine, expected)
+    for name in ("v.npy", "one.npz"):
+        np.testing.assert_array_equal(as_volume(tmp_path / name, affine=affine).affine, affine)
+    with pytest.raises(InputError, match="has its own affine"):
+        as_volume(tmp_path / "placed.npz", affine=affine)
+    np.savez(tmp_path / "many.npz", uv=data, ids=data)
+    with pytest.raises(InputError, match=r"many\.npz: .*'uv', 'ids'"):
+        read_volume(tmp_path / "many.npz")
+
+
+def test_pickles_are_never_loaded(tmp_path):
+    trap = np.empty(SHAPE, dtype=object)
+    np.save(tmp_path / "v.npy", trap, allow_pickle=True)
+    np.savez(tmp_path / "v.npz", data=trap, allow_pickle=True)
+    for name in ("v.npy", "v.npz"):
+        with pytest.raises(InputError, match=name):
+            read_volume(tmp_path / name)
+
+
+def test_arrays_are_borrowed():
+    for data in (values(), np.asfortranarray(values()), values()[::2, ::-1]):
+        volume = as_volume(data)
+        assert np.shares_memory(volume.data, data)
+        assert volume.data.strides == data.strides
+        np.testing.assert_array_equal(volume.affine, np.eye(4))
+        assert volume.path is None
+    assert as_volume(values(">f4")).data.dtype.isnative
+
+
+def test_a_memmap_is_not_read(tmp_path):
+    np.save(tmp_path / "v.npy", values())
+    mapped = np.load(tmp_path / "v.npy", mmap_mode="r")
+    assert np.shares_memory(as_volume(mapped).data, mapped)
+
+
+def test_spacing_and_affine():
+    volume = as_volume(values(), spacing=(0.5, 2, 3))
+    np.testing.assert_array_equal(volume.affine, np.diag([0.5, 2, 3, 1]))
+    np.testing.assert_array_equal(volume.spacing, [0.5, 2, 3])
+    assert volume.orientation == "RAS"
+    np.testing.assert_array_equal(as_volume(values(), affine=oblique()).affine, oblique())
+    again = as_volume(volume)
+    assert again.data is volume.data
+    np.testing.assert_array_equal(again.affine, volume.affine)
+
+
+@pytest.mark.parametrize("spacing", [(1, 1, 0), (1, -1, 1), (1, np.nan, 1), (np.inf, 1, 1), (1, 1), 1.0, "abc"])
+def test_bad_spacing(spacing):
+    with pytest.raises(InputError, match="spacing"):
+        as_volume(values(), spacing=spacing)
+
+
+def test_a_place_is_given_once(tmp_path):
+    with pytest.raises(InputError, match="both spacing= and affine="):
+        as_volume(values(), spacing=(1, 1, 1), affine=np.eye(4))
+    path = save(tmp_path / "v.nii", values())
+    for obj in (path, str(path), nib.load(path), itk_image(values()), Volume(values(), oblique())):
+        for extra in ({"spacing": (1, 1, 1)}, {"affine": np.eye(4)}):
+            with pytest.raises(InputError, match="has its own affine"):
+                as_volume(obj, **extra)
+
+
+def test_nibabel_images():
+    data, affine = values(), oblique()
+    volume = as_volume(nib.Nifti1Image(data, affine))
+    assert np.shares_memory(volume.data, data)
+    np.testing.assert_array_equal(volume.affine, affine)
+    with pytest.raises(InputError, match="Nifti1Image: affine has shape"):
+        as_volume(nib.Nifti1Image(data, None))
+
+
+def test_itk_images():
+    image = itk_image(values())
+    agrees_with_itk(as_volume(image), image)
+    region = itk.ImageRegion[3]([1, 2, 1], [3, 2, 4])
+    part = itk.region_of_interest_image_filter(image, region_of_interest=region)
+    np.testing.assert_allclose(as_volume(part).affine[:3, 3], physical(image, (1, 2, 1)))
+
+
+def test_itk_region_that_does_not_start_at_0():
+    image = itk.Image[itk.SS, 3].New()
+    image.SetRegions(itk.ImageRegion[3]([2, 3, 4], list(SHAPE)))
+    image.Allocate()
+    image.SetSpacing([1.0, 2.0, 3.0])
+    image.SetDirection(itk.matrix_from_array(rotation(3)))
+    itk.array_view_from_image(image)[:] = values().T
+    agrees_with_itk(as_volume(image), image)
+
+
+def test_itk_memory_outlives_the_image(tmp_path):
+    data = values("i2", (40, 50, 60))
+    itk.imwrite(itk_image(data), str(tmp_path / "v.nrrd"))
+    volumes = [
+        read_volume(tmp_path / "v.nrrd"),
+        as_volume(itk_image(data)),
+        as_volume(itk.array_view_from_image(itk_image(data)).T),
+    ]
+    gc.collect()
+    others = [np.ones_like(data) for _ in range(20)]
+    for volume in volumes:
+        np.testing.assert_array_equal(volume.data, data)
+    assert len(others) == 20
+
+
+class Lazy:
+    def __init__(self, data):
+        self.data = data
+
+    def __array__(self, dtype=None, copy=None):
+        return self.data
+
+
+def test_objects_with_array():
+    data = values()
+    assert as_volume(Lazy(data)).data is data
+    dask = pytest.importorskip("dask.array")
+    np.testing.assert_array_equal(as_volume(dask.from_array(data, chunks=2)).data, data)
+    np.testing.assert_array_equal(as_volume(values("?")).data.dtype, bool)
+
+
+@pytest.mark.parametrize(
+    ("obj", "reason"),
+    [
+        (np.empty(SHAPE, dtype=object), "object"),
+        (np.zeros(SHAPE, dtype=complex), "complex128"),
+        (np.full(SHAPE, "a"), "<U1"),
+        (None, "NoneType: .*object"),
+        ([[1, 2], [3]], "list: "),
+        (np.zeros((4, 0, 6)), r"\(4, 0, 6\)"),
+        (np.zeros((*SHAPE, 3)), r"\(4, 5, 6, 3\)"),
+        (np.zeros((*SHAPE, 5), np.uint8), r"\(4, 5, 6, 5\)"),
+        (np.ma.zeros(SHAPE), "mask"),
+    ],
+)
+def test_what_is_no_volume(obj, reason):
+    with pytest.raises(InputError, match=reason):
+        as_volume(obj)
+
+
+@pytest.mark.parametrize(
+    ("affine", "reason"),
+    [
+        (np.eye(3), r"shape \(3, 3\)"),
+        (None, "shape"),
+        ("abc", "no array"),
+        ([[1, 2], [3]], "no array"),
+        (change(0, 0, np.nan), "finite"),
+        (change(0, 3, np.inf), "finite"),
+        (change(3, 0, 5), "last row.*transposed"),
+        (change(3, 3, 2), "last row"),
+        (change(1, 1, 0), r"voxel size is \[1.0, 0.0, 3.0\]"),
+        (change(0, 1, 0.01), "sheared.*0.005.*resample"),
+        (change(0, 1, 1e9), "sheared"),
+    ],
+)
+def test_bad_affines(affine, reason):
+    with pytest.raises(InputError, match=reason):
+        check_affine(affine)
+    if affine is not None:
+        with pytest.raises(InputError, match=reason):
+            as_volume(values(), affine=affine)

@@ -1,0 +1,163 @@
+"""Volumes are written beside their place, whole or not at all, and read again."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from volume_files import BOTH, NIFTI, SHAPE, change, hide, oblique, physical, values
+
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.io.volumes import Volume, as_volume, read_volume, write_volume
+
+itk = pytest.importorskip("itk")
+nib = pytest.importorskip("nibabel")
+
+
+# ---------------------------------------------------------------------------------------------- writing
+
+
+def suiting(endings):
+    """Each ending with the installed packages that can write it."""
+    needed = {".nrrd": "itk", ".mha": "itk", ".mgh": "nibabel", ".mgz": "nibabel"}
+    return [(ending, packages) for ending in endings for packages in BOTH if needed.get(ending, "") in packages]
+
+
+@pytest.mark.parametrize(("ending", "packages"), suiting([*NIFTI, ".nrrd", ".mha", ".mgh", ".mgz", ".npz"]))
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_round_trip(tmp_path, monkeypatch, ending, packages, order):
+    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
+    path, affine = tmp_path / f"v.1{ending}", oblique(11)
+    for dtype in ("u1", "i2", "i4", "f4", "?"):
+        data = np.asarray(values(dtype), order=order)
+        write_volume(path, data, affine)
+        volume = read_volume(path)
+        np.testing.assert_array_equal(volume.data, data)
+        assert volume.data.dtype == (data.dtype if ending == ".npz" or dtype != "?" else np.uint8)
+        np.testing.assert_allclose(volume.affine, affine, atol=1e-4)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize(("ending", "packages"), suiting([".nii.gz", ".nrrd", ".npz"]))
+@pytest.mark.parametrize("channels", [3, 4])
+def test_colour_round_trip(tmp_path, monkeypatch, ending, packages, channels):
+    hide(monkeypatch, *({"itk", "nibabel"} - set(packages.split("+"))))
+    data = values("u1", (*SHAPE, channels))
+    write_volume(tmp_path / f"v{ending}", data, oblique())
+    volume = read_volume(tmp_path / f"v{ending}")
+    np.testing.assert_array_equal(volume.data, data)
+    np.testing.assert_allclose(volume.affine, oblique(), atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", ["i1", "u2", "u4", "i8", "u8", "f8"])
+def test_nifti_keeps_every_type(tmp_path, dtype):
+    data = values(dtype)
+    write_volume(tmp_path / "v.nii.gz", data, oblique())
+    image = nib.load(tmp_path / "v.nii.gz")
+    np.testing.assert_array_equal(np.asarray(image.dataobj), data)
+    assert image.get_data_dtype() == data.dtype
+    assert image.header.get_xyzt_units()[0] == "mm"
+
+
+def test_written_files_say_the_same_to_itk(tmp_path):
+    for ending in (".nii", ".nrrd", ".mha"):
+        write_volume(tmp_path / f"v{ending}", values(), oblique())
+        image = itk.imread(str(tmp_path / f"v{ending}"))
+        np.testing.assert_allclose(physical(image, (3, 2, 1)), (oblique() @ [3, 2, 1, 1])[:3], atol=1e-4)
+
+
+def test_what_a_format_cannot_hold_is_refused(tmp_path):
+    for name, data, reason in [
+        ("v.npy", values(), "keeps no affine"),
+        ("v.mgz", values("f8"), "float64"),
+        ("v.mgz", values("u1", (*SHAPE, 3)), "no colours"),
+        ("v.mha", values("u1", (*SHAPE, 3)), "colours"),
+        ("v.nrrd", values("i8"), "int64.*convert"),
+        ("v.mhd", values(), "two files"),
+        ("v.nhdr", values(), "two files"),
+        ("v.xyz", values(), "'.xyz' is unknown"),
+        ("v.nii", values(shape=(4, 5)), r"\(4, 5\)"),
+        ("v.nii", values(shape=(40000, 1, 1)), "v.nii: "),
+    ]:
+        with pytest.raises(InputError, match=reason):
+            write_volume(tmp_path / name, data, oblique())
+    with pytest.raises(InputError, match="sheared"):
+        write_volume(tmp_path / "v.nii", values(), change(0, 1, 1))
+    assert os.listdir(tmp_path) == []
+    write_volume(tmp_path / "v.npy", values(), np.eye(4))
+
+
+def test_atomic_path_keeps_the_endings(tmp_path):
+    path = tmp_path / "sub-01.surf.gii"
+    path.write_text("old")
+    with atomic_path(path) as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.name.endswith("sub-01.surf.gii")
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == [path.name]
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert path.stat().st_mode == plain.stat().st_mode
+
+
+@pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
+def test_atomic_path_leaves_nothing_after_a_failure(tmp_path, failure):
+    path = tmp_path / "v.txt"
+    path.write_text("old")
+
+    def interrupted():
+        with atomic_path(path) as temporary:
+            temporary.write_text("half")
+            raise failure
+
+    with pytest.raises(failure):
+        interrupted()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["v.txt"]
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "v.nii.gz"
+    write_volume(path, values(), oblique())
+    before = path.read_bytes()
+
+    def half(image, name):
+        Path(name).write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(nib, "save", half)
+    with pytest.raises(OSError, match="No space left") as told:
+        write_volume(path, values(), oblique())
+    assert told.value.filename == str(path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_unwritable_places(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.nii").mkdir()
+    for path in (tmp_path / "file" / "v.nii", tmp_path / "missing" / "v.nii", tmp_path / "folder.nii"):
+        with pytest.raises(OSError, match=str(path)):
+            write_volume(path, values(), oblique())
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.nii"]
+
+
+@pytest.mark.slow
+def test_importing_io_imports_neither_package():
+    code = "import sys, voxflat.io; assert not {'itk', 'nibabel'} & set(sys.modules), 'imported'"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_a_volume_knows_whether_its_place_was_given():
+    voxels = values()
+    assert not as_volume(voxels).is_placed
+    assert not as_volume(as_volume(voxels)).is_placed
+    assert as_volume(as_volume(voxels), spacing=(1, 2, 3)).is_placed
+    assert as_volume(voxels, affine=oblique()).is_placed
+    assert as_volume(Volume(voxels, oblique())).is_placed

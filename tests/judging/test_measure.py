@@ -1,0 +1,400 @@
+"""The judge of flat maps against brute force, analytic maps, and itself."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import _core, cli, figures
+from voxflat.io.meshes import Mesh, write_mesh
+
+DISTANCE_FIGURES = (
+    "relative_error",
+    "relative_error_0_5mm",
+    "relative_error_5_15mm",
+    "relative_error_15_30mm",
+    "relative_error_10mm",
+    "relative_error_30mm",
+    "absolute_error",
+    "stress_1",
+    "sammon_stress",
+)
+
+
+def plane(side=12, step=3.0):
+    """Return a square sheet with edges of `step` mm, diagonals in alternating directions."""
+    places = step * np.stack(np.meshgrid(*[np.arange(side + 1.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    cell = np.arange(side * (side + 1)).reshape(side, side + 1)[:, :-1]
+    a, b, c, d = (part.ravel() for part in (cell, cell + 1, cell + side + 1, cell + side + 2))
+    turned = (np.add.outer(np.arange(side), np.arange(side)) % 2 == 0).ravel()
+    first = np.where(turned[:, None], np.column_stack([a, c, d]), np.column_stack([a, c, b]))
+    second = np.where(turned[:, None], np.column_stack([a, d, b]), np.column_stack([b, c, d]))
+    return np.column_stack([places, np.zeros(len(places))]), np.concatenate([first, second])
+
+
+def bump():
+    """Return a bumpy sheet, and places of its vertices that are no good map."""
+    points, faces = plane()
+    x, y = points[:, :2].T
+    points[:, 2] = 6 * np.exp(-((x - 16) ** 2 + (y - 20) ** 2) / 120) + np.sin(x / 4)
+    return (points, faces), 1.1 * points[:, :2] + 0.05 * np.column_stack([y, x * y / 30])
+
+
+def tube(around=24, along=9, step=2.0):
+    """Return a prism without ends, its triangles, and each corner's place in the plane: a rectangle."""
+    turn = 2 * np.pi * np.arange(around) / around
+    radius = step / (2 * np.sin(np.pi / around))
+    ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    points = np.concatenate([np.column_stack([ring, np.full(around, step * level)]) for level in range(along + 1)])
+    corners, places = [], []
+    for level in range(along):
+        for k in range(around):
+            cell = [(k, level), (k + 1, level), (k + 1, level + 1), (k, level + 1)]
+            for triangle in ([0, 1, 2], [0, 2, 3]):
+                corners.append([cell[n][0] % around + around * cell[n][1] for n in triangle])
+                places.append([[step * cell[n][0], step * cell[n][1]] for n in triangle])
+    return points, np.array(corners), np.array(places)
+
+
+def write_obj(path, points, faces, places):
+    """Write an OBJ file with texture coordinates of its own at each corner."""
+    lines = [f"v {x:.12g} {y:.12g} {z:.12g}" for x, y, z in points]
+    lines += [f"vt {u:.12g} {v:.12g}" for u, v in places.reshape(-1, 2)]
+    numbers = 1 + np.arange(3 * len(faces)).reshape(-1, 3)
+    lines += [
+        "f " + " ".join(f"{v + 1}/{t}" for v, t in zip(*row, strict=True)) for row in zip(faces, numbers, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def pairs(uv, rows, sources):
+    """Return for each source δ and d of its pairs."""
+    apart = np.linalg.norm(uv[sources][:, None] - uv[None], axis=2)
+    others = np.arange(len(uv)) != sources[:, None]
+    return [(row[other], d[other]) for row, d, other in zip(rows.astype(np.float64), apart, others, strict=True)]
+
+
+def figures_of(of_sources, scale):
+    """Return the distance figures by their definitions."""
+    delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
+    error = np.abs(scale * d - delta)
+    bands = ((0, np.inf), (0, 5), (5, 15), (15, 30), (0, 10), (0, 30))
+    inside = [(low < delta) & (delta <= high) for low, high in bands]
+    relative = [np.mean((error / delta)[band]) if band.any() else np.nan for band in inside]
+    stress, sammon = np.sqrt((error**2).sum() / (delta**2).sum()), (error**2 / delta).sum() / delta.sum()
+    return np.array([*relative, error.mean(), stress, sammon])
+
+
+def best_scale(of_sources):
+    """Return the scale of the least relative error, which is one of the ratios δ/d: a weighted median of them."""
+    delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
+    order = np.argsort(delta / d)
+    weights = np.cumsum((d / delta)[order])
+    return (delta / d)[order][np.searchsorted(weights, weights[-1] / 2)]
+
+
+@pytest.fixture(scope="module")
+def judged():
+    mesh, uv = bump()
+    sources = _core.reference_sources(len(uv), 60, 0).astype(np.int64)
+    rows = np.asarray(voxflat.geodesic(mesh, sources, geodesic="exact"))
+    return voxflat.measure(mesh, uv, sources=60), pairs(uv, rows, sources), uv
+
+
+class TestDistances:
+    def test_every_figure_is_its_definition(self, judged):
+        found, of_sources, _ = judged
+        scale = best_scale(of_sources)
+        assert found.best_scale.scale == pytest.approx(scale, rel=1e-6)
+        for figures_, s in ((found.raw, 1.0), (found.best_scale, scale)):
+            expected = figures_of(of_sources, s)
+            np.testing.assert_allclose([getattr(figures_, name) for name in DISTANCE_FIGURES], expected, rtol=2e-6)
+        delta, d = (np.concatenate(part) for part in zip(*of_sources, strict=True))
+        assert found.pearson_r == pytest.approx(np.corrcoef(delta, d)[0, 1], rel=1e-9)
+        assert found.mean_geodesic == pytest.approx(delta.mean(), rel=1e-9)
+        assert (found.pairs, found.sources, found.reference) == (len(delta), 60, "exact")
+
+    def test_standard_errors_are_those_of_another_bootstrap(self, judged):
+        found, of_sources, uv = judged
+        rng = np.random.default_rng(5)
+        count = len(of_sources)
+        correction = np.sqrt(count / (count - 1) * (1 - count / len(uv)))
+        for figures_, s in ((found.standard_error.raw, 1.0), (found.standard_error.best_scale, found.best_scale.scale)):
+            draws = [figures_of([of_sources[n] for n in rng.integers(0, count, count)], s) for _ in range(600)]
+            expected = correction * np.std(draws, axis=0, ddof=1)
+            np.testing.assert_allclose([getattr(figures_, name) for name in DISTANCE_FIGURES], expected, rtol=0.2)
+            assert np.isnan(figures_.scale)
+
+    def test_each_point_has_the_mean_of_its_pairs(self):
+        mesh, uv = bump()
+        sources = _core.reference_sources(len(uv), 9, 3).astype(np.int64)
+        rows = np.asarray(voxflat.geodesic(mesh, sources, geodesic="exact")).astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            errors = np.abs(np.linalg.norm(uv[sources][:, None] - uv[None], axis=2) - rows) / rows
+        found = voxflat.measure(mesh, uv, sources=9, seed=3)
+        np.testing.assert_allclose(found.per_point, np.nanmean(errors, axis=0), rtol=1e-9)
+
+    @pytest.mark.parametrize("threads", [1, 3])
+    def test_bits_do_not_depend_on_threads(self, judged, threads):
+        mesh, uv = bump()
+        other = voxflat.measure(mesh, uv, sources=60, threads=threads)
+        assert other.figures() == judged[0].figures()
+        np.testing.assert_array_equal(other.per_point, judged[0].per_point)
+
+    @pytest.mark.parametrize("reference", ["exact", "graph"])
+    def test_rows_that_are_computed_twice_say_the_same(self, reference):
+        mesh, uv = bump()
+        core, chosen = voxflat.surface(mesh).core, _core.reference_sources(len(uv), 100, 0)
+        ways = [core.judge([uv, 3 * uv], chosen, reference, kept, 0) for kept in (0, 5000, 1 << 30)]
+        for one, others in zip(ways[0], zip(*ways[1:], strict=True), strict=True):
+            for other in others:
+                assert str(one["raw"]) + str(one["best_scale"]) == str(other["raw"]) + str(other["best_scale"])
+                assert str(one["standard_error"]) == str(other["standard_error"])
+                np.testing.assert_array_equal(one["per_point"], other["per_point"])
+                np.testing.assert_array_equal(one["scatter"], other["scatter"])
+
+    def test_the_reference_is_exact_where_links_are_not(self):
+        points, faces, corners = tube()
+        uv = np.full((len(points), 2), np.nan)
+        cut = (corners[..., 0] < 40).all(axis=1)  # without the last column of squares it lies flat
+        uv[faces[cut].ravel()] = corners[cut].reshape(-1, 2)
+        exact, graph = (voxflat.measure((points, faces), (uv_mesh(uv), faces[cut]), reference=name)
+                        for name in ("exact", "graph"))  # fmt: skip
+        assert exact.raw.relative_error < 1e-6 < 1e-4 < graph.raw.relative_error
+        assert (exact.reference, graph.reference) == ("exact", "graph")
+
+
+def uv_mesh(uv):
+    """Return places as points, those that there are not at the origin."""
+    return np.nan_to_num(np.column_stack([uv, np.zeros(len(uv))]))
+
+
+class TestAnalyticMaps:
+    def test_a_plane_of_twice_its_size(self):
+        points, faces = plane()
+        found = voxflat.measure((points, faces), 2 * points[:, :2])
+        assert found.best_scale.scale == pytest.approx(0.5, rel=1e-6)
+        for name in DISTANCE_FIGURES:
+            raw = {"absolute_error": found.mean_geodesic}.get(name, 1.0)
+            assert getattr(found.raw, name) == pytest.approx(raw, rel=1e-5), name
+            assert getattr(found.best_scale, name) == pytest.approx(0, abs=2e-5), name
+        of = found.triangles
+        assert (of.edge, of.quasi_conformal, of.isometric) == pytest.approx((1, 1, 2))
+        assert (of.areal_median, of.areal_p95, of.symmetric_dirichlet) == pytest.approx((2, 2, 4.25))
+        assert of.angle == pytest.approx(0, abs=1e-9)
+        assert (of.flipped, of.collapsed, of.covering, of.crossings) == (0, 0, 0, 0)
+        assert found.topology == {"components": 1, "euler": 1, "loops": 1, "handles": 0}
+        assert found.standard_error.raw.relative_error < 1e-6
+
+    def test_a_fold_is_seen(self):
+        points, faces = plane()
+        uv = points[:, :2].copy()
+        uv[:, 0] = np.abs(uv[:, 0] - 12)
+        of = voxflat.measure((points, faces), uv).triangles
+        assert (of.flipped, of.flipped_share) == (96, pytest.approx(1 / 3))
+        assert of.covering >= 2 * 96
+        assert of.areal_p95 == pytest.approx(0)
+
+    def test_what_is_undefined_is_null(self):
+        points, faces = plane(4, 40.0)
+        found = voxflat.measure((points, faces), np.zeros((len(points), 2)), sources=1)
+        assert found.raw.relative_error == 1
+        for value in (found.best_scale.scale, found.pearson_r, found.raw.relative_error_30mm, found.triangles.angle):
+            assert np.isnan(value)
+        assert np.isnan(found.standard_error.raw.relative_error)
+        content = json.loads(json.dumps(found.figures(), allow_nan=False))
+        assert content["raw"]["relative_error_30mm"] is None
+        assert content["standard_error"]["raw"]["stress_1"] is None
+        assert "–" in found.table()
+
+
+class TestFormats:
+    def test_a_seam_of_an_obj_cuts_the_surface(self, tmp_path):
+        points, faces, places = tube()
+        write_obj(tmp_path / "tube.obj", points, faces, places)
+        found = voxflat.measure((points, faces), tmp_path / "tube.obj")
+        assert found.topology == {"components": 1, "euler": 1, "loops": 1, "handles": 0}
+        assert len(found.per_point) == len(points) + 10  # the seam's vertices are there twice
+        assert found.raw.relative_error < 1e-6
+        assert found.triangles.areal_p95 < 1e-6
+
+    def test_an_obj_of_another_surface(self, tmp_path):
+        points, faces, places = tube()
+        write_obj(tmp_path / "tube.obj", points, faces, places)
+        with pytest.raises(voxflat.InputError, match="the map has 240 points, the surface 169 vertices"):
+            voxflat.measure(plane(), tmp_path / "tube.obj")
+
+    def test_every_format_says_the_same(self, tmp_path):
+        mesh, uv = bump()
+        flat = np.column_stack([uv, np.zeros(len(uv))])
+        expected = voxflat.measure(mesh, uv, sources=20)
+        for name in ("flat.surf.gii", "flat.ply", "flat.vtp", "flat.obj", "lh.flat"):
+            write_mesh(tmp_path / name, Mesh(flat, mesh[1]))
+            found = voxflat.measure(mesh, tmp_path / name, sources=20)
+            assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-5), name
+        for name in ("texture.obj", "texture.ply", "texture.vtp"):
+            write_mesh(tmp_path / name, Mesh(*mesh, texture_coordinates=uv))
+            found = voxflat.measure(mesh, tmp_path / name, sources=20)
+            assert found.raw.stress_1 == pytest.approx(expected.raw.stress_1, rel=1e-5), name
+
+    def test_triangles_that_the_surface_does_not_have_are_told(self, caplog):
+        mesh, uv = bump()
+        first = [set(face) in ({0, 13, 14}, {0, 1, 14}) for face in mesh[1].tolist()]
+        assert sum(first) == 2
+        others = np.concatenate([mesh[1][~np.array(first)], [[0, 13, 1], [1, 13, 14]]])  # the other diagonal
+        with caplog.at_level(logging.WARNING, "voxflat"):
+            voxflat.measure(mesh, (uv_mesh(uv), mesh[1][(mesh[1] < 150).all(axis=1)]), sources=3)
+            assert not caplog.records
+            found = voxflat.measure(mesh, (uv_mesh(uv), others), sources=3)
+        assert "the map has triangles that the surface does not have" in caplog.text
+        assert len(found.triangles.is_flipped) == len(others)
+
+    def test_a_map_in_pieces(self):
+        mesh, uv = bump()
+        pieces = mesh[1][(mesh[1] < 60).all(axis=1) | (mesh[1] > 90).all(axis=1)]
+        with pytest.raises(voxflat.InputError, match="the map has 2 pieces, between which there are no distances"):
+            voxflat.measure(mesh, (uv_mesh(uv), pieces))
+
+    def test_vertices_that_no_triangle_has(self):
+        (points, faces), uv = bump()
+        less = (np.concatenate([points, [[500.0, 0, 0]]]), faces)
+        with pytest.raises(voxflat.InputError, match="vertex 169, which no triangle of the surface has"):
+            voxflat.measure(less, (uv_mesh(np.concatenate([uv, [[3.0, 4.0]]])), np.array([[0, 1, 169]])))
+
+    def test_voxels_are_measured_by_the_graph(self):
+        surface = voxflat.surface(shapes.ball(9))
+        flat = voxflat.flatten(surface, seed_point=surface.ids[0], radius=12.0, sources=60)
+        found = voxflat.measure(surface, flat, sources=200)
+        assert (found.reference, found.voxel_size) == ("graph", pytest.approx(1.0))
+        assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
+        assert "voxels" in found.table()
+        assert voxflat.measure(surface, flat, reference="exact").reference == "exact"
+
+    def test_a_voxel_with_two_vertices(self):
+        mask = np.zeros((14, 14, 12), dtype=bool)
+        mask[2:12, 2:12, 2:5] = mask[2:12, 2:12, 6:9] = True
+        mask[2:12, 2:12, 5:6] = False
+        mask[6:8, 2:12, 2:9] = True
+        mask[2:12, 2:12, 9] = False
+        mask[3, 3:11, 9:11] = True  # a blade: its voxels have two sides
+        surface = voxflat.surface(mask)
+        ids, counts = np.unique(surface.ids, axis=0, return_counts=True)
+        assert (counts > 1).any()
+        flat = voxflat.flatten(surface, seed_point=ids[counts > 1][0], radius=7.0, sources=60)
+        assert len(np.unique(flat.ids, axis=0)) < len(flat.ids)
+        found = voxflat.measure(surface, flat, sources=200)
+        assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
+
+
+class TestComparison:
+    def test_maps_of_the_same_triangles_are_as_if_alone(self):
+        mesh, uv = bump()
+        maps = {"one": uv, "two": 2 * uv, "three": (uv_mesh(3 * uv), mesh[1][::-1, [1, 2, 0]])}
+        compared = voxflat.compare(mesh, maps, sources=40)
+        for name, flat in maps.items():
+            alone = voxflat.measure(mesh, flat, sources=40)
+            assert compared[name].figures() == alone.figures()
+            np.testing.assert_array_equal(compared[name].per_point, alone.per_point)
+
+    def test_vertices_in_another_order(self):
+        mesh, uv = bump()
+        flat = voxflat.flatten(mesh, sources=50)
+        order = np.random.default_rng(0).permutation(len(flat))
+        rank = np.argsort(order)
+        shuffled = voxflat.FlatMap(
+            **{name: getattr(flat, name)[order] for name in ("uv", "points", "normals", "ids")},
+            **{name: getattr(flat, name) for name in ("torn", "sources", "eigenvalues", "distortion", "metadata")},
+            faces=rank[flat.faces].astype(np.uint32),
+        )
+        compared = voxflat.compare(mesh, {"a": flat, "b": uv, "c": shuffled}, sources=40)
+        assert compared["c"].raw == compared["a"].raw
+        np.testing.assert_array_equal(compared["c"].per_point, compared["a"].per_point[order])
+        np.testing.assert_array_equal(compared.maps["c"].uv, compared.maps["a"].uv[order])
+
+    def test_maps_with_other_cuts_have_the_same_sources(self):
+        mesh, uv = bump()
+        part = mesh[1][(mesh[1] < 120).all(axis=1)]
+        cut = voxflat.flatten(mesh, cuts=[np.arange(6, 6 + 13 * 5, 13)], sources=40)
+        compared = voxflat.compare(mesh, {"all": uv, "part": (uv_mesh(uv), part), "cut": cut}, sources=30)
+        assert [compared[name].sources for name in compared.maps] == [30, 30, 30]
+        assert [len(compared[name].per_point) for name in compared.maps] == [169, 120, 169 + 4]
+        assert len(compared.maps["cut"].vertex_ids) == len(np.unique(compared.maps["cut"].vertex_ids)) + 4
+
+    def test_no_vertex_in_common(self):
+        mesh, uv = bump()
+        parts = [mesh[1][(mesh[1] < 60).all(axis=1)], mesh[1][(mesh[1] > 80).all(axis=1)]]
+        with pytest.raises(voxflat.InputError, match="no vertex is in all maps"):
+            voxflat.compare(mesh, {str(n): (uv_mesh(uv), part) for n, part in enumerate(parts)})
+
+    def test_cancelled(self):
+        mesh, uv = bump()
+        with pytest.raises(voxflat.Cancelled):
+            voxflat.compare(mesh, {"one": uv}, progress=lambda *_: False)
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"sources": 0}, "sources is 0"),
+            ({"sources": 2.5}, "sources is 2.5"),
+            ({"reference": "chain"}, "reference is 'chain'; give 'exact' or 'graph'"),
+            ({"maps": {}}, "there is no map"),
+        ],
+    )
+    def test_bad_arguments(self, options, message):
+        mesh, uv = bump()
+        with pytest.raises(voxflat.InputError, match=message):
+            voxflat.compare(mesh, **{"maps": {"one": uv}, **options})
+
+    def test_heat_maps_leave_out_what_is_undefined(self):
+        mesh, uv = bump()
+        compared = voxflat.compare(mesh, {"good": uv, "in one place": np.zeros_like(uv)}, sources=1)
+        figure = figures.heat_maps(compared)
+        drawn = [len(axes.collections) for axes in figure.axes[:4]]
+        assert drawn == [1, 1, 1, 0]
+
+
+class TestCommandLine:
+    @pytest.fixture
+    def files(self, tmp_path):
+        mesh, uv = bump()
+        write_mesh(tmp_path / "surface.ply", Mesh(*mesh))
+        for name, scale in (("one.ply", 1.0), ("two.ply", 2.0)):
+            write_mesh(tmp_path / name, Mesh(uv_mesh(scale * uv), mesh[1]))
+        return tmp_path
+
+    @staticmethod
+    def run(*arguments):
+        return CliRunner().invoke(cli.main, ["measure", *map(str, arguments)])
+
+    def test_one_map(self, files):
+        result = self.run(files / "surface.ply", files / "one.ply", "--sources", "30")
+        assert result.exit_code == 0, result.output
+        expected = voxflat.measure(files / "surface.ply", files / "one.ply", sources=30)
+        assert result.stdout == expected.table() + "\n"
+        assert "exact distances" in result.stdout
+        assert "±" in result.stdout
+
+    @pytest.mark.slow
+    def test_several_maps(self, files):
+        arguments = (files / "surface.ply", files / "one.ply", files / "two.ply", "--sources", "30")
+        result = self.run(*arguments, "--heat-maps", files / "maps.png")
+        assert result.exit_code == 0, result.output
+        lines = result.stdout.splitlines()
+        assert lines[1].split() == ["one.ply", "two.ply"]
+        assert len({len(line) for line in lines if "±" in line[30:]}) == 1  # aligned
+        assert (files / "maps.png").read_bytes().startswith(b"\x89PNG")
+        content = json.loads(self.run(*arguments, "--json").stdout)
+        assert list(content) == ["one.ply", "two.ply"]
+        assert content["two.ply"]["best_scale"]["scale"] == pytest.approx(content["one.ply"]["best_scale"]["scale"] / 2)
+        assert content["one.ply"]["reference"] == "exact"
+
+    def test_refusals(self, files):
+        assert self.run(files / "surface.ply").exit_code == 2
+        assert self.run(files / "surface.ply", files / "one.ply", files / "one.ply").exit_code == 2
+        result = self.run(files / "surface.ply", files / "one.ply", "--heat-maps", files / "maps.gif")
+        assert result.exit_code == 1
+        assert ".png or .pdf or .svg" in result.stderr

@@ -1,0 +1,144 @@
+"""Texture coordinates and pictures on a surface."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from textures import areas, chessboard
+
+import voxflat
+from voxflat import InputError
+
+
+class TestPlacing:
+    @pytest.mark.parametrize("shape", [(64, 64), (30, 90), (90, 30), (1, 1)])
+    def test_the_picture_just_covers_the_map_in_its_proportions(self, cylinder_map, shape):
+        textured = cylinder_map.textured(np.zeros(shape, dtype=np.uint8))
+        texels = textured.texture_coordinates * [shape[1], shape[0]]
+        # a similarity: all distances in the picture are those on the map by one factor
+        uv = cylinder_map.uv - cylinder_map.uv.mean(axis=0)
+        factor = np.linalg.norm(np.ptp(texels, axis=0)) / np.linalg.norm(np.ptp(uv, axis=0))
+        np.testing.assert_allclose(texels - texels.mean(axis=0), factor * uv, atol=1e-9 * max(shape))
+        low, high = textured.texture_coordinates.min(axis=0), textured.texture_coordinates.max(axis=0)
+        np.testing.assert_allclose((low + high) / 2, 0.5)
+        np.testing.assert_allclose((high - low).max(), 1)
+
+    def test_on_a_plane_it_is_a_similarity_of_space(self, plane_map):
+        textured = plane_map.textured(chessboard(), texel_size=0.5)
+        points, texels = textured.points, 64 * textured.texture_coordinates
+        in_space = np.linalg.norm(points[:, None] - points, axis=2)
+        in_picture = np.linalg.norm(texels[:, None] - texels, axis=2)
+        np.testing.assert_allclose(0.5 * in_picture, in_space, atol=1e-12)
+
+    def test_a_texel_has_the_size_that_is_asked_for(self, cylinder_map):
+        textured = cylinder_map.textured(chessboard(), texel_size=0.25, repeat=True)
+        moved = 0.25 * 64 * textured.texture_coordinates - cylinder_map.uv
+        np.testing.assert_allclose(moved, np.broadcast_to(moved[0], moved.shape), atol=1e-9)
+        assert textured.texture_coordinates.max() > 1
+
+    def test_a_picture_that_is_too_small_must_be_repeated(self, cylinder_map):
+        with pytest.raises(
+            InputError, match=r"16 x 16 mm and does not cover the map; give repeat, or .* least (\S+) mm"
+        ) as told:
+            cylinder_map.textured(chessboard(), texel_size=0.25)
+        enough = float(str(told.value).split()[-2])
+        assert np.abs(cylinder_map.textured(chessboard(), enough).texture_coordinates - 0.5).max() <= 0.5
+        with pytest.raises(InputError, match="does not cover"):
+            cylinder_map.textured(chessboard(), 0.999 * enough)
+
+    def test_a_repeated_picture_goes_on(self, cylinder_map):
+        once = cylinder_map.textured(chessboard(), texel_size=0.25, repeat=True)
+        tiled = cylinder_map.textured(np.tile(chessboard(), (5, 5)), texel_size=0.25)
+        np.testing.assert_array_equal(once.colours, tiled.colours)
+
+    def test_colours_are_those_of_texture(self, cylinder_map):
+        picture = np.random.default_rng(0).integers(0, 256, (20, 33, 4), dtype=np.uint8)
+        np.testing.assert_array_equal(cylinder_map.textured(picture).colours, cylinder_map.texture(picture))
+
+    def test_torn_triangles_are_left_out(self):
+        flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method="grossmann2002", sources=81)
+        torn = np.arange(len(flat_map.faces)) % 7 == 0
+        object.__setattr__(flat_map, "torn", torn)
+        np.testing.assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])
+
+    def test_squares_of_a_chessboard_have_equal_area_on_a_cylinder(self, cylinder_map):
+        """Each inner square, 2 x 2 mm on the map, covers that area of the surface, to the map's areal error."""
+        textured = cylinder_map.textured(chessboard(12, 16), texel_size=2 / 16, repeat=True).subdivided()
+        ratio = (
+            areas(cylinder_map.points, cylinder_map.faces).sum()
+            / areas(np.column_stack([cylinder_map.uv, 0 * cylinder_map.uv[:, 0]]), cylinder_map.faces).sum()
+        )
+        places = textured.texture_coordinates[textured.faces].mean(axis=1) * 12  # in squares
+        inner = np.abs((places - 6) * 2 * [1, 1]).max(axis=1) < 9  # within 18 x 18 mm around the map's centre
+        square = np.floor(places).astype(int)[inner]
+        keys, which = np.unique(square, axis=0, return_inverse=True)
+        found = np.bincount(which.ravel(), areas(textured.points, textured.faces)[inner])
+        whole = (np.abs((keys + 0.5 - 6) * 2).max(axis=1)) < 8
+        assert whole.sum() == 64
+        areal = cylinder_map.distortion.triangles.areal
+        worst = 2 ** np.abs(areal - np.median(areal)).max() - 1
+        # triangles of at most a texel lie on both sides of a border: they blur it by less than a texel a side
+        np.testing.assert_allclose(found[whole] / ratio, 4, rtol=worst + 4 / 16 / 4)
+        np.testing.assert_allclose(found[whole].mean() / ratio, 4, rtol=0.02)
+
+
+class TestPictures:
+    @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "CMYK", "YCbCr"])
+    def test_grey_and_colours_with_opacity_or_not(self, cylinder_map, tmp_path, mode):
+        image = Image.fromarray(chessboard()).convert("RGBA" if mode == "LA" else "RGB").convert(mode)
+        colours = cylinder_map.textured(image).picture
+        assert colours.shape == (64, 64, 4 if "A" in mode else 3)
+        np.testing.assert_array_equal(colours[..., :3], np.repeat(chessboard()[..., None], 3, axis=2))
+        if mode not in ("CMYK", "YCbCr"):
+            image.save(tmp_path / "picture.png")
+            textured = cylinder_map.textured(tmp_path / "picture.png")
+            np.testing.assert_array_equal(textured.picture, colours)
+            assert textured.source == tmp_path / "picture.png"
+
+    @pytest.mark.parametrize("picture", [chessboard() > 0, chessboard() / 255, (chessboard() / 255).astype(np.float32)])
+    def test_arrays_of_bool_and_of_floats(self, cylinder_map, picture):
+        np.testing.assert_array_equal(cylinder_map.textured(picture).picture[..., 0], chessboard())
+
+    def test_deep_grey(self, cylinder_map, tmp_path):
+        Image.fromarray(chessboard().astype(np.uint16) * 257).save(tmp_path / "deep.png")
+        np.testing.assert_array_equal(cylinder_map.textured(tmp_path / "deep.png").picture[..., 1], chessboard())
+
+    def test_photographs_are_turned_upright(self, cylinder_map, tmp_path):
+        image = Image.fromarray(np.zeros((20, 30), dtype=np.uint8))
+        exif = Image.Exif()
+        exif[0x0112] = 6
+        image.save(tmp_path / "photo.jpg", exif=exif)
+        assert cylinder_map.textured(tmp_path / "photo.jpg").picture.shape == (30, 20, 3)
+
+    @pytest.mark.parametrize(
+        ("picture", "told"),
+        [
+            (np.full((4, 4), np.nan), "values reach from nan to nan; floats must lie from 0 to 1, without NaN"),
+            (np.array([[0.0, 255.0]]), "values reach from 0 to 255; floats must lie from 0 to 1"),
+            (np.zeros((4, 4), dtype=int), "type int64; give uint8, 0 to 255, or floats from 0 to 1"),
+            (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\); give \(H, W\), \(H, W, 3\) or \(H, W, 4\)"),
+            (np.zeros((0, 4)), r"shape \(0, 4\)"),
+            (np.zeros(4), r"shape \(4,\)"),
+            (None, "type object"),
+            (Image.new("F", (4, 4)), "more than 8 bits"),
+        ],
+    )
+    def test_what_is_no_picture(self, cylinder_map, picture, told):
+        with pytest.raises(InputError, match=told):
+            cylinder_map.textured(picture)
+
+    def test_files_that_are_no_picture(self, cylinder_map, tmp_path):
+        with pytest.raises(FileNotFoundError):
+            cylinder_map.textured(tmp_path / "missing.png")
+        Image.fromarray(chessboard()).save(tmp_path / "whole.png")
+        whole = (tmp_path / "whole.png").read_bytes()
+        for damaged in (b"", b"text", whole[:60], whole[:-30]):
+            (tmp_path / "bad.png").write_bytes(damaged)
+            with pytest.raises(InputError, match=r"bad.png: .*is the file complete"):
+                cylinder_map.textured(tmp_path / "bad.png")
+        with pytest.raises(IsADirectoryError):
+            cylinder_map.textured(tmp_path)
+
+    @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
+    def test_texel_sizes(self, cylinder_map, size):
+        with pytest.raises(InputError, match=r"texel size is .* mm; give a positive number"):
+            cylinder_map.textured(chessboard(), size, repeat=True)

@@ -1,0 +1,114 @@
+"""The default map: what it promises whatever the surface, and what its options do."""
+
+import hard_shapes
+import numpy as np
+import pytest
+
+import voxflat
+
+
+def sheet(columns, rows, bend):
+    """Triangles over a grid of 1 mm; `bend` takes its coordinates to points in space."""
+    u, v = np.meshgrid(np.arange(columns, dtype=float), np.arange(rows, dtype=float), indexing="ij")
+    number = np.arange(columns * rows).reshape(columns, rows)
+    a, b, c, d = (n.ravel() for n in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return np.stack(bend(u, v), -1).reshape(-1, 3), faces, np.stack([u, v], -1).reshape(-1, 2)
+
+
+def cylinder(u, v):
+    return 15 * np.cos(u / 15), 15 * np.sin(u / 15), v
+
+
+def dome(u, v):
+    u, v = u - u.mean(), v - v.mean()
+    r = np.hypot(u, v) + 1e-9
+    return 20 * np.sin(r / 20) * u / r, 20 * np.sin(r / 20) * v / r, 20 * np.cos(r / 20)
+
+
+@pytest.mark.parametrize("bend", [lambda u, v: (u, v, 0 * u), cylinder])
+def test_what_is_developable_comes_out_as_it_is(bend):
+    points, faces, flat = sheet(61, 31, bend)
+    found = voxflat.flatten((points, faces)).uv
+    near, far = np.random.default_rng(0).choice(len(flat), (2, 4000))
+    apart = np.linalg.norm(flat[near] - flat[far], axis=1)
+    if bend is cylinder:  # inscribed: a chord for each mm of arc
+        apart = np.hypot((flat[near] - flat[far])[:, 0] * 30 * np.sin(1 / 30), (flat[near] - flat[far])[:, 1])
+    kept = apart > 0
+    error = np.abs(np.linalg.norm(found[near] - found[far], axis=1)[kept] / apart[kept] - 1)
+    assert error.mean() < 1e-3
+
+
+@pytest.mark.slow
+def test_weighting_leads_from_near_to_far_distances():
+    points, faces, _ = sheet(45, 45, dome)
+    maps = [voxflat.flatten((points, faces), weighting=weighting) for weighting in (0, None, 1)]
+    figures = [voxflat.measure((points, faces), flat.uv, sources=100).raw for flat in maps]
+    assert np.all(np.diff([one.relative_error_10mm for one in figures]) > 0)
+    assert np.all(np.diff([one.relative_error for one in figures]) < 0)
+    assert [flat.metadata["weighting"] for flat in maps] == [0, 0.5, 1]
+    assert all(flat.distortion.triangles.flipped == 0 for flat in maps)
+
+
+@pytest.mark.parametrize("weighting", [-0.1, 1.1, np.nan, "near"])
+def test_a_weighting_that_is_none_is_refused(weighting):
+    points, faces, _ = sheet(5, 5, dome)
+    with pytest.raises(voxflat.InputError, match=r"weighting is .*; give a number from 0, local, to 1, global"):
+        voxflat.flatten((points, faces), weighting=weighting)
+
+
+@pytest.mark.parametrize("geodesic", ["marching", "exact"])
+def test_any_solver_makes_a_map(geodesic, tmp_path):
+    points, faces, _ = sheet(21, 16, dome)
+    usual = voxflat.flatten((points, faces), sources=60, keep_rows=True)
+    other = voxflat.flatten((points, faces), sources=60, keep_rows=True, geodesic=geodesic)
+    assert other.metadata["geodesic"] == geodesic
+    np.testing.assert_array_equal(other.rows, voxflat.geodesic((points, faces), other.sources, geodesic=geodesic))
+    assert 0 < np.abs(other.uv - usual.uv).max() < 1
+    stored = voxflat.flatten((points, faces), sources=60, geodesic=geodesic, store=tmp_path / "rows")
+    np.testing.assert_array_equal(stored.uv, other.uv)
+
+
+def test_an_unknown_solver_is_refused():
+    points, faces, _ = sheet(5, 5, dome)
+    with pytest.raises(voxflat.InputError, match="geodesic is 'chain'; give 'graph', 'marching' or 'exact'"):
+        voxflat.flatten((points, faces), geodesic="chain")
+    with pytest.raises(
+        voxflat.InputError, match="weighting is given, but the method 'zigelman2002' knows no weighting"
+    ):
+        voxflat.flatten((points, faces), method="zigelman2002", weighting=0.3)
+
+
+@pytest.mark.slow
+def test_a_glove_does_not_lie_on_itself():
+    x, y, z = np.indices((64, 34, 52))
+    hand = (np.abs(x - 32) < 20) & (np.abs(y - 17) < 6) & (z > 3) & (z < 18)
+    for finger in range(4):
+        hand |= ((x - 15 - 11 * finger) ** 2 + (y - 17) ** 2 < 17) & (z < 46) & (z >= 10)
+    flat = voxflat.flatten(hand.astype(np.uint8), relax=False, sources=150)
+    triangles = flat.distortion.triangles
+    assert (triangles.flipped, triangles.crossings, triangles.covering) == (0, 0, 0)
+    assert np.isfinite(flat.uv).all()
+
+
+def test_options_are_refused_before_anything_is_done():
+    def progress(stage, done, total):
+        raise AssertionError(stage)
+
+    points, faces, _ = sheet(30, 30, dome)
+    for options in ({"weighting": 2}, {"geodesic": "edges"}, {"weighting": "near"}, {"relax": -1.0}, {"relax": np.nan}):
+        with pytest.raises(voxflat.InputError, match=f"{next(iter(options))} is"):
+            voxflat.flatten((points, faces), progress=progress, **options)
+
+
+def test_distances_that_are_too_long_are_told():
+    usual = voxflat.flatten(sheet(21, 16, dome)[:2], sources=30)
+    assert 0 <= usual.metadata["distance_error"] < 2e-3
+    assert not usual.metadata["warnings"]
+    slivers = hard_shapes.surface(hard_shapes.slivers)
+    found = voxflat.flatten(slivers)
+    assert found.metadata["distance_error"] > 0.02
+    assert any("distances along links are" in text for text in found.metadata["warnings"])
+    exact = voxflat.flatten(slivers, geodesic="exact")
+    assert "distance_error" not in exact.metadata
+    assert not any("distances along links are" in text for text in exact.metadata["warnings"])

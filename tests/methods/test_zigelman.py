@@ -1,0 +1,271 @@
+"""Flattening after Zigelman, Kimmel and Kiryati (2002), and range images."""
+
+import mesh_files
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import pdist
+from triangle_meshes import cylinder
+
+import voxflat
+from voxflat import InputError, _core
+from voxflat.cli import main
+
+
+def waves(side=60):
+    """Return the depths of a graph of sin x sin y."""
+    x = np.linspace(0, 2 * np.pi, side)
+    return 0.8 * np.outer(np.sin(x), np.sin(x)) * side / (2 * np.pi)
+
+
+def relative_error(flat, truth):
+    chosen = np.random.default_rng(0).choice(len(truth), 400, replace=False)
+    return np.abs(pdist(flat.uv[chosen]) / pdist(truth[flat.ids[chosen]]) - 1).mean()
+
+
+zigelman2002 = {"method": "zigelman2002", "sources": 200}
+
+
+class TestFlatten:
+    @pytest.mark.slow
+    @pytest.mark.parametrize("sampling", [None, "decimation", "farthest", "random"])
+    def test_a_cylinder_is_unrolled(self, sampling):
+        mesh, truth = cylinder()
+        flat = voxflat.flatten(mesh, **zigelman2002, sampling=sampling)
+        assert relative_error(flat, truth) < 0.005
+        assert flat.distortion.raw.relative_error < 0.005
+        assert flat.distortion.triangles.flipped == 0
+        assert flat.metadata["sampling"] == (sampling or "decimation")
+        assert flat.metadata["placed_by"] == "re-insertion"
+
+    def test_its_sources_are_placed_by_classical_scaling_of_marched_distances(self):
+        flat = voxflat.flatten(cylinder()[0], **zigelman2002, keep_rows=True)
+        assert flat.rows.shape == (len(flat.sources), len(flat))
+        squared = flat.rows[:, flat.sources].astype(float) ** 2
+        squared = (squared + squared.T) / 2
+        centring = np.eye(len(squared)) - 1 / len(squared)
+        values, vectors = np.linalg.eigh(-0.5 * centring @ squared @ centring)
+        places = vectors[:, -2:] * np.sqrt(values[-2:])
+        np.testing.assert_allclose(pdist(flat.uv[flat.sources]), pdist(places), rtol=1e-4, atol=1e-3)
+
+    def test_given_sources_come_first(self):
+        mesh, _ = cylinder()
+        given_ = [700, 3, 2400, 90, 1200]
+        flat = voxflat.flatten(mesh, method="zigelman2002", sources=given_)
+        assert flat.ids[flat.sources][:5].tolist() == given_
+        assert flat.metadata["sampling"] == "given"
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("sampling", ["decimation", "farthest", "grid"])
+    def test_the_same_bits_for_any_number_of_threads(self, sampling):
+        image = voxflat.range_image(waves(40), 1.0)
+        maps = [voxflat.flatten(image, **zigelman2002, sampling=sampling, threads=n) for n in (1, 2, 5)]
+        for other in maps[1:]:
+            np.testing.assert_array_equal(maps[0].uv, other.uv)
+            np.testing.assert_array_equal(maps[0].sources, other.sources)
+
+    @pytest.mark.slow
+    def test_a_patch_of_the_cortex(self):
+        white, pial = (str(mesh_files.fsaverage5(name)) for name in ("white_left", "pial_left"))
+        surface = voxflat.surface(white, pial=pial)
+        patch = {"seed_point": 4000, "radius": 45.0}
+        flat = voxflat.flatten(surface, method="zigelman2002", **patch)
+        usual = voxflat.flatten(surface, **patch)
+        assert len(flat) == len(usual)
+        assert flat.distortion.best_scale.relative_error < 1.5 * usual.distortion.best_scale.relative_error
+        assert np.isfinite(flat.uv).all()
+
+    def test_volumes_are_flattened_too(self):
+        flat = voxflat.flatten(shapes.curled_sheet(40, 30, 0.5), **zigelman2002)
+        assert flat.is_voxels
+        assert flat.distortion.raw.relative_error < 0.02
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            (
+                {"sampling": "best"},
+                "sampling is 'best'; give 'decimation', 'farthest', 'curvature', 'random' or 'grid'",
+            ),
+            ({"sampling": "grid"}, "is no range image; make one by voxflat.range_image"),
+            ({"sampling": "grid", "sources": [1, 5, 9]}, "chooses the sources itself"),
+            ({"sources": 2}, "2 sources are too few; give at least 3"),
+            ({"sources": 10**6}, "1000000 sources are more than the 4941 points"),
+            ({"sources": [4, 4, 9]}, "source 4 is given 2 times"),
+            ({"store": "rows"}, "knows no store"),
+            ({"link_lengths": "euclidean"}, "knows no link_lengths"),
+            ({"method": "voxflat", "sampling": "decimation"}, "give 'farthest', 'curvature' or 'random'"),
+        ],
+    )
+    def test_wrong_options_are_named(self, options, message):
+        with pytest.raises(InputError, match=message):
+            voxflat.flatten(cylinder()[0], **{"method": "zigelman2002", **options})
+
+    def test_the_smallest_surfaces_are_flattened(self):
+        corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 2, 1.0]])
+        for faces in ([[0, 1, 2]], [[0, 1, 2], [1, 3, 2]]):
+            points = corners[: len(faces) + 2]
+            flat = voxflat.flatten((points, np.array(faces)), method="zigelman2002")
+            flat_sides, sides = (x[flat.faces] - x[np.roll(flat.faces, 1, axis=1)] for x in (flat.uv, flat.points))
+            np.testing.assert_allclose(np.linalg.norm(flat_sides, axis=2), np.linalg.norm(sides, axis=2), rtol=1e-5)
+
+    def test_a_map_of_a_range_image_is_kept_in_a_file(self, tmp_path):
+        image = voxflat.range_image(waves(40), 1.0, jump=np.inf)
+        flat = voxflat.flatten(image, **zigelman2002, keep_rows=True)
+        flat.save(tmp_path / "map.npz")
+        again = voxflat.load(tmp_path / "map.npz")
+        np.testing.assert_array_equal(again.uv, flat.uv)
+        np.testing.assert_array_equal(again.rows, flat.rows)
+        assert again.metadata["range_image"] == {"shape": [40, 40], "spacing": [1.0, 1.0], "jump": None, "cut": 0}
+
+    def test_the_command_line_has_it(self, tmp_path):
+        mesh, _ = cylinder((31, 21))
+        voxflat.surface(mesh).save(tmp_path / "cylinder.ply")
+        options = ["--method", "zigelman2002", "--sources", "50", "--sampling", "farthest", "--quiet"]
+        command = ["flatten", str(tmp_path / "cylinder.ply"), "-o", str(tmp_path / "map.npz"), *options]
+        result = CliRunner().invoke(main, command)
+        assert result.exit_code == 0, result.output
+        flat = voxflat.load(tmp_path / "map.npz")
+        expected = voxflat.flatten(tmp_path / "cylinder.ply", method="zigelman2002", sources=50, sampling="farthest")
+        np.testing.assert_array_equal(flat.uv, expected.uv)
+
+    def test_it_can_be_cancelled(self):
+        with pytest.raises(voxflat.Cancelled):
+            voxflat.flatten(cylinder()[0], **zigelman2002, progress=lambda stage, done, total: False)
+
+    def test_the_core_refuses_an_unknown_wave(self):
+        core = voxflat.surface(cylinder()[0]).core
+        assert isinstance(core, _core.Surface)
+        with pytest.raises(InputError, match="wave is \"square\"; give 'circle' or 'plane'"):
+            core.zigelman2002(9, 0, wave="square")
+
+
+class TestGrid:
+    def test_a_slope_is_placed_exactly(self):
+        row, column = np.indices((50, 70))
+        image = voxflat.range_image(0.5 * column + 0.25 * row, (2.0, 1.5))
+        flat = voxflat.flatten(image, method="zigelman2002", sampling="grid", sources=100)
+        chosen = np.arange(0, len(flat), 17)
+        np.testing.assert_allclose(pdist(flat.uv[chosen]), pdist(flat.points[chosen]), rtol=1e-4)
+        assert flat.distortion.triangles.flipped == 0
+        assert "grid" in flat.metadata["placed_by"]
+
+    def test_sources_lie_on_a_grid(self):
+        flat = voxflat.flatten(voxflat.range_image(waves(), 1.0), method="zigelman2002", sampling="grid", sources=100)
+        rows, columns = np.unravel_index(flat.ids[flat.sources], (60, 60))
+        assert len(np.unique(rows)) == len(np.unique(columns)) == 10
+        assert len(flat.sources) == 100
+
+    def test_an_outline_does_not_matter(self):
+        row, column = np.indices((60, 60))
+        disk = (row - 30) ** 2 + (column - 30) ** 2 < 28**2
+        image = voxflat.range_image(0.3 * column, 1.0, mask=disk)
+        flat = voxflat.flatten(image, method="zigelman2002", sampling="grid", sources=64)
+        chosen = np.arange(0, len(flat), 7)
+        np.testing.assert_allclose(pdist(flat.uv[chosen]), pdist(flat.points[chosen]), rtol=1e-3)
+
+    def test_a_cut_surface_is_refused(self):
+        row, column = np.indices((40, 40))
+        ring = np.hypot(row - 20, column - 20)
+        image = voxflat.range_image(np.zeros((40, 40)), 1.0, mask=(ring > 8) & (ring < 19))
+        with pytest.raises(InputError, match=r"the surface is cut: pixel \(\d+, \d+\) lies on both sides"):
+            voxflat.flatten(image, method="zigelman2002", sampling="grid", sources=64)
+
+
+class TestRangeImage:
+    def test_points_are_seen_upright_from_z(self):
+        depth = np.arange(6.0).reshape(2, 3)
+        image = voxflat.range_image(depth, (3.0, 2.0))
+        assert image.points.tolist() == [[0, 0, 0], [2, 0, 1], [4, 0, 2], [0, -3, 3], [2, -3, 4], [4, -3, 5]]
+        a, b, c = image.points[image.faces].transpose(1, 0, 2)
+        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+        assert image.ids.tolist() == list(range(6))
+
+    @settings(max_examples=60)
+    @given(st.integers(0, 2**32 - 1))
+    def test_every_pixel_that_can_be_is_a_vertex(self, seed):
+        rng = np.random.default_rng(seed)
+        depth = rng.uniform(0, 1, size=rng.integers(2, 9, size=2))
+        depth[rng.random(depth.shape) < 0.2] = np.nan
+        there = np.isfinite(depth)
+        squares = there[:-1, :-1].astype(int) + there[1:, :-1] + there[1:, 1:] + there[:-1, 1:]
+        if squares.max() < 3:
+            with pytest.raises(InputError, match="no triangle"):
+                voxflat.range_image(depth, 1.0)
+            return
+        image = voxflat.range_image(depth, 1.0)
+        assert len(image.faces) == np.clip(squares - 2, 0, None).sum()  # three pixels make a triangle, four make two
+        row, column = np.unravel_index(image.ids, depth.shape)
+        np.testing.assert_array_equal(image.points, np.stack([column, -row, depth[row, column]], axis=1))
+
+    def test_depth_jumps_are_cut_and_told(self):
+        depth = np.zeros((30, 40))
+        depth[:, 20:] = 50
+        image = voxflat.range_image(depth, 1.0)
+        assert image.metadata["range_image"]["cut"] == 2 * 29
+        assert any("58 of 2262 triangles span more than 8 mm" in remark for remark in image.remarks)
+        assert len(voxflat.check(image).components) == 2
+        whole = voxflat.range_image(depth, 1.0, jump=np.inf)
+        assert whole.metadata["range_image"]["cut"] == 0
+        assert len(voxflat.check(whole).components) == 1
+        assert whole.remarks == ()
+
+    def test_pieces_that_touch_in_a_pixel_are_apart(self):
+        depth = np.full((5, 5), np.nan)
+        depth[:3, :3], depth[2:, 2:], depth[2, 2] = 6.0, -6.0, 0.0
+        image = voxflat.range_image(depth, 1.0)
+        assert len(voxflat.check(image).components) == 2
+        assert (image.ids == 12).sum() == 2
+
+    def test_masks_and_masked_arrays_mean_the_same(self):
+        depth = waves(20)
+        there = np.random.default_rng(1).random(depth.shape) < 0.9
+        by_nan = voxflat.range_image(np.where(there, depth, np.nan), 1.0)
+        for other in (
+            voxflat.range_image(depth, 1.0, mask=there),
+            voxflat.range_image(depth, [1, 1], mask=there.astype(np.uint8)),
+            voxflat.range_image(np.ma.MaskedArray(depth, ~there), 1.0),
+        ):
+            np.testing.assert_array_equal(by_nan.points, other.points)
+            np.testing.assert_array_equal(by_nan.faces, other.faces)
+            assert by_nan.metadata == other.metadata
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ({"depth": np.zeros(5)}, r"the depth has shape \(5,\); give an image"),
+            ({"depth": np.zeros((1, 9))}, r"the depth has shape \(1, 9\); give an image"),
+            ({"depth": np.zeros((3, 3, 3))}, r"the depth has shape \(3, 3, 3\)"),
+            ({"depth": np.zeros((3, 3), complex)}, "the depth is complex128; give real numbers"),
+            ({"depth": np.array([["a", "b"], ["c", "d"]])}, "the depth is <U1; give real numbers"),
+            ({"depth": [[1, 2], [3]]}, "rows have different lengths"),
+            ({"depth": np.array([[1, np.inf], [2, 3]])}, "row 0, column 1 is inf mm; give NaN"),
+            ({"depth": np.array([[1, 2], [-1e30, 3]])}, r"row 1, column 0 is -1e\+30 mm"),
+            ({"depth": np.full((4, 4), np.nan)}, r"no triangle .* \(0 of 16 pixels have one\)"),
+            ({"depth": np.diag([1.0, 1, 1]) / np.diag([1.0, 1, 1])}, r"no triangle .* \(3 of 9 pixels"),
+            ({"depth": 1e5 * np.indices((3, 3))[0]}, "spans more than 8 mm of depth; give a greater jump"),
+            ({"spacing": 0}, "the spacing is 0 mm; give positive"),
+            ({"spacing": -1.0}, "the spacing is -1.0 mm; give positive"),
+            ({"spacing": np.nan}, "the spacing is nan mm; give positive"),
+            ({"spacing": (1, np.inf)}, r"the spacing is \(1, inf\) mm; give positive"),
+            ({"spacing": (1, 2, 3)}, r"the spacing is \(1, 2, 3\); give one number"),
+            ({"spacing": "1"}, "the spacing is '1'; give one number"),
+            ({"mask": np.ones((2, 2))}, r"the mask has shape \(2, 2\), the depth \(9, 9\)"),
+            ({"mask": np.full((9, 9), 7)}, "the mask is int64 with values other than 0 and 1"),
+            ({"mask": np.zeros((9, 9), bool)}, r"no triangle .* \(0 of 81 pixels"),
+            ({"jump": 0.0}, "the jump is 0.0 mm; give a positive"),
+            ({"jump": np.nan}, "the jump is nan mm; give a positive"),
+            ({"jump": "far"}, "the jump is 'far' mm; give a positive"),
+        ],
+    )
+    @pytest.mark.filterwarnings("ignore:invalid value")
+    def test_bad_input_is_named(self, arguments, message):
+        with pytest.raises(InputError, match=message):
+            voxflat.range_image(**{"depth": np.zeros((9, 9)), "spacing": 1.0, **arguments})
+
+    def test_integers_are_depths_too(self):
+        image = voxflat.range_image(np.arange(16, dtype=np.uint8).reshape(4, 4), 1)
+        assert image.points[5].tolist() == [1, -1, 5]

@@ -1,0 +1,245 @@
+"""The napari plugin in a real window: what it offers and what it computes."""
+
+import numpy as np
+import pytest
+from napari_maps import same_map
+from napari_window import (
+    FLIP,
+    bumps,
+    cap,
+    choose,
+    choose_whole,
+    run,
+)
+from npe2 import PluginManifest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import voxflat
+from voxflat._napari.layers.seed import seed_of
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.readers import flat_map_reader
+from voxflat._napari.results.report import figures
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+
+# --------------------------------------------------------------------------------------- what is offered
+
+
+def test_manifest_is_valid_and_its_commands_resolve():
+    manifest = PluginManifest.from_distribution("voxflat")
+    manifest.validate_imports()
+    assert [widget.display_name for widget in manifest.contributions.widgets] == [
+        "Flatten surface",
+        "Flatten in patches",
+    ]
+
+
+def test_menus_of_a_real_viewer(make_napari_viewer):
+    viewer = make_napari_viewer()
+
+    def texts(menu, *path):
+        for title in path:
+            menu = next(action.menu() for action in menu.actions() if action.text().replace("&", "") == title)
+            menu.aboutToShow.emit()
+        return [action.text() for action in menu.actions()]
+
+    names = ("Flatten surface", "Flatten in patches")
+    assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
+    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in names]
+    assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
+
+
+def test_importing_voxflat_imports_no_napari():
+    import subprocess
+    import sys
+
+    code = "import sys, voxflat; sys.exit(any(m.split('.')[0] in ('napari', 'qtpy') for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_demo_cortex_is_a_sample(make_napari_viewer):
+    pytest.importorskip("nilearn")
+    from voxflat.demo import SEED_POINT, THRESHOLD, demo_cortex
+
+    viewer = make_napari_viewer()
+    viewer.open_sample("voxflat", "demo_cortex")
+    t1, labels, seed = viewer.layers
+    white_matter, _, _ = demo_cortex()
+    assert isinstance(t1, Image)
+    assert labels.data.dtype == np.uint8
+    assert_array_equal(labels.data, white_matter.data > THRESHOLD)
+    assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
+    assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
+    assert seed_of(seed, labels) == SEED_POINT
+
+
+# ---------------------------------------------------------------------------------------------- choices
+
+
+def test_layers_and_labels_are_listed(open_widget, qtbot):
+    labels = cap()
+    labels[0, 0, 0] = 7
+    viewer, widget = open_widget(Image(np.ones((4, 4)), name="flat picture"), Labels(labels, name="parts"))
+    assert widget.form.surface.layer is viewer.layers["parts"]
+    qtbot.waitUntil(lambda: widget.form.label.count() == 2)
+    assert [widget.form.label.itemData(n) for n in range(2)] == [3, 7]
+    viewer.layers["parts"].selected_label = 7
+    assert widget.form.label.label == 7
+    viewer.layers["parts"].selected_label = 5  # is not there
+    assert widget.form.label.label == 7
+    viewer.layers["parts"].name = "regions"
+    assert widget.form.surface.currentText() == "regions"
+    viewer.layers["regions"].data_setitem((np.array([0]),) * 3, 9)
+    qtbot.waitUntil(lambda: widget.form.label.findData(9) >= 0)
+    viewer.layers.remove("regions")
+    assert widget.form.surface.layer is None
+    assert not widget.form.label.count()
+
+
+def test_threshold_starts_amid_the_contrast_limits(open_widget):
+    _, widget = open_widget(Image(np.linspace(0, 10, 1000).reshape(10, 10, 10)))
+    assert widget.form.threshold.value() == pytest.approx(5)
+    assert widget.form.threshold.isVisibleTo(widget)
+    assert not widget.form.label.isVisibleTo(widget)
+
+
+def test_the_form_follows_the_kind_of_layer(open_widget):
+    points, faces, values = bumps()
+    viewer, widget = open_widget(Image(np.random.default_rng(0).random((5, 5, 5)), name="T1"))
+    form = widget.form
+    viewer.add_surface((points, faces, values), name="mesh")
+    viewer.add_surface((points, faces), name="same vertices")
+    viewer.add_surface((points[:4], faces[:1] * 0 + [0, 1, 2]), name="other vertices")
+    form.surface.choose(viewer.layers["mesh"])
+    assert form.sampled.layer is viewer.layers["mesh"]
+    assert [form.sampled.itemText(n) for n in range(form.sampled.count())] == ["nothing", "T1", "mesh", "same vertices"]
+    assert not any(field.isVisibleTo(form) for field in (form.label, form.threshold, form.method, form.sample_depth))
+    choose(form.patch, "values")
+    assert not form.seed.isVisibleTo(form)
+    form.surface.choose(viewer.layers["T1"])
+    assert form.sampled.layer is viewer.layers["T1"]
+    assert form.patch.findData("values") < 0
+    assert form.patch.currentData() == "disk"
+    assert all(field.isVisibleTo(form) for field in (form.threshold, form.method, form.sample_depth, form.seed))
+
+
+# --------------------------------------------------------------------------------------------- flattening
+
+
+@pytest.mark.parametrize("method", ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989"])
+def test_result_is_that_of_the_library(open_widget, qtbot, method):
+    labels, t1 = cap(), np.random.default_rng(0).random((24, 24, 24)).astype(np.float32)
+    viewer, widget = open_widget(
+        Image(t1, affine=FLIP, units="mm", name="T1"), Labels(labels, affine=FLIP, units="mm", name="sheet")
+    )
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    assert widget.form.method.currentData() == "voxflat"
+    choose(widget.form.method, method)
+    choose_whole(widget)
+    widget.form.sources.setValue(200)
+    widget.form.pixel_size.setValue(1.25)
+    run(widget, qtbot)
+    expected = voxflat.flatten(labels, method=method, affine=FLIP, label=3, sources=200)
+    picture = expected.image(t1, 1.25)
+    flattened, distortion = viewer.layers["T1 flattened"], viewer.layers["sheet distortion"]
+    assert_array_equal(flattened.data, picture.data)
+    assert_array_equal(distortion.data, expected.heat_map(1.25).data)
+    for layer in (flattened, distortion):
+        assert_allclose(layer.scale, 1.25)
+        assert_allclose(layer.translate, (-picture.origin[1], picture.origin[0]))
+        assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
+        assert np.isfinite(layer.contrast_limits).all()
+        same_map(layer, expected)
+        assert layer.metadata["parameters"] is layer.metadata["voxflat"].metadata
+        assert layer.metadata["parameters"]["napari"] == {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
+        assert layer.metadata["distortion"]["raw"]["stress_1"] == expected.distortion.raw.stress_1
+    assert ("torn faces" in dict(figures(expected))) == (method == "grossmann2002")
+    assert ("flipped triangles" in dict(figures(expected))) == (method != "grossmann2002")
+    assert "fraction" in distortion.metadata["colours"]
+    assert distortion.colorbar.visible
+    assert f"{100 * expected.distortion.raw.relative_error:.1f} %" in widget.status.text()
+
+
+def test_only_the_map_is_shown_then_the_volume_again(open_widget, qtbot):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    viewer.dims.ndisplay = 3
+    viewer.dims.order = (2, 0, 1)
+    viewer.dims.point = (5, 6, 7)
+    viewer.layers["T1"].visible = False
+    viewer.reset_view()
+    camera = getattr(viewer, "scene", viewer).camera  # before napari 0.9 the viewer's own
+    before = (camera.center, camera.zoom, viewer.dims.order, viewer.dims.point)
+    run(widget, qtbot)
+    assert {layer.name for layer in viewer.layers if layer.visible} == {"T1 flattened", "sheet distortion"}
+    assert viewer.dims.ndisplay == 2
+    assert viewer.dims.order == (0, 1, 2)
+    extent = viewer.layers["sheet distortion"].extent.world
+    assert_allclose(camera.center[-2:], extent.mean(axis=0), atol=1e-6)
+    if hasattr(viewer, "canvas"):
+        assert viewer.canvas.grid.enabled
+        shown = np.array(viewer.canvas.viewbox_size(viewer.layers)) / camera.zoom
+        assert 0.85 < np.max((extent[1] - extent[0]) / shown) < 1
+    widget.results.toggle.click()
+    assert {layer.name for layer in viewer.layers if layer.visible} == {"sheet"}
+    assert viewer.dims.ndisplay == 3
+    assert_allclose(camera.center, before[0])
+    assert (camera.zoom, viewer.dims.order, viewer.dims.point) == before[1:]
+    assert not hasattr(viewer, "canvas") or not viewer.canvas.grid.enabled
+    widget.results.toggle.click()
+    viewer.layers.remove("T1 flattened")
+    viewer.layers.remove("sheet distortion")
+    assert viewer.layers["sheet"].visible
+    assert not widget.results.toggle.isEnabled()
+
+
+def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
+    atlas = np.zeros((24, 24, 24), dtype=np.int32)
+    atlas[12:], atlas[:12] = 1001, 2035
+    viewer, widget = open_widget(Labels(atlas, name="atlas"), Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    widget.form.sampled.choose(viewer.layers["atlas"])
+    run(widget, qtbot)
+    layer = viewer.layers["atlas flattened"]
+    assert isinstance(layer, Labels)
+    assert set(np.unique(layer.data)) == {0, 1001, 2035}
+
+
+def test_colours_on_the_map(open_widget, qtbot):
+    colours = np.random.default_rng(0).integers(0, 255, (24, 24, 24, 3), dtype=np.uint8)
+    viewer, widget = open_widget(Image(colours, rgb=True, name="stain"), Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert viewer.layers["stain flattened"].rgb
+
+
+def test_dask_above_a_threshold(open_widget, qtbot):
+    dask = pytest.importorskip("dask.array")
+    volume = cap() / 3.0
+    viewer, widget = open_widget(Image(dask.from_array(volume, chunks=8), name="probability", contrast_limits=(0, 1)))
+    choose_whole(widget)
+    run(widget, qtbot)
+    flat_map = viewer.layers["probability distortion"].metadata["voxflat"]
+    assert_array_equal(flat_map.uv, voxflat.flatten(volume, threshold=0.5).uv)
+
+
+def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    path = str(tmp_path / "map.npz")
+    monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
+    widget.results.save.click()
+    (opened,) = viewer.open(path, plugin="voxflat")
+    assert opened.name == "map distortion"
+    assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
+    np.savez(tmp_path / "other.npz", data=np.ones(3))
+    assert flat_map_reader(str(tmp_path / "other.npz")) is None

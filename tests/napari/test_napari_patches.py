@@ -1,0 +1,211 @@
+"""*Flatten in patches* in napari's real window."""
+
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+import shapes
+from napari_window import PATIENCE, bumps, choose, run, sphere, wait_for_threads
+from numpy.testing import assert_allclose, assert_array_equal
+
+import voxflat
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Surface  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+
+@pytest.fixture
+def open_widget(open_widget):
+    return partial(open_widget, name="Flatten in patches")
+
+
+def limit(widget, name, value):
+    choose(widget.form.limit, name)
+    getattr(widget.form, name).setValue(value)
+
+
+def same_atlas(layer, expected):
+    atlas = layer.metadata["voxflat"]
+    for name in ("points", "faces", "piece_ids", "uv", "stretch"):
+        assert_array_equal(getattr(atlas, name), getattr(expected, name))
+
+
+def test_result_is_that_of_the_library(open_widget, qtbot):
+    points, faces = sphere()
+    values = points[:, 2] ** 2
+    viewer, widget = open_widget(Surface((points, faces, values), name="ball", units="mm", colormap="viridis"))
+    limit(widget, "max_angle", 25)
+    run(widget, qtbot)
+    expected = voxflat.patches((points, faces), 25)
+    assert [layer.name for layer in viewer.layers] == [
+        "ball", "ball in patches", "ball patches", "ball flattened", "ball C",
+    ]  # fmt: skip
+    surface, patches, image, heat = viewer.layers[1:]
+    for layer in viewer.layers[1:]:
+        same_atlas(layer, expected)
+    assert_array_equal(image.data, expected.image(values).data)
+    assert_array_equal(heat.data, expected.heat_map().data)
+    assert image.colormap.name == "viridis"
+    picture = expected.heat_map()
+    for layer in (patches, image, heat):
+        assert_allclose(layer.translate, (-picture.origin[1], picture.origin[0]))
+        assert layer.visible
+        assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
+    assert heat.contrast_limits[0] == 1
+    assert f"{len(expected)} patches" in widget.status.text()
+    assert "C ≤ 1.4663" in widget.status.text()
+    assert_array_equal(surface.faces, expected.uv_faces)
+    assert_allclose(surface.vertices[surface.faces], points[expected.faces], atol=1e-9)
+
+
+def test_colours_of_patches_are_the_same_on_page_and_surface(open_widget, qtbot):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    limit(widget, "count", 40)
+    run(widget, qtbot)
+    surface, patches = viewer.layers["ball in patches"], viewer.layers["ball patches"]
+    atlas = surface.metadata["voxflat"]
+    assert len(atlas) <= 40
+    shown = np.round(255 * np.asarray(surface.vertex_colors)).astype(int)[atlas.uv_faces]
+    assert (shown == shown[:, :1]).all()
+    triangles = atlas.page().face_ids()
+    inside = triangles >= 0
+    assert_array_equal(patches.data[inside][:, :3], shown[triangles[inside], 0, :3])
+    assert (patches.data[~inside][:, 3] == 0).all()
+
+
+def test_to_the_surface_and_back(open_widget, qtbot):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    limit(widget, "bound", 1.2)
+    run(widget, qtbot)
+    assert viewer.dims.ndisplay == 2
+    assert widget.results.toggle.text() == "Show surface"
+    widget.results.toggle.click()
+    assert [layer.name for layer in viewer.layers if layer.visible] == ["ball in patches"]
+    assert viewer.dims.ndisplay == 3
+    assert widget.results.toggle.text() == "Show page"
+    widget.results.toggle.click()
+    assert [layer.name for layer in viewer.layers if layer.visible] == ["ball patches", "ball C"]
+    run(widget, qtbot)  # again, while the page is shown
+    assert sum(layer.name.startswith("ball in patches") for layer in viewer.layers) == 2
+
+
+@pytest.mark.parametrize("world", ["RAS", "SPL"])
+def test_a_label_and_a_volume(open_widget, qtbot, world):
+    ball = shapes.ball(9).astype(np.uint8) * 3
+    along = np.indices(ball.shape)[0].astype(np.float32)
+    scale = (0.5, 0.6, 0.7)
+    labels = Labels(ball, name="ball", scale=scale, units="mm")
+    viewer, widget = open_widget(Image(along, name="i", scale=scale, units="mm"), labels)
+    widget.form.surface.choose(labels)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose(widget.form.world, world)
+    limit(widget, "max_angle", 30)
+    widget.form.sampled.choose(viewer.layers["i"])
+    run(widget, qtbot)
+    surface = viewer.layers["ball in patches"]
+    atlas = surface.metadata["voxflat"]
+    assert atlas.ids.shape == atlas.points.shape
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    found = np.argwhere(ball) * scale  # in the viewer's world, whatever its axes are
+    assert np.abs(low - found.min(axis=0)).max() < 0.7
+    assert np.abs(high - found.max(axis=0)).max() < 0.7
+    assert not viewer.layers["ball"].visible
+    image = viewer.layers["i flattened"].data
+    ids = atlas.page().locate()[0]
+    inside = ids[..., 0] >= 0
+    assert np.nanmax(np.abs(image[inside] - ids[inside][:, 0])) < 2.5
+
+
+def test_only_the_chosen_limit_is_asked(open_widget):
+    _, widget = open_widget(Surface(sphere()))
+    fields = {name: getattr(widget.form, name) for name in ("max_angle", "bound", "count")}
+    for chosen in fields:
+        choose(widget.form.limit, chosen)
+        assert [name for name, field in fields.items() if field.isVisibleTo(widget)] == [chosen]
+
+
+def test_bad_input_is_one_line(open_widget, qtbot, messages):
+    _, widget = open_widget()
+    widget.start.click()
+    assert "nothing to flatten" in messages[-1].message
+    viewer, widget = open_widget(Surface(sphere()))
+    limit(widget, "count", 1)
+    run(widget, qtbot)
+    assert "too few" in messages[-1].message
+    assert "\n" not in messages[-1].message
+    assert len(viewer.layers) == 1
+
+
+def test_cancel_is_prompt(open_widget, qtbot):
+    points, faces, _ = bumps(300)
+    viewer, widget = open_widget(Surface((points, faces), name="bumps"))
+    limit(widget, "count", 200)  # many angles are tried
+    widget.start.click()
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
+    before = time.perf_counter()
+    widget.stop.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
+    assert time.perf_counter() - before < 1
+    assert widget.status.text() == "cancelled"
+    assert [layer.name for layer in viewer.layers] == ["bumps"]
+
+
+def test_closing_meanwhile_cancels(open_widget, qtbot, endings, messages):
+    points, faces, _ = bumps(300)
+    viewer, widget = open_widget(Surface((points, faces)))
+    limit(widget, "count", 200)
+    widget.start.click()
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
+    layers = list(viewer.layers)
+    viewer.window.remove_dock_widget(widget)
+    wait_for_threads(qtbot)
+    assert endings == [voxflat.Cancelled]
+    assert messages == []
+    assert list(viewer.layers) == layers
+
+
+def test_saving(open_widget, qtbot, tmp_path, monkeypatch):
+    _, widget = open_widget(Surface(sphere()))
+    limit(widget, "max_angle", 40)
+    run(widget, qtbot)
+    path = str(tmp_path / "atlas.npz")
+    monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
+    widget.results.save.click()
+    assert len(voxflat.FlatAtlas.load(path)) == len(widget.results.flat_map)
+
+
+def test_glued(open_widget, qtbot, tmp_path):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    limit(widget, "max_angle", 12)
+    assert widget.form.glue.text() == "not glued"
+    widget.form.glue.setValue(1.4)
+    run(widget, qtbot)
+    expected = voxflat.patches((points, faces), 12).glue(1.4)
+    surface, _, heat = viewer.layers[1:]
+    same_atlas(heat, expected)
+    assert_array_equal(heat.data, expected.heat_map().data)
+    assert f"{len(expected)} pieces" in widget.status.text()
+    # of one patch one colour, also where it is glued to others
+    shown = np.asarray(surface.vertex_colors)[surface.faces]
+    assert (shown == shown[:, :1]).all()
+    assert len(np.unique(shown[:, 0], axis=0)) > len(expected)
+    assert_allclose(surface.vertices[surface.faces], points[expected.faces], atol=1e-9)
+
+
+@pytest.mark.parametrize("glue", [None, 1.4])
+def test_a_saved_atlas_is_opened(make_napari_viewer, tmp_path, glue):
+    atlas = voxflat.patches(sphere(), 25)
+    atlas = atlas if glue is None else atlas.glue(glue)
+    atlas.save(tmp_path / "ball.npz")
+    viewer = make_napari_viewer()
+    viewer.open(tmp_path / "ball.npz", plugin="voxflat")
+    assert [layer.name for layer in viewer.layers] == ["ball in patches", "ball patches", "ball C"]
+    assert [layer.visible for layer in viewer.layers] == [False, True, True]
+    same_atlas(viewer.layers["ball C"], atlas)
+    assert_array_equal(viewer.layers["ball C"].data, atlas.heat_map().data)

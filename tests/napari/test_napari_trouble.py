@@ -1,0 +1,247 @@
+"""What goes wrong, is cancelled or taken away meanwhile: the window says so and stays alive."""
+
+import time
+
+import numpy as np
+import pytest
+import shapes
+from napari_window import (
+    PATIENCE,
+    bumps,
+    cap,
+    choose,
+    choose_whole,
+    run,
+    wait_for_threads,
+    wait_until_drawn,
+)
+
+import voxflat
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Surface  # noqa: E402
+from qtpy.QtCore import QTimer  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+
+@pytest.fixture(scope="module")
+def large_mesh():
+    """A dome of many triangles: some seconds of work from 4000 sources."""
+    points, faces, _ = bumps(150)
+    points[:, 2] = -0.005 * ((points[:, :2] - 149) ** 2).sum(axis=1)
+    return points, faces
+
+
+@pytest.fixture(scope="module")
+def large():
+    """A thick shell: some seconds of work from 6000 sources."""
+    x = np.indices((150, 150, 150)) - 75
+    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 65) < 1.5).astype(np.uint8)
+
+
+def start_large(widget, qtbot, large, sources=6000):
+    """Start what takes seconds, and wait until the core is amid it."""
+    widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
+    widget.form.radius.setValue(90)
+    start(widget, qtbot, sources)
+
+
+def start(widget, qtbot, sources):
+    widget.form.sources.setValue(sources)
+    widget.start.click()
+    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
+
+
+# ------------------------------------------------------------------------------------------------ trouble
+
+
+def degenerate_mesh():
+    points, faces, _ = bumps()
+    points[faces[7, 0]] = points[faces[7, 1]]
+    return Surface((points, faces))
+
+
+def nan_mesh():
+    points, faces, _ = bumps()
+    points[30, 1] = np.nan
+    return Surface((points, faces))
+
+
+def nan_image():
+    volume = cap().astype(float)
+    volume[0, 0, 0] = np.nan
+    return Image(volume, contrast_limits=(0, 3))
+
+
+BAD_LAYERS = [
+    (lambda: Labels(np.zeros((9, 9, 9), dtype=np.uint8)), "every voxel is 0"),
+    (lambda: Labels(np.ones((9, 9), dtype=np.uint8)), "2 dimensions"),
+    (lambda: Labels(np.ones((2, 9, 9, 9), dtype=np.uint8)), "4 dimensions"),
+    (nan_image, "NaN"),
+    (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
+    (lambda: Surface((bumps()[0], np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
+    (lambda: Surface((bumps()[0], bumps()[1], np.ones((2, 625)))), "2 axes of values"),
+    (degenerate_mesh, "has no area"),
+    (nan_mesh, "finite"),
+]
+
+
+def test_bad_input_is_one_line_and_no_layer(open_widget, qtbot, messages):
+    viewer, widget = open_widget()
+    for layer, message in BAD_LAYERS:
+        viewer.layers.clear()
+        messages.clear()
+        bad = viewer.add_layer(layer())
+        widget.form.surface.choose(bad)
+        choose_whole(widget)
+        run(widget, qtbot)
+        assert len(messages) == 1, message
+        assert str(messages[0].severity) == "error"
+        assert message in messages[0].message
+        assert "\n" not in messages[0].message
+        assert not hasattr(messages[0], "exception")  # no traceback
+        assert message in widget.status.text()
+        assert list(viewer.layers) == [bad]
+        assert widget.start.isEnabled()
+    viewer.add_labels(cap(), name="good")  # and it goes on
+    widget.form.surface.choose(viewer.layers["good"])
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    run(widget, qtbot)
+    assert "good distortion" in viewer.layers
+
+
+def test_a_closed_surface_is_refused_by_the_papers_method(open_widget, qtbot, messages):
+    _, widget = open_widget(Labels(np.pad(np.ones((5, 5, 5), dtype=np.uint8), 2)))
+    choose(widget.form.method, "grossmann2002")
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert "closed" in messages[-1].message
+    choose(widget.form.method, "voxflat")
+    run(widget, qtbot)
+    assert "cut open" in widget.results.warnings.text()
+
+
+def test_missing_choices_are_named(open_widget, messages):
+    viewer, widget = open_widget()
+    widget.start.click()
+    assert "nothing to flatten" in messages[-1].message
+    viewer.add_labels(cap())
+    widget.start.click()
+    assert "no seed point" in messages[-1].message
+    choose_whole(widget)
+    viewer.add_image(np.ones((24, 24, 24)), units="mm")
+    widget.start.click()
+    assert "units" in messages[-1].message
+
+
+def test_a_bug_comes_with_its_traceback(open_widget, qtbot, messages, monkeypatch):
+    def broken(*args):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("voxflat._napari.job.Job.run", broken)
+    viewer, widget = open_widget(Labels(cap()))
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert isinstance(messages[0].exception, ZeroDivisionError)
+    assert len(viewer.layers) == 1
+
+
+def test_cancel_is_prompt(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large, name="shell"))
+    start_large(widget, qtbot, large)
+    before = time.perf_counter()
+    widget.stop.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
+    seconds = time.perf_counter() - before
+    print(f"cancelled in {seconds:.3f} s")
+    assert seconds < 1  # some 0.02 s where the machine has nothing else to do
+    assert widget.status.text() == "cancelled"
+    assert [layer.name for layer in viewer.layers] == ["shell", "seed point"]
+    widget.form.radius.setValue(15)
+    widget.form.sources.setValue(50)
+    run(widget, qtbot)
+    assert "shell distortion" in viewer.layers
+
+
+def test_cancel_of_a_mesh_is_prompt(open_widget, qtbot, large_mesh):
+    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
+    choose_whole(widget)
+    start(widget, qtbot, 4000)
+    before = time.perf_counter()
+    widget.stop.click()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=5_000)
+    assert time.perf_counter() - before < 1
+    assert widget.status.text() == "cancelled"
+    assert [layer.name for layer in viewer.layers] == ["dome"]
+
+
+def test_window_stays_alive(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large), Image(large.astype(np.float32)), show=True)
+    ticks = []
+    timer = QTimer()
+    timer.setInterval(5)
+    timer.timeout.connect(lambda: ticks.append((time.perf_counter(), len(viewer.layers))))
+    wait_until_drawn(viewer, qtbot)
+    start_large(widget, qtbot, large, sources=500)
+    timer.start()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    timer.stop()
+    times, layers = np.transpose(ticks)
+    gap = np.diff(times[layers == layers[0]]).max()
+    print(f"longest gap {gap:.3f} s while computing, {np.diff(times).max():.3f} s when napari adds the map's layers")
+    assert gap < 0.5  # some 0.03 s where the machine has nothing else to do
+
+
+def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot, large_mesh):
+    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
+    choose_whole(widget)
+    start(widget, qtbot, 200)
+    viewer.layers.clear()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    assert "dome flat distortion" in viewer.layers
+
+
+def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
+    viewer, widget = open_widget(Labels(large, name="shell"))
+    start_large(widget, qtbot, large, sources=300)
+    viewer.layers.clear()
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
+    assert "shell distortion" in viewer.layers
+
+
+@pytest.mark.parametrize("close", ["window", "dock"])
+def test_closing_meanwhile_cancels(open_widget, qtbot, large, close, endings, messages):
+    viewer, widget = open_widget(Labels(large))
+    start_large(widget, qtbot, large)
+    layers = list(viewer.layers)
+    if close == "window":
+        viewer.close()
+    else:
+        viewer.window.remove_dock_widget(widget)
+    wait_for_threads(qtbot)
+    assert endings == [voxflat.Cancelled]
+    assert messages == []
+    if close == "dock":
+        assert list(viewer.layers) == layers
+        viewer.add_labels(cap())  # nothing listens any more
+
+
+def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
+    ball = shapes.ball(12).astype(np.uint8)
+    along = np.indices(ball.shape)[0].astype(np.float32)
+    viewer = make_napari_viewer()
+    viewer.add_image(along, name="i")
+    viewer.add_labels(ball, name="ball")
+    viewer.add_points([[24, 14, 14]], name="seed")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    qtbot.waitUntil(lambda: widget.form.seed.point is not None)
+    widget.form.radius.setValue(12)
+    means = []
+    for depth in (0, 2):
+        widget.form.sample_depth.setValue(depth)
+        widget.flatten()
+        qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=PATIENCE)
+        newest = [layer for layer in viewer.layers if layer.name.startswith("i flattened")][-1]
+        means.append(np.nanmean(newest.data))
+    assert 1 < means[1] - means[0] < 2  # the patch faces along i

@@ -1,0 +1,426 @@
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pv = pytest.importorskip("pyvista")
+
+import voxflat  # noqa: E402
+from voxflat import InputError  # noqa: E402
+from voxflat._pyvista import to_polydata, to_surface_polydata  # noqa: E402
+
+SHAPE = (20, 26, 10)
+PLACES = {
+    "plain": {},
+    "spacing and origin": {"spacing": (0.5, 0.7, 2.0), "origin": (-40.0, 3.0, 12.5)},
+    "extent": {"spacing": (0.5, 0.7, 2.0), "origin": (-40.0, 3.0, 12.5), "offset": (3, -5, 7)},
+    "rotated": {"spacing": (1.0, 2.0, 0.5), "origin": (1.0, 2.0, 3.0), "offset": (1, 2, 3), "turn": 1.0},
+    "mirrored": {"spacing": (1.0, 2.0, 0.5), "offset": (1, 2, 3), "turn": -1.0},
+}
+
+
+def sheet(shape=SHAPE):
+    """A curved sheet, one voxel thick, with a height of its own along each axis."""
+    i, j, k = np.indices(shape)
+    return (k == np.rint(4 + 3 * np.sin(i / 7) * np.cos(j / 30)).astype(int)).astype(np.uint8)
+
+
+def solid(shape=SHAPE):
+    """What lies below a smooth surface, away from the volume's border."""
+    i, j, k = np.indices(shape)
+    inside = (k <= 5 + 2 * np.sin(i / 5) * np.cos(j / 6)) & (np.minimum(i, j) > 0) & (i < 19) & (j < 25) & (k > 0)
+    return inside.astype(np.uint8)
+
+
+def bumpy():
+    """A mesh of triangles with bumps, 40 by 30 mm, and arrays of many kinds."""
+    mesh = pv.Plane(i_size=40.0, j_size=30.0, i_resolution=20, j_resolution=15).triangulate()
+    mesh.points[:, 2] = 3 * np.sin(mesh.points[:, 0] / 6) * np.cos(mesh.points[:, 1] / 9)
+    mesh["height"] = mesh.points[:, 2].copy()
+    mesh["right"] = mesh.points[:, 0] > 0
+    mesh["colour"] = np.arange(3 * mesh.n_points, dtype=np.uint8).reshape(-1, 3)
+    mesh["name"] = np.array([f"point {number}" for number in range(mesh.n_points)])
+    return mesh
+
+
+def turned(sign):
+    q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    return q * np.array([1, 1, sign * np.sign(np.linalg.det(q))])
+
+
+def image_of(volume, in_cells=False, name="labels", turn=None, **place):
+    image = pv.ImageData(dimensions=np.array(volume.shape) + in_cells, **place)
+    if turn is not None:
+        image.direction_matrix = turned(turn)
+    (image.cell_data if in_cells else image.point_data)[name] = volume.ravel(order="F")
+    return image
+
+
+def fresh(code):
+    """Run code in a process of its own and return what it prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.fixture(scope="module")
+def image():
+    return image_of(sheet(), spacing=(1.0, 1.5, 1.0))
+
+
+@pytest.fixture(scope="module", params=["grossmann2002", "voxflat"])
+def flat_map(request, image):
+    if request.param == "grossmann2002":
+        return image.voxflat.flatten(sources=60, method="grossmann2002")
+    return image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=10.0)
+
+
+# ------------------------------------------------------------------------------------------ images in
+
+
+@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+def test_points_lie_where_vtk_has_them(place, in_cells):
+    image = image_of(sheet(), in_cells, **place)
+    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
+    centres = image.cell_centers().points if in_cells else image.points
+    number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
+    np.testing.assert_allclose(flat_map.points, centres[number], atol=1e-4)
+    assert len(flat_map) == sheet().sum()
+
+
+@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+def test_surface_points_lie_at_their_voxels(place, in_cells):
+    """Finer than the grid, they lie at most a voxel from the centres along each axis."""
+    image = image_of(solid(), in_cells, **place)
+    flat_map = image.voxflat.flatten(seed_point=(10, 13, 6), radius=8.0, sources=10)
+    centres = image.cell_centers().points if in_cells else image.points
+    number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
+    linear = image.index_to_physical_matrix[:3, :3]
+    apart = np.linalg.solve(linear, (flat_map.points - centres[number]).T)  # voxels
+    assert np.abs(apart).max() < 1 + 1e-9
+    assert np.abs(apart.mean(axis=1)).max() < 0.5
+
+
+@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
+def test_voxel_at_finds_every_centre(in_cells):
+    image = image_of(sheet(), in_cells, **PLACES["rotated"])
+    centres = image.cell_centers().points if in_cells else image.points
+    for number in (0, 17, 1234, len(centres) - 1):
+        assert image.voxflat.voxel_at(centres[number]) == np.unravel_index(number, SHAPE, order="F")
+    with pytest.raises(InputError, match="outside the image"):
+        image.voxflat.voxel_at((1e3, 0, 0))
+
+
+@pytest.mark.parametrize("in_cells", [False, True], ids=["points", "cells"])
+def test_a_single_slice_of_voxels(in_cells):
+    image = pv.ImageData(dimensions=(9 + in_cells, 8 + in_cells, 1), spacing=(1, 1, 3), origin=(0, 0, 5))
+    image["mask"] = np.ones(72, dtype=np.uint8)
+    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
+    assert len(flat_map) == 72
+    assert set(flat_map.points[:, 2]) == {5.0}
+
+
+@pytest.mark.parametrize(
+    ("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid()), ("schwartz1989", solid())]
+)
+def test_result_is_that_of_voxflat_flatten_on_the_array(method, volume):
+    image = image_of(volume, name="other", **PLACES["rotated"])
+    image["brain"] = 3 * image["other"] + 1
+    affine = image.index_to_physical_matrix.copy()
+    affine[:3, 3] = image.points[0]
+    options = {"label": 4, "seed_point": (10, 12, 6), "radius": 12.0, "sources": 40, "seed": 5, "method": method}
+    expected = voxflat.flatten(3 * volume + 1, affine=affine, **options)
+    found = image.voxflat.flatten("brain", **options)
+    assert found.metadata["method"] == method
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_allclose(found.uv, expected.uv, atol=1e-6)
+    np.testing.assert_array_equal(image.voxflat("brain", **options).points[:, :2], found.uv)
+
+
+def test_the_default_method_is_that_of_voxflat_flatten():
+    flat_map = image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=8.0)
+    assert flat_map.metadata["method"] == "voxflat"
+    assert flat_map.distortion.triangles.flipped == 0
+
+
+def test_the_volume_is_a_view(image):
+    assert np.shares_memory(image.voxflat.volume().data, image["labels"])
+
+
+@pytest.mark.parametrize("dtype", [bool, np.int64, np.float32, np.uint16])
+def test_types_of_labels(dtype):
+    image = image_of(sheet().astype(dtype))
+    assert len(image.voxflat.flatten(sources=10, method="grossmann2002")) == sheet().sum()
+
+
+@pytest.mark.parametrize(("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid())])
+def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
+    spacing = (1.0, 1.5, 1.0)
+    half = np.zeros(SHAPE, dtype=np.uint8)
+    half[:, :13] = 1
+    both = image_of(volume, spacing=spacing)
+    both["half"] = half.ravel(order="F")
+    other = image_of(half, spacing=spacing)
+    options = {"sources": 20, "method": method}
+    expected = voxflat.flatten(volume, spacing=spacing, keep=half, **options).ids
+    assert expected[:, 1].max() == 12
+    for keep in ("half", other, half):
+        np.testing.assert_array_equal(both.voxflat.flatten("labels", keep=keep, **options).ids, expected)
+
+
+def test_colours_are_sampled_onto_the_map(flat_map):
+    colours = image_of(sheet(), spacing=np.diag(flat_map.metadata["affine"])[:3])
+    colours["rgb"] = np.tile(np.array([10, 20, 30], dtype=np.uint8), (colours.n_points, 1))
+    pixels = flat_map.image(colours.voxflat.volume("rgb")).data
+    assert {tuple(pixel) for pixel in pixels[pixels[..., 3] > 0].tolist()} == {(10, 20, 30, 255)}
+    with pytest.raises(InputError, match="one value a voxel"):
+        colours.voxflat("rgb")
+
+
+# ------------------------------------------------------------------------------------------ meshes in
+
+
+def test_a_mesh_is_flattened_with_all_its_arrays():
+    mesh = bumpy()
+    mesh["distortion"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
+    flat, flat_map = mesh.voxflat(sources=60), mesh.voxflat.flatten(sources=60)
+    ids = flat.point_data["vertex_ids"]
+    np.testing.assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
+    assert set(flat.point_data) >= set(mesh.point_data)
+    for name in ("height", "right", "colour", "name", "Normals"):
+        np.testing.assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
+        assert flat.point_data[name].dtype == mesh.point_data[name].dtype
+    np.testing.assert_array_equal(flat.point_data["distortion"], flat_map.distortion.per_point)
+    assert flat.active_scalars_name == "distortion"
+    np.testing.assert_array_equal(flat.point_data["surface_points"], mesh.points[ids])
+    np.testing.assert_array_equal(flat.points[:, :2], flat_map.uv.astype(flat.points.dtype))
+    assert not flat.points[:, 2].any()
+    assert flat.cell_data["torn"].dtype == bool
+    assert not flat.cell_data["torn"].any()
+    triangles = (set(map(frozenset, faces.tolist())) for faces in (ids[flat.regular_faces], mesh.regular_faces))
+    assert next(triangles) == next(triangles)
+    assert flat_map.distortion.raw.relative_error < 0.03
+    assert "voxel_ids" not in flat.point_data
+    description = json.loads(flat.field_data["voxflat"][0])
+    assert (description["method"], description["kind"], description["vertices"]) == ("voxflat", "mesh", mesh.n_points)
+
+
+def test_a_mesh_gives_what_its_points_and_faces_give():
+    mesh = bumpy()
+    options = {"seed_point": 168, "radius": 12.0, "sources": 50, "seed": 5}
+    expected = voxflat.flatten((np.asarray(mesh.points), mesh.regular_faces), **options)
+    found = mesh.voxflat.flatten(**options)
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_array_equal(found.uv, expected.uv)
+    assert 20 < len(found) < mesh.n_points
+    surface = to_surface_polydata(found)
+    np.testing.assert_array_equal(surface.points, mesh.points[found.ids])
+
+
+def test_keep_is_an_array_of_the_mesh():
+    mesh = bumpy()
+    flat = mesh.voxflat(keep="right", sources=40)
+    assert flat.point_data["right"].all()
+    assert flat.n_points == mesh["right"].sum()
+    mask = mesh.voxflat(keep=np.asarray(mesh["right"]), sources=40)
+    np.testing.assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
+    rest = mesh.voxflat(drop="right", sources=40)
+    assert not rest.point_data["right"].any()
+    with pytest.raises(InputError, match="the patch holds no triangle"):
+        mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
+    with pytest.raises(InputError, match=r"'misspelt' is neither an array of the points .*right.* nor a file"):
+        mesh.voxflat(drop="misspelt")
+
+
+def test_arrays_of_both_sides_of_a_cut():
+    """Points on a cut are twice in the map, and so are their values."""
+    ball = pv.Icosphere(radius=20.0, nsub=2)
+    ball["number"] = np.arange(ball.n_points)
+    meridian = np.flatnonzero((np.abs(ball.points[:, 1]) < 1e-3) & (ball.points[:, 0] > -1e-3))
+    path = voxflat.path(ball, int(meridian[ball.points[meridian, 2].argmin()]), 0, geodesic="edges").ids
+    flat = ball.voxflat(cuts=[path.tolist()], sources=40)
+    np.testing.assert_array_equal(flat.point_data["number"], flat.point_data["vertex_ids"])
+    numbers, counts = np.unique(flat.point_data["number"], return_counts=True)
+    assert len(numbers) == ball.n_points
+    assert set(numbers[counts == 2]) == set(path[1:-1])
+    assert counts.max() == 2
+
+
+# -------------------------------------------------------------------------------------------- errors
+
+
+def test_polydata_that_are_no_triangles_are_refused_with_a_remedy():
+    quads = pv.Plane(i_size=40.0, j_size=30.0)
+    mesh = bumpy()
+    lines = pv.PolyData(mesh.points, faces=mesh.faces, lines=[2, 0, 1])
+    for bad in (quads, mesh.strip(), pv.PolyData(mesh.points), pv.PolyData()):
+        with pytest.raises(InputError, match=r"no triangles, or none; triangulate it: mesh\.triangulate\(\)"):
+            bad.voxflat()
+    with pytest.raises(InputError, match=r"has 1 lines; triangulate it and remove them: .*mesh\.SetLines\(None\)"):
+        lines.voxflat()
+    lines = lines.triangulate()
+    lines.SetLines(None)
+    for remedied in (quads.triangulate(), mesh.strip().triangulate(), lines):
+        assert remedied.voxflat(sources=10).n_points == remedied.n_points
+
+
+def test_what_means_nothing_for_a_mesh_is_refused():
+    mesh = bumpy()
+    with pytest.raises(InputError, match="scalars is 'height', but a mesh is flattened as it is"):
+        mesh.voxflat("height")
+    with pytest.raises(InputError, match="label is given, but the input is a mesh"):
+        mesh.voxflat(label=1)
+    for call in (mesh.voxflat.volume, lambda: mesh.voxflat.voxel_at((0, 0, 0))):
+        with pytest.raises(InputError, match="PolyData: a mesh is flattened as it is, and has no volume"):
+            call()
+
+
+def test_other_datasets_are_refused_with_a_remedy():
+    ticks = np.arange(4.0)
+    grid = pv.RectilinearGrid(ticks, ticks, ticks)
+    for mesh in (grid, grid.cast_to_unstructured_grid(), grid.cast_to_structured_grid()):
+        message = rf"{type(mesh).__name__}: give PolyData, such as mesh\.extract_surface\(\).*an ImageData.*resample"
+        with pytest.raises(InputError, match=message):
+            mesh.voxflat()
+    skin = (bumpy().cast_to_unstructured_grid()).extract_surface().triangulate()
+    assert skin.voxflat(sources=10).n_points == skin.n_points
+
+
+def test_a_wrong_name_lists_the_arrays():
+    image = image_of(sheet(), name="left")
+    image["right"] = image["left"]
+    with pytest.raises(InputError, match="no array 'middle'; the image has the arrays left, right"):
+        image.voxflat("middle")
+    with pytest.raises(InputError, match="the image has no array"):
+        pv.ImageData(dimensions=(3, 3, 3)).voxflat()
+    image.set_active_scalars(None)
+    with pytest.raises(InputError, match=r"scalars are not given; the image has the arrays left, right"):
+        image.voxflat()
+
+
+def test_arrays_that_are_no_volume_are_refused(image):
+    image = image.copy()
+    image["vectors"] = np.zeros((image.n_points, 3))
+    with pytest.raises(InputError, match="'vectors' has 3 components"):
+        image.voxflat("vectors")
+    image.cell_data["labels"] = np.zeros(image.n_cells)
+    with pytest.raises(InputError, match="both have an array 'labels'"):
+        image.voxflat("labels")
+
+
+def test_refusals_of_flatten_reach_the_user(image):
+    with pytest.raises(InputError, match="no voxel has label 7"):
+        image.voxflat(label=7)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'lable'"):
+        image.voxflat(lable=1)
+
+
+# ----------------------------------------------------------------------------------------- meshes out
+
+
+def test_polydata_holds_the_map(flat_map):
+    mesh = to_polydata(flat_map)
+    np.testing.assert_allclose(mesh.points[:, :2], flat_map.uv, atol=1e-4)
+    assert (mesh.points[:, 2] == 0).all()
+    np.testing.assert_array_equal(mesh.regular_faces, flat_map.faces)
+    np.testing.assert_array_equal(mesh.point_data["distortion"], flat_map.distortion.per_point)
+    np.testing.assert_array_equal(mesh.point_data["voxel_ids"], flat_map.ids)
+    np.testing.assert_array_equal(mesh.point_data["surface_points"], flat_map.points)
+    np.testing.assert_array_equal(mesh.cell_data["torn"], flat_map.torn)
+    assert mesh.active_scalars_name == "distortion"
+    assert (mesh.compute_normals(auto_orient_normals=False)["Normals"][:, 2] > 0.99).all()
+
+
+def test_surface_polydata_has_the_same_data_in_space(flat_map):
+    flat, surface = to_polydata(flat_map), to_surface_polydata(flat_map)
+    np.testing.assert_allclose(surface.points, flat_map.points, atol=1e-4)
+    assert np.ptp(surface.points[:, 2]) > 1
+    np.testing.assert_array_equal(surface.regular_faces, flat.regular_faces)
+    assert surface.array_names == flat.array_names
+
+
+def test_description_survives_a_file(flat_map, tmp_path):
+    to_polydata(flat_map).save(tmp_path / "map.vtp")
+    for mesh in (to_polydata(flat_map), pv.read(tmp_path / "map.vtp")):
+        description = json.loads(mesh.field_data["voxflat"][0])
+        assert description["method"] == flat_map.metadata["method"]
+        assert description["affine"] == flat_map.metadata["affine"]
+        assert description["distortion"]["raw"]["relative_error"] == flat_map.distortion.raw.relative_error
+        assert mesh.active_texture_coordinates.shape == (len(flat_map), 2)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (40, 90), (90, 40)])
+def test_texture_coordinates_lay_a_picture_as_texture_does(flat_map, shape):
+    height, width = shape
+    rows, columns = np.indices(shape, dtype=np.float64)
+    expected = flat_map.texture(np.stack([columns, rows], axis=-1))
+    s, t = to_polydata(flat_map, picture_shape=shape).active_texture_coordinates.T
+    # pixel centres lie at half-integers of the picture's size; row 0 is the top, where t = 1
+    found = np.stack([s * width - 0.5, (1 - t) * height - 0.5], axis=-1).clip(0, [width - 1, height - 1])
+    np.testing.assert_allclose(found, expected, atol=1e-9 * max(shape))
+    assert min(s.min(), t.min()) >= 0
+    assert max(s.max(), t.max()) <= 1
+
+
+@pytest.mark.skipif(
+    sys.platform == "linux" and "DISPLAY" not in os.environ and pv.vtk_version_info < (9, 4),
+    reason="this VTK draws only with a display",
+)
+def test_vtk_draws_the_picture_upright(flat_map):
+    picture = np.zeros((64, 64, 3), dtype=np.uint8)
+    picture[:32, :, 0] = 255  # red above
+    picture[32:, 32:, 2] = 255  # blue at the lower right
+    plotter = pv.Plotter(off_screen=True, window_size=[120, 120])
+    plotter.add_mesh(to_polydata(flat_map), texture=pv.Texture(picture), lighting=False)
+    plotter.view_xy()
+    drawn = plotter.screenshot(return_img=True)
+    plotter.close()
+    assert drawn[45, 50].tolist() == [255, 0, 0]
+    assert drawn[75, 70].tolist() == [0, 0, 255]
+    assert drawn[75, 50].tolist() == [0, 0, 0]
+
+
+# -------------------------------------------------------------------------------------- registration
+
+
+@pytest.mark.skipif(not hasattr(pv, "register_dataset_accessor"), reason="PyVista before 0.48 has no accessors")
+def test_entry_point_needs_no_import_of_voxflat():
+    code = """
+import sys
+import numpy as np
+import pyvista as pv
+assert "voxflat" not in sys.modules
+image = pv.ImageData(dimensions=(12, 9, 3))
+image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
+print(image.voxflat(sources=9, method="grossmann2002").n_points)
+"""
+    assert fresh(code) == ["108"]
+
+
+@pytest.mark.slow
+def test_before_pyvista_0_48_importing_the_module_is_enough():
+    code = """
+import numpy as np
+import pyvista as pv
+vars(pv).pop("register_dataset_accessor", None)
+import voxflat._pyvista
+image = pv.ImageData(dimensions=(12, 9, 3))
+image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
+flat = image.voxflat(sources=9, method="grossmann2002")
+print(type(vars(pv.DataSet)["voxflat"]).__name__, flat.n_points)
+"""
+    assert fresh(code) == ["property", "108"]
+
+
+def test_importing_voxflat_imports_no_front_end():
+    code = """
+import sys
+import voxflat
+print(*({"pyvista", "vtkmodules", "matplotlib", "napari", "itk", "nibabel"} & set(sys.modules)))
+"""
+    assert fresh(code) == []

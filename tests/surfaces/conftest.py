@@ -1,0 +1,30 @@
+"""fsaverage5's white surface and its map, which several files of tests share."""
+
+import anatomy
+import numpy as np
+import pytest
+
+import voxflat
+
+
+@pytest.fixture(scope="session")
+def fsaverage():
+    pytest.importorskip("nilearn")
+    return anatomy.fsaverage5("left")
+
+
+@pytest.fixture(scope="session")
+def white(fsaverage):
+    return fsaverage["white"], fsaverage["faces"]
+
+
+@pytest.fixture(scope="session")
+def shipped(fsaverage):
+    """FreeSurfer's flat map of the same vertices."""
+    places, faces = fsaverage["flat"]
+    return np.nan_to_num(places), faces
+
+
+@pytest.fixture(scope="session")
+def flat_map(white, shipped):
+    return voxflat.flatten(white, keep=shipped, sources=150)

@@ -1,0 +1,223 @@
+import sys
+
+import anatomy
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial import ConvexHull
+
+CENTRE = np.array([3.3, -20.1, 7.7])
+
+
+def hull(points):
+    """The convex hull of points as an outward mesh, and the equations of its planes."""
+    solid = ConvexHull(points)
+    corners = points[solid.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, solid.equations[:, :3]) < 0
+    faces = solid.simplices.copy()
+    faces[inward] = faces[inward, ::-1]
+    return points, faces, solid
+
+
+def sphere(radius, count=8000):
+    """A fine sphere around `CENTRE`, and how far its planes lie inside."""
+    number = np.arange(count) + 0.5
+    height = 1 - 2 * number / count
+    angle = np.pi * (1 + np.sqrt(5)) * number
+    ring = np.sqrt(1 - height**2)
+    points = radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    points, faces, solid = hull(points)
+    return points + CENTRE, faces, radius - (-solid.equations[:, 3]).min()
+
+
+def blocks(mask):
+    """The faces of unit cubes at integer corners, outward: an oracle of any shape."""
+    points, faces = [], []
+    padded = np.pad(mask, 1)
+    for axis in range(3):
+        u, v = np.eye(3)[[(axis + 1) % 3, (axis + 2) % 3]]
+        for side in (0, 1):
+            bare = mask & ~np.roll(padded, 1 - 2 * side, axis=axis)[1:-1, 1:-1, 1:-1]
+            for corner in np.argwhere(bare) + side * np.eye(3)[axis]:
+                start = len(points)
+                points += [corner, corner + u, corner + u + v, corner + v]
+                quad = np.array([[0, 1, 2], [0, 2, 3]]) + start
+                faces += list(quad if side else quad[:, ::-1])
+    return np.array(points, dtype=float), np.array(faces)
+
+
+def centres(labels, affine):
+    """Voxel centres in mm."""
+    return np.moveaxis(np.indices(labels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3]
+
+
+def components(mask):
+    return ndimage.label(mask)[1]
+
+
+def mesh_volume(points, faces):
+    a, b, c = points[faces].transpose(1, 0, 2)
+    return np.einsum("ij,ij->", np.cross(a, b), c) / 6
+
+
+def test_sphere():
+    radius, spacing = 10.0, 0.5
+    points, faces, sag = sphere(radius)
+    labels, affine, fraction = anatomy.voxelise(points, faces, spacing)
+    distance = np.linalg.norm(centres(labels, affine) - CENTRE, axis=-1)
+    assert labels.dtype == np.uint8
+    assert fraction.dtype == np.float32
+    assert labels[distance < radius - sag - 1e-6].all()
+    assert not labels[distance > radius].any()
+    volume = 4 / 3 * np.pi * radius**3
+    assert labels.sum() * spacing**3 == pytest.approx(volume, rel=5e-3)
+    assert fraction.sum(dtype=float) * spacing**3 == pytest.approx(volume, rel=1e-3)
+    reach = spacing * np.sqrt(3) / 2
+    assert (fraction[distance < radius - sag - reach] == 1).all()
+    assert (fraction[distance > radius + reach] == 0).all()
+
+
+@pytest.mark.parametrize("spacing", [0.8, (0.5, 0.9, 1.3)])
+def test_polyhedron_lies_where_its_affine_says(spacing):
+    rng = np.random.default_rng(3)
+    points, faces, solid = hull(CENTRE + rng.normal(size=(60, 3)) * [4, 6, 9])
+    labels, affine, fraction = anatomy.voxelise(points, faces, spacing, pad=2)
+    normals, offsets = solid.equations[:, :3], solid.equations[:, 3]
+    depth = (centres(labels, affine) @ normals.T + offsets).max(axis=-1)
+    sure = np.abs(depth) > 1e-6
+    np.testing.assert_array_equal(labels[sure] == 1, depth[sure] < 0)
+    np.testing.assert_allclose(np.diag(affine)[:3], spacing)
+    assert fraction.sum(dtype=float) * np.prod(np.diag(affine)) == pytest.approx(solid.volume, rel=2e-3)
+    assert labels[:2].sum() == labels[:, :2].sum() == labels[:, :, :2].sum() == 0
+    assert labels[-2:].sum() == labels[:, -2:].sum() == labels[:, :, -2:].sum() == 0
+
+
+def test_cube_through_voxel_centres():
+    points, faces = blocks(np.ones((4, 4, 4), dtype=bool))
+    labels, affine, fraction = anatomy.voxelise(points - 1, faces, 1.0, pad=3)
+    expected = np.zeros((11, 11, 11), dtype=np.uint8)
+    expected[3:7, 3:7, 3:7] = 1  # what lies on a face belongs to one side of it only
+    np.testing.assert_array_equal(labels, expected)
+    np.testing.assert_array_equal(affine[:3, 3], [-4, -4, -4])
+    assert fraction.sum(dtype=float) == pytest.approx(64, rel=1e-6)
+    np.testing.assert_allclose(fraction[5, 5], [0, 0, 0, 0.5, 1, 1, 1, 0.5, 0, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_folded_shapes_with_handles_and_cavities(seed):
+    mask = np.random.default_rng(seed).random((7, 8, 9)) < 0.6
+    largest = anatomy.largest_component(mask)
+    labels, _, fraction = anatomy.voxelise(*blocks(mask), 0.5, pad=1)
+    occupied = np.argwhere(mask)
+    box = tuple(map(slice, occupied.min(axis=0), occupied.max(axis=0) + 1))
+    expected = np.pad(np.kron(largest[box], np.ones((2, 2, 2), dtype=bool)), [(1, 2)] * 3)
+    np.testing.assert_array_equal(labels == 1, expected)
+    assert fraction.sum(dtype=float) / 8 == pytest.approx(mask.sum(), rel=1e-6)  # all components
+
+
+def test_faces_may_all_be_inward():
+    points, faces, _ = sphere(8.0)
+    outward = anatomy.voxelise(points, faces, 0.7)
+    inward = anatomy.voxelise(points, faces[:, ::-1], 0.7)
+    for one, other in zip(outward, inward, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_part_inside_a_part():
+    outer, outer_faces, _ = sphere(9.0)
+    inner, inner_faces, sag = sphere(5.0)
+    both = np.vstack([outer, inner])
+    filled, affine, _ = anatomy.voxelise(both, np.vstack([outer_faces, inner_faces + len(outer)]), 0.6)
+    alone, _, _ = anatomy.voxelise(outer, outer_faces, 0.6)
+    np.testing.assert_array_equal(filled, alone)
+
+    shell, _, fraction = anatomy.voxelise(both, np.vstack([outer_faces, inner_faces[:, ::-1] + len(outer)]), 0.6)
+    distance = np.linalg.norm(centres(alone, affine) - CENTRE, axis=-1)
+    assert not shell[distance < 5 - sag - 1e-6].any()
+    np.testing.assert_array_equal(shell[distance > 5], alone[distance > 5])
+    assert fraction.sum(dtype=float) * 0.6**3 == pytest.approx(4 / 3 * np.pi * (9**3 - 5**3), rel=2e-3)
+
+
+def test_vertices_that_coincide_need_not_be_shared():
+    points, faces, _ = sphere(8.0)
+    soup = points[faces].reshape(-1, 3)
+    joined = anatomy.voxelise(points, faces, 0.7)
+    loose = anatomy.voxelise(soup, np.arange(len(soup)).reshape(-1, 3), 0.7)
+    np.testing.assert_array_equal(joined[0], loose[0])
+
+
+def test_what_cannot_be_voxelised_is_refused():
+    points, faces, _ = sphere(8.0, count=500)
+    with pytest.raises(ValueError, match="closed mesh"):
+        anatomy.voxelise(points, faces[1:], 0.5)
+    with pytest.raises(ValueError, match="columns is 4"):
+        anatomy.voxelise(points, faces, 0.5, columns=4)
+    with pytest.raises(ValueError, match="'both'"):
+        anatomy.fsaverage5("both")
+
+
+@pytest.fixture(scope="module", params=["left", "right"])
+def hemisphere(request):
+    pytest.importorskip("nilearn", reason="the surfaces come with nilearn")
+    return request.param, anatomy.fsaverage5(request.param)
+
+
+@pytest.mark.slow
+def test_fsaverage5_is_closed_outward_and_nested(hemisphere):
+    side, surfaces = hemisphere
+    faces = surfaces["faces"]
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    np.testing.assert_array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
+    volumes = [mesh_volume(surfaces[kind], faces) for kind in ("white", "mid", "pial")]
+    assert 0 < volumes[0] < volumes[1] < volumes[2]
+    x = surfaces["white"][:, 0].mean()
+    assert x < -25 if side == "left" else x > 25
+    flat, flat_faces = surfaces["flat"]
+    inside = np.isin(np.arange(len(flat)), flat_faces)
+    assert (flat[inside, 2] == 0).all()
+    assert np.isnan(flat[~inside]).all()
+    assert surfaces["sulc"].shape == (10242,)
+
+
+def test_fsaverage5_white_matter_is_one_component(hemisphere):
+    _, surfaces = hemisphere
+    labels, _, fraction = anatomy.voxelise(surfaces["white"], surfaces["faces"], 2.0)
+    volume = mesh_volume(surfaces["white"], surfaces["faces"])
+    assert components(labels) == 1
+    assert labels.sum() * 8 == pytest.approx(volume, rel=5e-3)
+    assert fraction.sum(dtype=float) * 8 == pytest.approx(volume, rel=1e-3)
+    assert ((fraction > 0.5) == labels).mean() > 0.998
+
+
+@pytest.mark.slow
+def test_mni152_hemispheres_have_no_cerebellum():
+    pytest.importorskip("nilearn", reason="the template comes with nilearn")
+    (left, affine, probability), (right, _, _) = map(anatomy.mni152_white_matter, anatomy.SIDES)
+    np.testing.assert_array_equal(left, right[::-1])  # the template is symmetric
+    np.testing.assert_array_equal(left == 1, probability > 0.5)
+    assert left.sum() == 298_820
+    assert components(left) == 1
+    x, y, z = np.moveaxis(centres(left, affine)[left == 1], -1, 0)
+    assert x.max() == -1
+    assert not ((y < -50) & (z < -25)).any()
+    assert z[x > -20].min() > -32  # no stem; what there is belongs to the frontal and the temporal lobe
+
+
+def test_volumes_are_written(tmp_path, monkeypatch, capsys):
+    nibabel = pytest.importorskip("nibabel")
+    pytest.importorskip("nilearn", reason="the surfaces come with nilearn")
+    monkeypatch.setattr(sys, "argv", ["anatomy.py", str(tmp_path / "new")])
+    monkeypatch.setattr(anatomy, "SIDES", ("left",))
+    monkeypatch.setattr(anatomy, "SPACINGS", (2.5,))
+    anatomy.main()
+    surfaces = anatomy.fsaverage5("left")
+    labels, affine, fraction = anatomy.voxelise(surfaces["white"], surfaces["faces"], 2.5)
+    image = nibabel.load(tmp_path / "new" / "fsaverage5_left_2.5mm.nii.gz")
+    np.testing.assert_array_equal(np.asarray(image.dataobj), labels)
+    np.testing.assert_allclose(image.affine, affine, rtol=1e-6)
+    image = nibabel.load(tmp_path / "new" / "fsaverage5_left_2.5mm_fraction.nii.gz")
+    np.testing.assert_array_equal(np.asarray(image.dataobj), fraction)
+    assert (tmp_path / "new" / "mni152_left_1.0mm_probability.nii.gz").exists()
+    assert "mni152_left_1.0mm" in capsys.readouterr().out

@@ -1,0 +1,303 @@
+"""What is wrong with a surface is said in one line that names the place and the remedy; nothing is written."""
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+from triangle_meshes import square
+
+import voxflat
+from voxflat import cli
+from voxflat.io.meshes import Mesh, write_mesh
+
+
+def changed(*, points=None, faces=None):
+    """The sheet with something done to it."""
+    places, triangles = square()
+    return points(places) if points else places, faces(triangles) if faces else triangles
+
+
+def put(array, index, value):
+    array = array.astype(np.result_type(array, type(value)))
+    array[index] = value
+    return array
+
+
+def mobius(n=12):
+    angle = 2 * np.pi * np.arange(n) / n
+    points = []
+    for side in (-1.0, 1.0):
+        r, z = 5 + side * np.cos(angle / 2), side * np.sin(angle / 2)
+        points.append(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1))
+    faces = []
+    for i in range(n):
+        a, b = i, n + i
+        c, d = (i + 1, n + i + 1) if i + 1 < n else (n, 0)
+        faces += [[a, c, d], [a, d, b]]
+    return np.concatenate(points), np.array(faces)
+
+
+def fin():
+    points, faces = square()
+    return np.vstack([points, [[0.2, 0.2, 3.0]]]), np.vstack([faces, [[faces[0][0], faces[0][2], len(points)]]])
+
+
+NAN = float("nan")
+MESHES = {
+    "index beyond": (
+        changed(faces=lambda f: put(f, (3, 1), 99)),
+        r"face 3 is \[3, 99, 11\]; the surface has the points 0 to 48",
+    ),
+    "index negative": (changed(faces=lambda f: put(f, (3, 1), -1)), r"3 .*-1"),
+    "NaN": (changed(points=lambda p: put(p, (7, 2), NAN)), r"point 7 .*nan.*finite"),
+    "no point": (np.zeros((0, 3)), np.zeros((0, 3), int), r"no points"),
+    "no triangle": (square()[0], np.zeros((0, 3), int), r"no (triangle|face)"),
+    "quads": (square()[0], np.array([[0, 1, 8, 7]]), r"\(1, 4\)"),
+    "an edge of three": (fin(), r"more than two triangles meet at the edge of vertices 0 and 8 \(1 such edges\)"),
+    "a vertex of two fans": (
+        (square()[0], np.array([[0, 7, 8], [8, 16, 9]])),
+        r"touches itself at vertex 8 \(1 such",
+    ),
+    "a corner twice": (changed(faces=lambda f: put(f, (5, 1), int(f[5, 0]))), r"triangle 5 has no area"),
+    "no area": (changed(points=lambda p: p[[0, *range(1, 8), 0, *range(9, 49)]]), r"has no area \(\d+ such\)"),
+    "a triangle twice": (changed(faces=lambda f: np.vstack([f, f[4]])), r"triangle \d+ has the same corners"),
+    "a Möbius strip": (mobius(), r"only one side, like a Möbius strip"),
+    "text": ((np.array([["a", "b", "c"]]), np.array([[0, 0, 0]])), r"<U1"),
+    "fractional faces": ((square()[0], np.array([[0, 1.5, 8]])), r"float64"),
+}
+
+
+def parts(name):
+    *mesh, message = MESHES[name]
+    return (mesh[0] if len(mesh) == 1 else tuple(mesh)), message
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("call", [voxflat.flatten, voxflat.surface, lambda m: voxflat.geodesic(m, 3)])
+def test_meshes(name, call):
+    mesh, message = parts(name)
+    with pytest.raises(voxflat.InputError, match=message):
+        call(mesh)
+
+
+def test_check_lists_all_defects():
+    points, faces = fin()
+    faces = np.vstack([faces, faces[9]])
+    faces[2] = faces[2][[1, 0, 2]]
+    found = voxflat.check((points, faces))
+    assert not found.can_flatten
+    counts = {name: len(places) for name, places in found.defects.items() if places}
+    assert counts["edges of more than two triangles"] >= 1
+    assert counts["triangles given twice"] == 1
+    assert "edges of more than two triangles" in found.table()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"label": 1}, "label is given, but the input is a mesh"),
+        ({"threshold": 0.5}, "threshold is given, but the input is a mesh"),
+        ({"link_lengths": "euclidean"}, "method 'voxflat' knows no link_lengths"),
+        ({"method": "grossmann2002"}, r"no volume|tuple"),
+        ({"seed_point": (1, 2, 3), "radius": 3.0}, "for a mesh give the number of a vertex"),
+        ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
+        ({"seed_point": 24, "radius": 0.1}, "no triangle around vertex 24 lies within 0.1 mm"),
+        ({"keep": np.zeros(49, bool)}, "holds no triangle of the surface"),
+        ({"keep": np.ones(50, bool)}, r"region to keep is bool of shape \(50,\)"),
+        ({"keep": [3, 77]}, "names vertex 77, but the mesh has 49"),
+        ({"keep": np.arange(49) % 7 != 3}, "falls into 2 pieces that do not touch"),
+        ({"cuts": [[0, 2]]}, "0 and 2"),
+        ({"cuts": [[0, 99]]}, "vertex 99 is not on the surface"),
+        ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
+        ({"cuts": 5}, "cuts are int; give a list of paths"),
+        ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
+        ({"sources": 50}, "50 sources are more than the 49 points"),
+        ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
+        ({"memory_limit": 1000}, "of memory are needed"),
+    ],
+)
+def test_options(options, message):
+    with pytest.raises(voxflat.InputError, match=message):
+        voxflat.flatten(square(), **options)
+
+
+def test_a_ring_without_cuts_is_refused():
+    with pytest.raises(voxflat.InputError, match=r"no disk: it has 1 component\(s\), 2 boundary loop"):
+        voxflat.flatten(hole(), cuts=[])
+
+
+def hole():
+    """A sheet with a hole that is too large to be closed."""
+    points, faces = square(20)
+    inside = (np.abs(points[:, :2] - 10) <= 4).all(axis=1)
+    return points, faces[~inside[faces].all(axis=1)]
+
+
+@pytest.mark.slow
+def test_a_closed_mesh_is_cut_open_and_says_so(caplog):
+    sphere = pv_sphere()
+    flat = voxflat.flatten(sphere)
+    first, *others = flat.metadata["automatic_cuts"]
+    assert first["reason"] == "closed sphere"
+    assert first["length"] > 30
+    assert others
+    assert all(cut["reason"] == "relaxation" for cut in others)
+    # a cut doubles its inner vertices, one from the boundary its first one, too
+    assert len(flat) == sphere.n_points + len(first["ids"]) - 2 + sum(len(cut["ids"]) - 1 for cut in others)
+    assert any("it was cut open along 1 path," in record.getMessage() for record in caplog.records)
+
+
+def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
+    coarse = np.array([10.0, 10.0, 1.0]) * square(4)[0], square(4)[1]  # 1,600 mm² in 32 triangles
+    fine = np.array([1.0, 1.0, 1.0]) * square(20)[0] + [0.0, 0.0, 9.0], square(20)[1]  # 400 mm² in 800
+    for first, second in ((coarse, fine), (fine, coarse)):
+        both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
+        flat = voxflat.flatten(both, sources=9)
+        assert len(flat) == len(coarse[0])
+        assert flat.metadata["warnings"][0] == "the surface has 2 components: the largest, 80.0 % of its area, is used"
+        found = voxflat.check(both)
+        assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))
+        # what is chosen may have little beside it
+        with pytest.raises(voxflat.InputError, match=r"2 pieces that do not touch \(of 1600, 400 mm²\)"):
+            voxflat.flatten(both, keep=np.ones(len(both[0]), bool))
+
+
+@pytest.mark.parametrize("bad", [True, False, np.True_])
+def test_true_and_false_are_no_numbers(bad):
+    mesh, volume = square(), shapes.sheet((12, 12))
+    flat = voxflat.flatten(mesh, sources=9)
+    image = np.zeros((3, 3, 3))
+    for call in (
+        lambda: voxflat.flatten(mesh, threads=bad),
+        lambda: voxflat.flatten(mesh, seed=bad),
+        lambda: voxflat.flatten(mesh, sources=bad),
+        lambda: voxflat.flatten(mesh, weighting=bad),
+        lambda: voxflat.flatten(mesh, memory_limit=bad),
+        lambda: voxflat.flatten(mesh, seed_point=24, radius=bad),
+        lambda: voxflat.flatten(mesh, method="schwartz1989", neighbourhood=bad),
+        lambda: voxflat.flatten(mesh, method="schwartz1989", starts=bad),
+        lambda: voxflat.flatten(mesh, method="saucan2006", bound=bad),
+        lambda: voxflat.flatten(volume, label=bad),
+        lambda: voxflat.flatten(volume, threshold=bad),
+        lambda: voxflat.flatten(volume, spacing=[bad] * 3),
+        lambda: voxflat.flatten(volume, method="grossmann2002", sources=bad),
+        lambda: voxflat.flatten(volume, method="grossmann2002", label=bad),
+        lambda: voxflat.geodesic(mesh, bad),
+        lambda: voxflat.measure(mesh, flat, sources=bad),
+        lambda: voxflat.check(mesh, threads=bad),
+        lambda: voxflat.patches(mesh, bad),
+        lambda: voxflat.patches(mesh, bound=bad),
+        lambda: voxflat.patches(mesh, count=bad),
+        lambda: voxflat.patches(mesh).glue(bad),
+        lambda: voxflat.patches(mesh).page(bad),
+        lambda: voxflat.range_image(image[0], 1.0, jump=bad),
+        lambda: flat.heat_map(bad),
+        lambda: flat.image(np.zeros(len(mesh[0])), depth=bad),
+    ):
+        with pytest.raises(voxflat.InputError):
+            call()
+
+
+def test_check_is_the_same_with_any_number_of_threads():
+    sphere = pv_sphere()
+    one = voxflat.check(sphere, threads=1)
+    assert one == voxflat.check(sphere, threads=2) == voxflat.check(sphere)
+    assert one.automatic_cuts
+    with pytest.raises(voxflat.InputError, match="threads is 0"):
+        voxflat.check(sphere, threads=0)
+
+
+def test_check_cuts_the_patch_out_once(monkeypatch):
+    from voxflat.surfaces import check as checking
+
+    done = []
+
+    def cut_out(*args, **options):
+        done.append(options)
+        return once(*args, **options)
+
+    once = checking.cut_out
+    monkeypatch.setattr(checking, "cut_out", cut_out)
+    found = voxflat.check(square(), keep=np.arange(49) % 7 < 5, threads=1)
+    assert found.can_flatten
+    assert [options["threads"] for options in done] == [1]
+
+
+def pv_sphere():
+    import pyvista as pv
+
+    return pv.Icosphere(radius=20.0, nsub=3)
+
+
+def test_metres_are_suspected():
+    points, faces = square()
+    assert any("are they metres?" in remark for remark in voxflat.surface((points / 1000, faces)).remarks)
+
+
+def test_flipped_and_unused_are_mended_and_told():
+    points, faces = square()
+    faces[3] = faces[3][[1, 0, 2]]
+    surface = voxflat.surface((np.vstack([points, [[9.0, 9.0, 9.0]]]), faces))
+    assert surface.remarks[0] == "1 of 72 triangles were turned over, so that all face outside"
+    assert surface.remarks[1] == "1 of 50 vertices belong to no triangle and are left out"
+
+
+def test_a_single_voxel_and_a_checkerboard_are_surfaces():
+    # the dual of a cube is an octahedron; a checkerboard is many of them
+    single = voxflat.surface(np.pad(np.ones((1, 1, 1), np.uint8), 2), sheet=False)
+    assert (len(single), len(single.faces)) == (6, 8)
+    board = (np.indices((4, 4, 4)).sum(axis=0) % 2).astype(np.uint8)
+    topology = voxflat.surface(board, sheet=False).core.topology()
+    assert topology["euler"] == 2 * 32
+    assert len(topology["components"]) == 32
+
+
+def test_a_label_at_the_border_is_told():
+    volume = np.zeros((12, 12, 12), np.uint8)
+    volume[:8, 2:10, 2:10] = 1
+    (remark,) = voxflat.surface(volume).remarks
+    assert remark == "the foreground touches the volume's border (first layer of axis 0); the surface is closed there"
+
+
+def test_pial_must_correspond():
+    points, faces = square()
+    with pytest.raises(voxflat.InputError, match="pial surface has 36 vertices, the given one 49"):
+        voxflat.surface((points, faces), pial=square(5))
+    with pytest.raises(voxflat.InputError, match="pial is ndarray; give a mesh"):
+        voxflat.surface((points, faces), pial=points)
+
+
+def test_repair_of_what_cannot_be_repaired():
+    with pytest.raises(voxflat.InputError, match="a mesh has no voxels; give 'cuts'"):
+        voxflat.surface(square(), repair="voxels")
+    with pytest.raises(voxflat.InputError, match="repair is 'glue'"):
+        voxflat.surface(shapes.ball(5), repair="glue")
+
+
+@pytest.mark.parametrize("name", ["an edge of three", "a vertex of two fans", "a corner twice", "a Möbius strip"])
+def test_command_line(name, tmp_path):
+    (points, faces), message = parts(name)
+    write_mesh(tmp_path / "in.ply", Mesh(points, faces))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for command in (["flatten", "-o", tmp_path / "out.npz"], ["surface", "-o", tmp_path / "out.vtp"]):
+        result = CliRunner().invoke(cli.main, [str(part) for part in (*command, tmp_path / "in.ply")])
+        assert result.exit_code == 1
+        line = result.stderr.splitlines()[-1]
+        assert line.startswith("voxflat: error: ")
+        with pytest.raises(voxflat.InputError, match=message):
+            raise voxflat.InputError(line)
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("flat", "message"),
+    [
+        (np.zeros((48, 2)), "the map has 48 points, the surface 49 vertices"),
+        (np.zeros(49), r"float64 of shape \(49,\); give places"),
+        (np.full((49, 2), NAN), "no triangle of the surface has a place"),
+        (square()[0] + np.arange(49)[:, None], "the map is not flat: its third coordinate varies by"),
+    ],
+)
+def test_maps_to_measure(flat, message):
+    with pytest.raises(voxflat.InputError, match=message):
+        voxflat.measure(square(), flat)

@@ -1,0 +1,147 @@
+"""Cutting open: relaxation cuts, files of cuts, the medial wall."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat.cli import main
+
+
+def ball(n=24):
+    """A sphere of radius 30 mm, closed."""
+    polar, around = np.meshgrid(np.pi * np.arange(1, n) / n, 2 * np.pi * np.arange(2 * n) / (2 * n), indexing="ij")
+    places = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+    points = np.concatenate([np.stack(places, axis=-1).reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    m, (top, bottom) = 2 * n, (len(points) - 2, len(points) - 1)
+    faces = []
+    for j in range(m):
+        k = (j + 1) % m
+        faces += [[top, j, k], [bottom, (n - 2) * m + k, (n - 2) * m + j]]
+        for i in range(n - 2):
+            a, b, c, d = i * m + j, i * m + k, (i + 1) * m + j, (i + 1) * m + k
+            faces += [[a, c, b], [b, c, d]]
+    return 30 * points, np.array(faces)
+
+
+def below(points, height):
+    return points[:, 2] < height
+
+
+def total(cuts, reason):
+    return sum(cut.length for cut in cuts if cut.reason == reason)
+
+
+@pytest.mark.slow
+def test_a_closed_surface_is_relaxed_unless_forbidden():
+    mesh = ball()
+    plain, relaxed = (voxflat.flatten(mesh, relax=relax, sources=60) for relax in (False, None))
+    reasons = [[cut["reason"] for cut in flat.metadata["automatic_cuts"]] for flat in (plain, relaxed)]
+    assert reasons[0] == ["closed sphere"]
+    assert reasons[1][0] == "closed sphere"
+    assert set(reasons[1][1:]) == {"relaxation"}
+    assert any("relieve the map" in warning for warning in relaxed.metadata["warnings"])
+    errors = [flat.distortion.best_scale.relative_error for flat in (plain, relaxed)]
+    assert errors[1] < 0.8 * errors[0]
+
+
+@pytest.mark.slow
+def test_a_disk_is_cut_only_if_asked_and_to_the_length():
+    points, faces = ball()
+    keep = below(points, 10)
+    assert voxflat.cut((points, faces), keep=keep).cuts == ()
+    cut = voxflat.cut((points, faces), keep=keep, relax=60.0)
+    assert 40 < total(cut.cuts, "relaxation") <= 60
+    topology = cut.surface.core.topology()
+    assert (topology["euler"], len(topology["loops"])) == (1, 1)
+    for one in cut.cuts:
+        length = np.linalg.norm(np.diff(points[one.ids], axis=0), axis=1).sum()
+        assert length == pytest.approx(one.length)
+    assert voxflat.cut((points, faces), keep=keep, relax=0).cuts == ()
+    assert voxflat.cut((points, faces), keep=keep, relax=True).cuts
+
+
+def test_own_cuts_are_kept_and_count():
+    points, faces = ball()
+    keep = below(points, 10)
+    rim = voxflat.path((points, faces), len(points) - 1, int(np.flatnonzero(keep)[0]), geodesic="edges")
+    cut = voxflat.cut((points, faces), keep=keep, cuts=[rim.ids], relax=rim.length + 40)
+    assert cut.cuts[0].reason == "given"
+    np.testing.assert_array_equal(cut.cuts[0].ids, rim.ids)
+    assert 0 < total(cut.cuts, "relaxation") <= 40
+    _, counts = np.unique(cut.surface.vertices, return_counts=True)
+    doubled = np.unique(cut.surface.vertices)[counts > 1]
+    assert np.isin(rim.ids[1:], doubled).all()
+
+
+@pytest.mark.slow
+def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
+    points, faces = ball()
+    drop = ~below(points, 10)
+    first = voxflat.cut((points, faces), drop=drop, relax=80.0)
+    first.save(tmp_path / "cuts.json")
+    second = voxflat.cut((points, faces), cuts=tmp_path / "cuts.json")
+    np.testing.assert_array_equal(first.surface.faces, second.surface.faces)
+    np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
+    content = json.loads((tmp_path / "cuts.json").read_text())
+    assert sorted(content["drop"]) == np.flatnonzero(drop).tolist()
+
+
+def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
+    points, faces = ball()
+    (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[len(points) - 1, 0]]}))
+    cut = voxflat.cut((points, faces), cuts=tmp_path / "cuts.json", relax=False)
+    expected = voxflat.path((points, faces), len(points) - 1, 0, geodesic="edges").ids
+    np.testing.assert_array_equal(cut.cuts[0].ids, expected)
+
+
+@pytest.mark.parametrize("content", ["", "[]", '{"cuts": 3}', '{"cuts": [["a"]]}', '{"cuts": [[[1, 2, 3]]]}'])
+def test_a_bad_file_of_cuts_is_refused(tmp_path, content):
+    (tmp_path / "cuts.json").write_text(content)
+    with pytest.raises(voxflat.InputError, match=r"cuts\.json"):
+        voxflat.cut(ball(), cuts=tmp_path / "cuts.json")
+    with pytest.raises(voxflat.InputError, match=r"none\.json"):
+        voxflat.cut(ball(), cuts=tmp_path / "none.json")
+
+
+@pytest.mark.parametrize("relax", [-1, float("nan"), float("inf"), "long"])
+def test_a_bad_length_is_refused(relax):
+    with pytest.raises(voxflat.InputError, match="relax"):
+        voxflat.cut(ball(), relax=relax)
+
+
+def test_the_medial_wall_is_where_the_surfaces_touch():
+    points, faces = ball()
+    wall = points[:, 2] > 24
+    pial = (points * np.where(wall, 1.0, 1.1)[:, None], faces)
+    cut = voxflat.cut(voxflat.surface((points, faces), pial=pial), drop="medial wall")
+    np.testing.assert_array_equal(np.sort(cut.left_out), np.flatnonzero(wall))
+    for other in (None, (points * 1.1, faces), (points, faces)):
+        whole = voxflat.surface((points, faces), pial=other)
+        with pytest.raises(voxflat.InputError, match="label"):
+            voxflat.cut(whole, drop="medial wall")
+
+
+@pytest.mark.slow
+def test_the_command_writes_what_flatten_takes(tmp_path):
+    points, faces = ball()
+    voxflat.io.write_mesh(tmp_path / "ball.ply", voxflat.io.Mesh(points, faces))
+    np.save(tmp_path / "drop.npy", ~below(points, 10))
+
+    def run(*arguments):
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    ball_, cuts = tmp_path / "ball.ply", tmp_path / "cuts.json"
+    drop = ["--drop", tmp_path / "drop.npy"]
+    content = json.loads(run("cut", ball_, *drop, "--relax-length", 60, "-o", cuts, "--json"))
+    assert 0 < sum(cut["length"] for cut in content["cuts"]) <= 60
+    run("cut", ball_, *drop, "--relax", "-o", tmp_path / "open.ply")
+    assert len(voxflat.io.read_mesh(tmp_path / "open.ply").points) > below(points, 10).sum()
+    run("flatten", ball_, "--cut", cuts, "--sources", 60, "-o", tmp_path / "map.npz")
+    flat = voxflat.load(tmp_path / "map.npz")
+    assert flat.metadata["automatic_cuts"] == []
+    assert len(flat) == content["vertices"]

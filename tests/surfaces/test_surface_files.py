@@ -1,0 +1,118 @@
+"""Surfaces and patches in files."""
+
+import numpy as np
+import pytest
+import shapes
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.io.freesurfer import Patch, read_patch, write_patch
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+
+pytest.importorskip("nilearn")
+
+
+class TestFiles:
+    def test_a_map_of_a_mesh_is_saved_whole(self, flat_map, tmp_path):
+        flat_map.save(tmp_path / "map.npz")
+        again = voxflat.load(tmp_path / "map.npz")
+        np.testing.assert_array_equal(again.ids, flat_map.ids)
+        np.testing.assert_array_equal(again.distortion.triangles.areal, flat_map.distortion.triangles.areal)
+        assert again.metadata == flat_map.metadata
+        assert again.distortion.figures() == flat_map.distortion.figures()
+
+    def test_flat_surfaces_keep_the_vertex_numbers(self, flat_map, white, tmp_path):
+        flat_map.save(tmp_path / "flat.surf.gii")
+        mesh = read_mesh(tmp_path / "flat.surf.gii")
+        assert len(mesh.points) == len(white[0])
+        np.testing.assert_allclose(mesh.points[flat_map.ids][:, :2], flat_map.uv, atol=1e-4)
+        np.testing.assert_array_equal(mesh.faces, flat_map.ids[flat_map.faces])
+
+    def test_patches(self, flat_map, tmp_path):
+        flat_map.save(tmp_path / "lh.cortex.patch.flat")
+        patch = read_patch(tmp_path / "lh.cortex.patch.flat")
+        np.testing.assert_array_equal(patch.vertex_ids, np.sort(flat_map.ids))
+        write_patch(tmp_path / "again", Patch(patch.vertex_ids, patch.points, patch.border))
+        assert (tmp_path / "again").read_bytes() == (tmp_path / "lh.cortex.patch.flat").read_bytes()
+
+    @pytest.mark.slow
+    def test_a_patch_says_what_to_keep(self, white, flat_map, tmp_path):
+        flat_map.save(tmp_path / "lh.patch.flat")
+        again = voxflat.flatten(white, keep=tmp_path / "lh.patch.flat", sources=50)
+        assert len(again) >= len(flat_map) - 20
+
+    def test_an_overlay_is_shown_on_the_map(self, flat_map, fsaverage):
+        image = flat_map.image(fsaverage["sulc"])
+        inside = ~np.isnan(image.data)
+        assert inside.any()
+        assert (
+            fsaverage["sulc"].min() <= image.data[inside].min() <= image.data[inside].max() <= fsaverage["sulc"].max()
+        )
+        labels = flat_map.image((fsaverage["sulc"] > 0).astype(int))
+        assert set(np.unique(labels.data[inside])) == {0.0, 1.0}
+        ids, points = flat_map.locate()
+        assert ids.shape == image.data.shape
+        assert (ids[inside] >= 0).all()
+        assert np.isfinite(points[inside]).all()
+        with pytest.raises(voxflat.InputError, match="the overlay has 5 values; the mesh has 10242 vertices"):
+            flat_map.image(np.zeros(5))
+        with pytest.raises(voxflat.InputError, match="no voxels to paint"):
+            flat_map.paint(np.zeros(len(flat_map)))
+
+
+class TestPatches:
+    @pytest.mark.slow
+    def test_own_cuts_come_first_and_the_rest_is_automatic(self, white, tmp_path):
+        seam = voxflat.path(white, 100, 5000, geodesic="edges").ids
+        np.savetxt(tmp_path / "seam.txt", seam, fmt="%d")
+        write_mesh(tmp_path / "lh.white", Mesh(*white))
+        away = np.linalg.norm(white[0][:, None] - white[0][seam][None], axis=2).min(axis=1)
+        np.save(tmp_path / "wall.npy", np.linalg.norm(white[0] - white[0][away.argmax()], axis=1) < 15)
+        arguments = ["flatten", "lh.white", "--drop", "wall.npy", "--cut", "seam.txt", "--sources", "60", "-o", "m.npz"]
+        arguments = [str(tmp_path / part) if "." in part else part for part in arguments]
+        result = CliRunner().invoke(cli.main, arguments)
+        assert result.exit_code == 0, result.output
+        flat = voxflat.load(tmp_path / "m.npz")
+        assert flat.metadata["cuts"] == [seam.tolist()]
+        ids, counts = np.unique(flat.ids, return_counts=True)
+        assert np.isin(seam[1:-1], ids[counts > 1]).all()
+
+    def test_dropping_is_the_opposite_of_keeping(self, white):
+        chosen = white[0][:, 2] > 20
+        kept, dropped = (voxflat.surface(white) for _ in range(2))
+        a = voxflat.geodesic(kept, 1, keep=chosen)
+        b = voxflat.geodesic(dropped, 1, drop=~chosen)
+        np.testing.assert_array_equal(a.ids, b.ids)
+
+    @pytest.mark.slow
+    def test_disks_of_real_anatomy(self, white):
+        for seed in (100, 2000, 7000):
+            flat = voxflat.flatten(white, seed_point=seed, radius=25.0, sources=60)
+            assert flat.metadata["seed_found"] == seed
+            assert flat.distortion.triangles.flipped_share < 0.05
+
+    @pytest.mark.slow
+    def test_check_counts_what_is_there(self, white):
+        found = voxflat.check(white)
+        assert (found.euler_characteristic, found.closed, found.handles) == (2, True, ())
+        assert found.components == (len(white[0]),)
+        assert found.can_flatten
+        ring = voxflat.check(white, keep=np.abs(white[0][:, 2] - 20) < 15)
+        assert ring.boundary
+        assert str(len(ring.boundary)) in ring.table()
+
+
+@pytest.mark.slow
+def test_a_sheet_of_grey_matter_becomes_a_map():
+    """The middle of grey matter as LayNii makes it: one voxel thick where it can be, folded, with pinholes."""
+    sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)
+    assert sheet.metadata["sheet"]
+    assert sheet.core.topology()["components"][0]["faces"] > 0.999 * len(sheet.faces)
+    flat = voxflat.flatten(sheet, seed_point=(53, 49, 57), radius=30.0)
+    assert len(flat) > 2000
+    assert [53, 49, 57] in flat.ids.tolist()
+    reach = np.linalg.norm(flat.uv - flat.uv[(flat.ids == [53, 49, 57]).all(axis=1)][0], axis=1)
+    assert 24 < reach.max() < 36
+    assert flat.distortion.best_scale.relative_error < 0.07
+    assert flat.distortion.triangles.flipped_share < 0.01
