@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapes
-from test_glue import bumps
+from triangle_meshes import bump
 
 import voxflat
 from voxflat.methods import flatten as flattening
@@ -54,7 +54,7 @@ def called(monkeypatch):
 
 
 def source(name):
-    return shapes.sheet((30, 24)) if name == "grossmann2002" else bumps()
+    return shapes.sheet((30, 24)) if name == "grossmann2002" else bump(20)
 
 
 @pytest.mark.parametrize("name", METHODS)
