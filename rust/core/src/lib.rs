@@ -23,6 +23,33 @@
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | whole methods, composed from the stages |
 //!
+//! # Examples
+//! A label of a half pipe, one voxel thick, to its flat map:
+//! ```
+//! use voxflat::control::Control;
+//! use voxflat::geodesic::engine::Engine;
+//! use voxflat::geodesic::graph::GeodesicGraph;
+//! use voxflat::rows::DistanceRows;
+//! use voxflat::sources::Sources;
+//! use voxflat::surface::voxels::voxelmesh::VoxelMesh;
+//! use voxflat::volume::{Affine, Mask};
+//! use voxflat::{flatten, patch};
+//!
+//! let control = Control::default();
+//! let radius = |j: usize, k: usize| (j as f64 - 11.5).hypot(k as f64);
+//! let mask = Mask::from_fn([20, 24, 13], |[_, j, k]| (radius(j, k) - 10.0).abs() < 0.6)?;
+//! let mesh = VoxelMesh::of(&mask, &Affine::from_spacing([1.0; 3])?, None, None, &control)?;
+//! let surface = patch::largest_piece(&mesh.surface);
+//! let graph = GeodesicGraph::new(&surface, &control)?;
+//! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
+//! let engine = Engine::new(&graph, sources.len(), &control)?;
+//! let rows = DistanceRows::by(&engine, &sources, &control)?;
+//! let map = flatten::voxflat(&surface, rows, 0.5, &engine, 0, &control)?;
+//! assert_eq!(map.uv.len(), surface.len());
+//! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
+//! # Ok::<(), voxflat::Error>(())
+//! ```
+//!
 //! # Conventions
 //! A voxel's centre has integer index coordinates `(i, j, k)`; millimetres (RAS+) come from the affine. Distance rows
 //! are `f32` millimetres, arithmetic is `f64`. `NaN` means undefined. Results depend on the input and the seed alone,

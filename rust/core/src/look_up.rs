@@ -12,7 +12,19 @@ const SLACK: f64 = 1e-9;
 /// Places that one worker looks up between two looks at whether it should stop.
 const CHUNK: usize = 4096;
 
+/// A triangle, and barycentric coordinates in it.
+pub type InTriangle = (u32, [f64; 3]);
+
 /// Finds the triangles that hold places in the plane, by a grid of about as many cells as triangles.
+///
+/// # Examples
+/// ```
+/// use voxflat::look_up::TriangleFinder;
+///
+/// let finder = TriangleFinder::new(&[[[0.0, 0.0], [4.0, 0.0], [0.0, 4.0]]]);
+/// assert_eq!(finder.find([1.0, 1.0]), Some((0, [0.5, 0.25, 0.25])));
+/// assert_eq!(finder.find([3.0, 3.0]), None);
+/// ```
 #[derive(Debug, Clone)]
 pub struct TriangleFinder {
     corners: Vec<[Vector2<f64>; 3]>,
@@ -75,7 +87,7 @@ impl TriangleFinder {
     }
 
     /// The first triangle that holds a place, and its barycentric coordinates there.
-    pub fn find(&self, place: [f64; 2]) -> Option<(u32, [f64; 3])> {
+    pub fn find(&self, place: [f64; 2]) -> Option<InTriangle> {
         let place = Vector2::from(place);
         let mut cell = [0; 2];
         for axis in 0..2 {
@@ -97,7 +109,7 @@ impl TriangleFinder {
     ///
     /// # Errors
     /// [`crate::Error::Cancelled`].
-    pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<(u32, [f64; 3])>>> {
+    pub fn find_all(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<Option<InTriangle>>> {
         control.begin("looking places up", places.len().div_ceil(CHUNK) as u64);
         let mut found = vec![None; places.len()];
         found.par_chunks_mut(CHUNK).zip(places.par_chunks(CHUNK)).try_for_each(|(found, places)| {

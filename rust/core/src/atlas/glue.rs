@@ -114,6 +114,22 @@ impl Atlas {
 ///
 /// # Panics
 /// If there is not one label and one triple of places a face.
+///
+/// # Examples
+/// ```
+/// use voxflat::atlas::glue::glue;
+/// use voxflat::control::Control;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let place = |v: u32| [sheet.points()[v as usize].x, sheet.points()[v as usize].y];
+/// let flat: Vec<[[f64; 2]; 3]> = sheet.faces().iter().map(|face| face.map(place)).collect();
+/// let labels: Vec<u32> = flat.iter().map(|corners| u32::from(corners[0][0] > 3.0)).collect(); // two halves
+/// let glued = glue(&sheet, &labels, &flat, 1.1, &control)?;
+/// assert_eq!((glued.patches, glued.pieces.len()), (2, 1));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f64, control: &Control) -> Result<Glued> {
     assert!(labels.len() == surface.faces().len() && flat.len() == labels.len(), "one label and three places a face");
     check_bound(bound)?;
@@ -155,6 +171,13 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
 ///
 /// # Errors
 /// [`Error::GlueBoundOutOfRange`].
+///
+/// # Examples
+/// ```
+/// use voxflat::atlas::glue::check_bound;
+///
+/// assert!(check_bound(1.5).is_ok() && check_bound(1.0).is_err());
+/// ```
 pub fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }

@@ -142,6 +142,20 @@ pub struct Atlas {
 /// # Errors
 /// [`Error::AngleOutOfRange`], [`Error::BoundOutOfRange`], [`Error::TooFewPatches`], [`Error::DegenerateFace`],
 /// [`Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::atlas::{Limit, Seeds, patches};
+/// use voxflat::control::Control;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sphere = shapes::surface(shapes::sphere(3));
+/// let atlas = patches(&sphere, Limit::Angle(30.0), Seeds::Curvature, &control)?;
+/// assert!(atlas.patches.len() > 1);
+/// assert!(atlas.patches.iter().all(|patch| patch.isometric <= atlas.certificate.c));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn patches(surface: &Surface, limit: Limit, seeds: Seeds, control: &Control) -> Result<Atlas> {
     let certificate = match limit {
         Limit::Angle(angle) => Some(Certificate::of_angle(angle)?),

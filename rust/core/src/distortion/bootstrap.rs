@@ -36,7 +36,7 @@ pub struct StandardErrors {
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`].
-pub fn standard_errors(
+pub(super) fn standard_errors(
     raw: &[Sums],
     best: &[Sums],
     points: usize,

@@ -97,6 +97,20 @@ pub struct Flipped {
 ///
 /// # Panics
 /// If there is not one place a vertex.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::distortion::faces::measure_faces;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let wide: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, p.y]).collect();
+/// let found = measure_faces(sheet.points(), sheet.faces(), &wide, &Control::default())?;
+/// assert!((found.areal.summary.median - 1.0).abs() < 1e-12); // log2 of twice the area
+/// assert_eq!(found.flipped.count, 0);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],

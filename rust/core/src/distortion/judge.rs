@@ -1,6 +1,6 @@
 //! Maps beside the distances of the surface, measured from reference sources.
 
-use super::{Distortion, measure};
+use super::{Distortion, WORK_BYTES, measure};
 use crate::control::Control;
 use crate::error::Result;
 use crate::geodesic::Solver;
@@ -14,10 +14,41 @@ pub const REFERENCE_SOURCES: usize = 200;
 /// Memory in bytes that rows from the reference sources take at most.
 pub const KEPT_BYTES: u64 = 256 << 20;
 
+/// The memory in bytes that judging a map of so many points by [`REFERENCE_SOURCES`] needs at most: rows of four bytes a point,
+/// as many as may be kept but no fewer than one, and what is made of them.
+///
+/// # Examples
+/// ```
+/// use voxflat::distortion::judge::{KEPT_BYTES, memory_need};
+///
+/// assert!(memory_need(10_000_000) < 2 * KEPT_BYTES); // however large the surface is
+/// ```
+pub fn memory_need(points: usize) -> u64 {
+    let rows = 4 * points as u64 * points.min(REFERENCE_SOURCES) as u64;
+    rows.min(KEPT_BYTES.max(4 * points as u64)) + WORK_BYTES
+}
+
 /// What a map does to the distances from `count` random reference sources.
 ///
 /// # Errors
-/// [`Error::Unreachable`], [`Error::Cancelled`].
+/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::distortion::judge::judge;
+/// use voxflat::geodesic::engine::Engine;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let engine = Engine::new(&graph, 20, &control)?;
+/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
+/// assert!(judge(&engine, &uv, 20, 0, &control)?.raw.relative_error < 0.01);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn judge<S: Solver>(
     engine: &Engine<S>,
     uv: &[[f64; 2]],
@@ -30,6 +61,16 @@ pub fn judge<S: Solver>(
 }
 
 /// Random reference sources, other ones than a map of the same seed has.
+///
+/// # Examples
+/// ```
+/// use voxflat::distortion::judge::reference_sources;
+/// use voxflat::sources::random;
+///
+/// let reference = reference_sources(1000, 200, 0);
+/// assert_eq!(reference.len(), 200);
+/// assert_ne!(reference, random(1000, 200, 0));
+/// ```
 pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
     sources::random(points, points.min(count), seed.wrapping_add(1))
 }
@@ -38,7 +79,26 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// they are computed twice instead of being kept; the figures are the same.
 ///
 /// # Errors
-/// [`Error::Unreachable`], [`Error::Cancelled`].
+/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::distortion::judge::{KEPT_BYTES, judge_all};
+/// use voxflat::geodesic::engine::Engine;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let engine = Engine::new(&graph, 20, &control)?;
+/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
+/// let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
+/// let [good, bad] = &judge_all(&engine, &[&uv, &squeezed], &[0, 40, 80], KEPT_BYTES, 0, &control)?[..] else { panic!() };
+/// assert!(good.raw.relative_error < bad.raw.relative_error);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn judge_all<S: Solver>(
     engine: &Engine<S>,
     maps: &[&[[f64; 2]]],

@@ -12,6 +12,20 @@ use crate::surface::Surface;
 ///
 /// # Errors
 /// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::distortion::links::error_of_links;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// assert!(error_of_links(&sheet, &graph, &[0, 40], &control)?.abs() < 0.002);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn error_of_links(surface: &Surface, graph: &GeodesicGraph, sources: &[u32], control: &Control) -> Result<f64> {
     let found = DistanceRows::compute(graph, sources, control)?.into_data();
     let exact = DistanceRows::compute(&Exact::new(surface), sources, control)?.into_data();

@@ -37,6 +37,20 @@ pub struct Scaling {
 ///
 /// # Errors
 /// [`Error::TooFewSources`], [`Error::NotPlanar`], [`Error::EigenNotConverged`].
+///
+/// # Examples
+/// ```
+/// use voxflat::embed::classical::classical_scaling;
+/// use voxflat::rows::DistanceRows;
+///
+/// let diagonal = 2.0_f32.sqrt();
+/// let square = vec![0.0, 1.0, diagonal, 1.0, 1.0, 0.0, 1.0, diagonal, diagonal, 1.0, 0.0, 1.0, 1.0, diagonal, 1.0, 0.0];
+/// let scaling = classical_scaling(&DistanceRows::new(vec![0, 1, 2, 3], 4, square))?;
+/// let [a, c] = [scaling.places[0], scaling.places[2]];
+/// assert!(((a[0] - c[0]).hypot(a[1] - c[1]) - f64::from(diagonal)).abs() < 1e-6);
+/// assert!(scaling.planarity > 0.999);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
     if m < FEWEST_SOURCES {
@@ -123,6 +137,19 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
     let kept = found.n_converged_eigen.min(SPECTRUM);
     values.truncate(kept);
     Ok((values, vectors.get(.., ..kept).to_owned()))
+}
+
+/// The memory in bytes that [`classical_scaling`] needs at most, or a system of as many radial functions: distances of four
+/// bytes between any two sources, a matrix of f64, and its factor.
+///
+/// # Examples
+/// ```
+/// use voxflat::embed::classical::memory_need;
+///
+/// assert_eq!(memory_need(1000), 20_000_000);
+/// ```
+pub const fn memory_need(sources: usize) -> u64 {
+    (4 + 8 + 8) * (sources as u64).pow(2)
 }
 
 #[cfg(test)]

@@ -3,13 +3,14 @@
 use nalgebra::Vector3;
 
 use super::check::check_flattenable;
-use super::map::FlatMap;
-use super::memory::{BASE_BYTES, reference_memory_need};
+use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
-use crate::embed::classical::classical_scaling;
+use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
+use crate::embed::classical::{self, classical_scaling};
 use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
+use crate::geodesic::shortest::Search;
+use crate::geodesic::sweep::Sweep;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
@@ -22,6 +23,24 @@ use crate::surface::voxels::graph::VoxelGraph;
 ///
 /// # Errors
 /// Those of [`check_flattenable`] and of the stages.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::flatten::grossmann2002;
+/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::VoxelSurface;
+/// use voxflat::volume::{Affine, Mask};
+///
+/// let control = Control::default();
+/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
+/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
+/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
+/// let map = grossmann2002(&surface, &graph, &Sources::Farthest { count: 20, seed: 0 }, 0, false, &control)?;
+/// assert!(map.planarity > 0.9 && map.distortion.raw.relative_error < 0.1);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn grossmann2002(
     surface: &VoxelSurface,
     graph: &VoxelGraph,
@@ -80,19 +99,25 @@ fn place_rest(
     Ok(uv)
 }
 
-/// Usual numbers of shortcuts of a voxel, and of lengths in the tables they are found in.
-const VOXEL_SHORTCUTS: u64 = 36;
-const VOXEL_FILL: u64 = 110;
+/// What a voxel needs while it is placed, bytes: its point in mm, and its place before that is turned.
+const PLACING_BYTES: u64 = 24 + 16;
 
 /// The memory in bytes that [`grossmann2002`] needs at most beside the volume itself, for a surface of `points` voxels
-/// with `links` links in its graph.
+/// with `links` links in its graph. Scaling is done when judging begins.
+///
+/// # Examples
+/// ```
+/// use voxflat::flatten::grossmann2002::memory_need;
+///
+/// assert!(memory_need(100_000, 800_000, 1000, 2) < memory_need(200_000, 1_600_000, 1000, 2));
+/// ```
 pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) -> u64 {
-    let [points, links, sources, threads] = [points, links, sources, threads].map(|n| n as u64);
-    let graph = 4 * links + 4 * points;
-    let surface = (15 + 24 + 16 + 48 + 100) * points; // and what Python makes of it
-    let scaling = (4 + 8 + 8) * sources * sources; // distances, B or the radial system, its factor
-    let workers = threads * (4 + 16) * points;
-    let reference = reference_memory_need(points);
-    let shortcuts = (4 * VOXEL_FILL + 8 * VOXEL_SHORTCUTS) * points;
-    BASE_BYTES + graph + surface + workers + scaling.max(reference) + shortcuts
+    BASE_BYTES
+        + VoxelSurface::memory_need(points)
+        + FlatMap::memory_need(points)
+        + (PLACING_BYTES + PYTHON_BYTES) * points as u64
+        + VoxelGraph::memory_need(points, links)
+        + threads as u64 * Search::memory_need(points)
+        + Sweep::memory_need_of_voxels(points)
+        + classical::memory_need(sources).max(judge::memory_need(points))
 }

@@ -26,3 +26,16 @@ pub struct FlatMap {
     /// The distances from the sources to all points, where they are to be kept.
     pub rows: Option<DistanceRows>,
 }
+
+impl FlatMap {
+    /// The memory in bytes of a map: a vertex has a place, a normal, and the mean error of its distances.
+    pub(super) const fn memory_need(points: usize) -> u64 {
+        (16 + 24 + 8) * points as u64
+    }
+}
+
+/// What is needed whatever the size, bytes: threads, buffers, the allocator's reserve.
+pub(super) const BASE_BYTES: u64 = 16 << 20;
+
+/// What Python makes of a vertex of a map, bytes: its arrays of the surface and of the map.
+pub(super) const PYTHON_BYTES: u64 = 100;

@@ -3,7 +3,6 @@
 mod check;
 pub mod grossmann2002;
 mod map;
-mod memory;
 pub mod relaxation;
 pub mod saucan2006;
 pub mod schwartz1989;

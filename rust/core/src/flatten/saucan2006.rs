@@ -1,14 +1,15 @@
 //! One map that is glued of certified patches, after Appleboim, Saucan and Zeevi (2006).
 
-use super::map::FlatMap;
-use super::memory::{BASE_BYTES, SURFACE_BYTES, SURFACE_SHORTCUTS, reference_memory_need};
+use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::atlas::glue::{self, Glued, Piece, Seams};
 use crate::atlas::{ANGLES, Limit, Seeds, patches};
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
+use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::{self, GeodesicGraph};
+use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::shortest::Search;
+use crate::geodesic::sweep::Sweep;
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
 
@@ -42,6 +43,19 @@ pub struct Whole {
 ///
 /// # Errors
 /// [`Error::NotOnePiece`] if more than one piece remains, and those of [`patches`], [`glue::glue`] and the stages.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::flatten::saucan2006;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sheet = shapes::surface(shapes::sheet(8, 8));
+/// let whole = saucan2006(&sheet, 1.5, 0, &Control::default())?;
+/// assert_eq!(whole.patches, 1); // nothing to glue: it is flat
+/// assert!(whole.stretch.iter().flatten().all(|stretch| (stretch - 1.0).abs() < 1e-6));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle; patches must be within the bound before they are glued
@@ -92,10 +106,21 @@ fn opened(surface: &Surface, piece: &Piece) -> Surface {
 const GLUING_BYTES: u64 = 4000;
 
 /// The memory in bytes that [`saucan2006`] needs at most beside the surface's input: to glue, and then to judge what was glued.
+///
+/// # Examples
+/// ```
+/// use voxflat::flatten::saucan2006::memory_need;
+///
+/// assert!(memory_need(100_000, 2) < memory_need(200_000, 2));
+/// ```
 pub fn memory_need(points: usize, threads: usize) -> u64 {
-    let graph = graph::memory_need(points);
-    let [points, threads] = [points, threads].map(|n| n as u64);
-    let workers = threads * (4 + 16) * points; // a row each, and its queue
-    let judging = graph + workers + reference_memory_need(points) + 8 * SURFACE_SHORTCUTS * points;
-    BASE_BYTES + SURFACE_BYTES * points + judging.max(GLUING_BYTES * points)
+    let judging = GeodesicGraph::memory_need(points)
+        + threads as u64 * Search::memory_need(points)
+        + Sweep::memory_need_of_surface(points)
+        + judge::memory_need(points);
+    BASE_BYTES
+        + Surface::memory_need(points)
+        + FlatMap::memory_need(points)
+        + PYTHON_BYTES * points as u64
+        + judging.max(GLUING_BYTES * points as u64)
 }

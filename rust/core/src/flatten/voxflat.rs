@@ -1,15 +1,16 @@
 //! The default method: descent on distances and triangles, from coarse to fine.
 
 use super::check::check_disk;
-use super::map::FlatMap;
-use super::memory::{BASE_BYTES, SURFACE_BYTES, SURFACE_SHORTCUTS, reference_memory_need};
+use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
-use crate::distortion::judge::{REFERENCE_SOURCES, judge};
-use crate::embed::classical::classical_scaling;
+use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
+use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::levels;
 use crate::error::{Error, Result};
 use crate::geodesic::engine::Engine;
-use crate::geodesic::graph::{self, GeodesicGraph};
+use crate::geodesic::graph::GeodesicGraph;
+use crate::geodesic::shortest::Search;
+use crate::geodesic::sweep::Sweep;
 use crate::orient::{map_area, orient};
 use crate::rows::Rows;
 use crate::sources::FEWEST_SOURCES;
@@ -23,6 +24,27 @@ use crate::surface::Surface;
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::flatten;
+/// use voxflat::geodesic::engine::Engine;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::rows::DistanceRows;
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
+/// let engine = Engine::new(&graph, 20, &control)?;
+/// let map = flatten::voxflat(&sheet, rows, 0.5, &engine, 0, &control)?;
+/// assert!(map.distortion.raw.relative_error < 0.01);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn voxflat<R: Rows>(
     surface: &Surface,
     rows: R,
@@ -62,24 +84,31 @@ pub enum AfterPlacing {
 }
 
 /// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
+///
+/// # Examples
+/// ```
+/// use voxflat::flatten::voxflat::{AfterPlacing, memory_need};
+///
+/// let [dropped, kept, stored] = [AfterPlacing::Dropped, AfterPlacing::Kept, AfterPlacing::Stored]
+///     .map(|rows| memory_need(1_000_000, 1000, 2, rows));
+/// assert!(stored < dropped && dropped < kept);
+/// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
-    let in_flight = store::memory_need(points, sources, threads);
-    let graph = graph::memory_need(points);
-    let [points, sources, threads] = [points, sources, threads].map(|n| n as u64);
-    let surface = SURFACE_BYTES * points;
-    let reference = reference_memory_need(points);
-    let stored = rows == AfterPlacing::Stored;
-    let rows = match rows {
-        AfterPlacing::Dropped => reference.max(4 * points * sources),
-        AfterPlacing::Kept => reference + 4 * points * sources,
-        AfterPlacing::Stored => reference.max(in_flight),
+    let own = 4 * points as u64 * sources as u64;
+    let reference = judge::memory_need(points);
+    let (rows, prepared) = match rows {
+        AfterPlacing::Dropped => (own.max(reference), Sweep::memory_need_of_surface(points)),
+        AfterPlacing::Kept => (own + reference, Sweep::memory_need_of_surface(points)),
+        AfterPlacing::Stored => (store::memory_need(points, sources, threads).max(reference), store::PREPARED_BYTES),
     };
-    let scaling = (4 + 8 + 8) * sources * sources;
-    let workers = threads * (4 + 16) * points;
-    let shortcuts = if stored { store::TABLE_BYTES } else { 8 * SURFACE_SHORTCUTS * points }; // and the tables they are found in: less than the rows, and before them
-    let descent = DESCENT_BYTES * points + 8 * points.min(levels::MOST_JUDGED as u64) * sources;
-    BASE_BYTES + graph + surface + workers + rows + scaling + shortcuts + descent
+    BASE_BYTES
+        + Surface::memory_need(points)
+        + FlatMap::memory_need(points)
+        + PYTHON_BYTES * points as u64
+        + GeodesicGraph::memory_need(points)
+        + threads as u64 * Search::memory_need(points)
+        + prepared
+        + rows
+        + classical::memory_need(sources)
+        + levels::memory_need(points, sources)
 }
-
-/// What descent needs for a vertex: past steps, a factored matrix of springs, triangles, and coarser surfaces.
-const DESCENT_BYTES: u64 = 2600;

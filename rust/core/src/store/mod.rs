@@ -40,17 +40,33 @@ const MOST_ROWS: usize = LANES;
 const FEWEST_BLOCKS: usize = 16;
 
 /// Most bytes to prepare distances in: with the blocks in flight less than the rows that are kept on disk to save memory.
-pub const TABLE_BYTES: u64 = 512 << 20;
+pub const PREPARED_BYTES: u64 = 512 << 20;
 
 /// How long a lock is waited for: work that was cancelled lets it go within this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Rows of a block, of so many rows of so many columns. It must not depend on anything else: a store keeps its blocks.
+///
+/// # Examples
+/// ```
+/// use voxflat::store::block_rows;
+///
+/// assert_eq!(block_rows(1_000_000, 1000), 16); // 64 MiB
+/// assert_eq!(block_rows(1000, 32), 2); // of few rows sixteen blocks
+/// ```
 pub fn block_rows(columns: usize, rows: usize) -> usize {
     (BLOCK_BYTES / (columns * VALUE).max(1)).clamp(1, rows.div_ceil(FEWEST_BLOCKS).clamp(1, MOST_ROWS))
 }
 
-/// The memory in bytes that computing a store needs at most: the blocks in flight, and a little for each thread to search.
+/// The memory in bytes that computing a store needs at most: the blocks in flight, for each of them what is written at once, and
+/// two entries of eight bytes a vertex to search.
+///
+/// # Examples
+/// ```
+/// use voxflat::store::memory_need;
+///
+/// assert!(memory_need(1_000_000, 1000, 2) < 4 * 1_000_000 * 1000 / 10); // less than a tenth of the rows
+/// ```
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = block_rows(columns, rows);
     let at_once = threads.min(rows.div_ceil(height.max(1)));
@@ -67,6 +83,28 @@ pub struct Found {
 }
 
 /// All rows from some sources, on disk. No other process can compute them while this lives.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::rows::{DistanceRows, Rows};
+/// use voxflat::store::Store;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let directory = std::env::temp_dir().join(format!("voxflat-example-{}", std::process::id()));
+/// std::fs::create_dir_all(&directory).unwrap();
+/// drop(Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?);
+/// let again = Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?;
+/// assert_eq!(again.found().rows, 2); // nothing is computed twice
+/// assert_eq!(again.among(&control)?, DistanceRows::compute(&graph, &[0, 80], &control)?.among(&control)?);
+/// # drop(again);
+/// # std::fs::remove_dir_all(directory).unwrap();
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Store {
     table: NpyFile,
@@ -206,7 +244,7 @@ fn compute_missing<S: Solver>(
     sources: &[u32],
     control: &Control,
 ) -> Result<Vec<u32>> {
-    let engine = Engine::within(TABLE_BYTES, solver, sources.len(), control)?;
+    let engine = Engine::within(PREPARED_BYTES, solver, sources.len(), control)?;
     let missing = (0..known.len()).filter(|&block| known[block].is_none());
     control.begin("measuring distances", missing.map(|block| blocks.range(block).len() as u64).sum());
     let mut checksums = vec![0; known.len()];

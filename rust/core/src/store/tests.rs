@@ -134,7 +134,7 @@ fn rows_of_many_sources_are_those_that_memory_would_hold() {
     let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
     let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
     let sources: Vec<u32> = (0..1600).collect();
-    assert!(graph.sweep(sources.len(), TABLE_BYTES, &control).unwrap().is_some());
+    assert!(graph.sweep(sources.len(), PREPARED_BYTES, &control).unwrap().is_some());
     let folder = Folder::new("many");
     let store = Store::compute(folder.path(), "a1", &graph, &sources, &control).unwrap();
     assert_eq!(all_rows(&store), DistanceRows::compute(&graph, &sources, &control).unwrap().into_data());

@@ -1,6 +1,6 @@
 //! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
 //!
-//! The coarsest map is [spread by springs](super::tutte), which fold nothing. Descent keeps it so, and so does re-insertion from
+//! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
 //! one level to the next: no map on the way has a fold.
 
 use nalgebra::Vector2;
@@ -31,6 +31,23 @@ const FOR_A_LANDMARK: usize = 3;
 
 /// Distances are kept to at most so many vertices.
 pub const MOST_JUDGED: usize = 15_000;
+
+/// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 640; two triangles, 160; most of the
+/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
+const VERTEX_BYTES: u64 = 2600;
+
+/// The memory in bytes that [`flatten`] needs at most beside the surface and the rows: of distances of four bytes to the
+/// vertices to which they are kept there are two copies, all of them and those of the level at hand.
+///
+/// # Examples
+/// ```
+/// use voxflat::embed::stress::levels::memory_need;
+///
+/// assert!(memory_need(100_000, 200) < memory_need(100_000, 400));
+/// ```
+pub fn memory_need(points: usize, sources: usize) -> u64 {
+    VERTEX_BYTES * points as u64 + 2 * 4 * (points.min(MOST_JUDGED) * sources) as u64
+}
 
 /// Steps between two looks at what the springs and the scale should be.
 const ROUND: usize = 40;
@@ -97,6 +114,28 @@ pub struct Convergence {
 ///
 /// # Panics
 /// If the rows do not reach to every vertex of the surface.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::embed::classical::classical_scaling;
+/// use voxflat::embed::stress::levels::flatten;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::orient::map_area;
+/// use voxflat::rows::{DistanceRows, Rows};
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
+/// let start = classical_scaling(&rows.among(&control)?)?.places;
+/// let (uv, _) = flatten(&sheet, &rows, &start, 0.5, &control)?;
+/// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn flatten(
     surface: &Surface,
     rows: &impl Rows,

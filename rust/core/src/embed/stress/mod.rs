@@ -1,13 +1,13 @@
 //! Stress: places in the plane whose distances are near geodesic ones, over triangles that keep their shape and never fold.
 
-pub mod descent;
+pub(crate) mod descent;
 pub mod levels;
-pub mod local;
-pub mod outline;
-pub mod pairs;
-pub mod springs;
-pub mod triangles;
-pub mod tutte;
+pub(crate) mod local;
+pub(crate) mod outline;
+pub(crate) mod pairs;
+pub(crate) mod springs;
+pub(crate) mod triangles;
+pub(crate) mod tutte;
 
 use nalgebra::Vector2;
 
@@ -21,7 +21,7 @@ use triangles::{Shape, TriangleEnergy};
 
 /// The energy of a map: the stress of its distances and the price of what happens to its triangles.
 #[derive(Debug)]
-pub struct MapEnergy<'a> {
+pub(crate) struct MapEnergy<'a> {
     /// Distances to keep.
     pub pairs: &'a Pairs,
     /// What they count.

@@ -176,7 +176,8 @@ struct Part {
 #[derive(Debug)]
 pub struct TriangleEnergy {
     rests: Vec<Rest>,
-    area: f64,
+    /// Of the surface, mm².
+    pub(super) area: f64,
     /// For each vertex its corners: triangle × 3 + corner.
     starts: Vec<u32>,
     corners: Vec<u32>,
@@ -213,11 +214,6 @@ impl TriangleEnergy {
     pub(super) fn around(&self, vertex: usize) -> impl Iterator<Item = (&Rest, usize)> {
         let corners = &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize];
         corners.iter().map(|&corner| (&self.rests[corner as usize / 3], corner as usize % 3))
-    }
-
-    /// The surface's area, mm².
-    pub fn area(&self) -> f64 {
-        self.area
     }
 
     /// `weight` times the mean energy, and its gradient added to `gradient`.

@@ -3,7 +3,7 @@
 //! A point on a path asks what a vertex asks in the march: which front gets here first, and across which side of a triangle?
 //! The path leads straight to where that front crosses the side, and asks again. Fronts are no better known at the sides of
 //! the triangle at hand than farther away, but a line that asks at every side bends at every side; so it looks as far as the
-//! march does from its source, through several sides that are unfolded into the plane ([`super::sight`]). A vertex in sight is
+//! march does from its source, through several sides that are unfolded into the plane (`sight`). A vertex in sight is
 //! taken where the way by it is shorter than by any front: at saddles, on borders, at the source. The march is over, and every
 //! distance known, so obtuse corners need no care.
 //!

@@ -107,6 +107,19 @@ pub struct SweepTargets {
 }
 
 impl Sweep {
+    /// The memory in bytes that a prepared graph of a surface's vertices takes: some 220 shortcuts of eight bytes a vertex, as
+    /// many as 300,000 vertices have (docs/decisions/0010). The tables they are found in are smaller than the rows, and
+    /// gone before these.
+    pub const fn memory_need_of_surface(vertices: usize) -> u64 {
+        8 * 220 * vertices as u64
+    }
+
+    /// The same of voxels: 36 shortcuts of eight bytes, as many as a million voxels have, and 110 lengths of four bytes
+    /// in the tables they are found in.
+    pub const fn memory_need_of_voxels(voxels: usize) -> u64 {
+        (8 * 36 + 4 * 110) * voxels as u64
+    }
+
     /// Prepares a graph, whatever it costs.
     ///
     /// # Errors

@@ -59,6 +59,17 @@ const RINGS: usize = 3;
 ///
 /// # Errors
 /// [`Error::NoSuchPoint`], [`Error::NotAnEdge`].
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::cuts::cut;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let open = cut(&sheet, &[vec![4, 13, 22]])?; // from the boundary inwards
+/// assert_eq!(open.len(), sheet.len() + 2); // the vertex where it ends is not doubled
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     let network = Network::of(surface);
     let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;
@@ -74,6 +85,19 @@ pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
 ///
 /// # Errors
 /// [`Error::NoFaces`], [`Error::SeveralComponents`], [`Error::NotADisk`], [`Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::surface::cuts::open_to_disk;
+/// use voxflat::surface::mesh::shapes;
+/// use voxflat::surface::topology::Topology;
+///
+/// let torus = shapes::surface(shapes::torus(24, 12));
+/// let opened = open_to_disk(&torus, &Control::default())?;
+/// assert!(Topology::of(&opened.surface).is_disk());
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn open_to_disk(surface: &Surface, control: &Control) -> Result<Opened> {
     let topology = Topology::of(surface);
     require_connected(&topology)?;

@@ -8,6 +8,15 @@ use crate::surface::mesh::Surface;
 /// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003), half of which falls to either
 /// end; a face carries a third of its area to each corner. Both are summed over a neighbourhood of so many `rings` before they
 /// are divided, which tames the steps of surfaces from voxels. The boundary has no angle. Takes O(n) for each ring.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::curvature::mean_curvature;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sphere = shapes::surface(shapes::sphere(4)); // of radius 1
+/// assert!(mean_curvature(&sphere, 4).iter().all(|bend| (bend - 1.0).abs() < 0.05));
+/// ```
 pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let normals = surface.face_normals();
     let mut bend = vec![0.0; surface.len()];

@@ -7,6 +7,7 @@
 pub mod curvature;
 pub mod loose;
 pub mod paths;
+pub mod shapes;
 
 use nalgebra::Vector3;
 
@@ -20,6 +21,16 @@ pub const BORDER: u32 = u32::MAX;
 ///
 /// Half-edge `3 f + k` leads from corner `k` of face `f` to its corner `k + 1`; seen from outside, faces run
 /// counterclockwise.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::Surface;
+///
+/// let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let (tetrahedron, mended) = Surface::from_triangles(&points, &[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])?;
+/// assert_eq!((tetrahedron.edges().count(), tetrahedron.boundary().len(), mended.turned), (6, 0, 0));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
     points: Vec<Vector3<f64>>,
@@ -29,12 +40,26 @@ pub struct Surface {
 }
 
 /// The next half-edge of the same face.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::next;
+///
+/// assert_eq!([6, 7, 8].map(next), [7, 8, 6]); // of face 2
+/// ```
 #[inline]
 pub const fn next(half_edge: u32) -> u32 {
     if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
 }
 
 /// The half-edge before, of the same face.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::previous;
+///
+/// assert_eq!([6, 7, 8].map(previous), [8, 6, 7]); // of face 2
+/// ```
 #[inline]
 pub const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
@@ -45,6 +70,14 @@ pub const fn previous(half_edge: u32) -> u32 {
 ///
 /// # Panics
 /// If a corner is no point.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::{shapes, vertex_normals};
+///
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// assert!(vertex_normals(sheet.points(), sheet.faces()).iter().all(|normal| normal.z == 1.0));
+/// ```
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
@@ -146,6 +179,12 @@ impl Surface {
             self.twins = twins_of_turned(&self.twins, &vec![true; self.faces.len()]);
         }
         self
+    }
+
+    /// The memory in bytes of a surface: a vertex has a point of three f64 and an id, and about two faces, each with three
+    /// corners and three twins.
+    pub const fn memory_need(vertices: usize) -> u64 {
+        (24 + 4 + 2 * (12 + 12)) * vertices as u64
     }
 
     /// Number of vertices.
@@ -315,90 +354,6 @@ fn finite(mut points: impl Iterator<Item = [f64; 3]>) -> Result<()> {
     match points.position(|p| !p.iter().all(|x| x.is_finite())) {
         Some(vertex) => Err(Error::PointNotFinite { vertex }),
         None => Ok(()),
-    }
-}
-
-#[cfg(test)]
-pub(crate) mod shapes {
-    use super::*;
-
-    /// A sheet of `m` × `n` squares of side 1 in the plane z = 0, each cut along a diagonal.
-    pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
-        let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
-        (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
-    }
-
-    /// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
-    pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
-        let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;
-        let place = |i: usize, j: usize| {
-            let (r, z) = (3.0 + angle(j, n).cos(), angle(j, n).sin());
-            [r * angle(i, m).cos(), r * angle(i, m).sin(), z]
-        };
-        let points = (0..m).flat_map(|i| (0..n).map(move |j| place(i, j))).collect();
-        (points, grid_faces(m, n, |i, j| i % m * n + j % n))
-    }
-
-    /// An octahedron whose faces were cut into four `times` times, on the unit sphere.
-    pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
-        let mut points: Vec<Vector3<f64>> = Vec::new();
-        for axis in 0..3 {
-            for sign in [1.0, -1.0] {
-                points.push(Vector3::from_fn(|a, _| if a == axis { sign } else { 0.0 }));
-            }
-        }
-        let mut faces: Vec<[i64; 3]> = Vec::new();
-        for (x, y, z) in (0..8).map(|n| (n & 1, n >> 1 & 1, n >> 2)) {
-            let face = [x, 2 + y, 4 + z];
-            faces.push(if (x + y + z) % 2 == 0 { face } else { [face[0], face[2], face[1]] });
-        }
-        for _ in 0..times {
-            let mut middle = std::collections::HashMap::new();
-            let mut halve = |a: i64, b: i64| {
-                *middle.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                    points.push((points[a as usize] + points[b as usize]).normalize());
-                    points.len() as i64 - 1
-                })
-            };
-            faces = faces
-                .iter()
-                .flat_map(|&[a, b, c]| {
-                    let (d, e, f) = (halve(a, b), halve(b, c), halve(c, a));
-                    [[a, d, f], [b, e, d], [c, f, e], [d, e, f]]
-                })
-                .collect();
-        }
-        (points.into_iter().map(Into::into).collect(), faces)
-    }
-
-    fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
-        let squares = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
-        squares
-            .flat_map(|(i, j)| {
-                let [a, b, c, d] =
-                    [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)].map(|v| v as i64);
-                [[a, b, c], [a, c, d]]
-            })
-            .collect()
-    }
-
-    /// Half-edges of the same edge lead opposite ways, and every vertex has one fan.
-    pub fn assert_sound(surface: &Surface) {
-        for (h, &twin) in (0..).zip(surface.twins()) {
-            if twin != BORDER {
-                assert_eq!(surface.twins()[twin as usize], h);
-                assert_eq!((surface.origin(h), surface.target(h)), (surface.target(twin), surface.origin(twin)));
-            }
-        }
-        let fans = fans(surface.faces(), surface.twins());
-        let count = (0..fans.len()).filter(|&c| fans[c] == c as u32).count();
-        assert_eq!(count, surface.len());
-    }
-
-    pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
-        let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
-        assert_eq!((mended.turned, mended.unused), (0, 0));
-        surface
     }
 }
 

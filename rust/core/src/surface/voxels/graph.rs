@@ -60,6 +60,11 @@ impl VoxelGraph {
         Ok(graph)
     }
 
+    /// The memory in bytes of a graph: four for a link from each of its ends, and for where a vertex's links begin.
+    pub const fn memory_need(vertices: usize, links: usize) -> u64 {
+        4 * links as u64 + 4 * vertices as u64
+    }
+
     /// Number of vertices.
     pub fn len(&self) -> usize {
         self.starts.len() - 1

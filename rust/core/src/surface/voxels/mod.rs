@@ -7,9 +7,9 @@ pub mod cubes;
 pub mod graph;
 pub mod level;
 pub mod nodes;
-pub mod positions;
+mod positions;
 pub mod repair;
-pub mod sheets;
+mod sheets;
 pub mod surfels;
 pub mod voxelmesh;
 
@@ -71,6 +71,11 @@ impl VoxelSurface {
             voxels: kept().map(|v| self.voxels[v]).collect(),
             outward: kept().map(|v| self.outward[v]).collect(),
         }
+    }
+
+    /// The memory in bytes of so many surface voxels: three indices and a direction outward of three bytes.
+    pub const fn memory_need(voxels: usize) -> u64 {
+        (12 + 3) * voxels as u64
     }
 
     /// Number of surface voxels.

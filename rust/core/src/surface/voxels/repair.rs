@@ -79,6 +79,18 @@ pub enum Way {
 /// # Errors
 /// [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::surface::voxels::repair::to_genus_zero;
+/// use voxflat::volume::Mask;
+///
+/// let ring = Mask::from_fn([7, 7, 3], |[i, j, k]| k == 1 && (1..6).contains(&i) && (1..6).contains(&j) && [i, j] != [3, 3])?;
+/// let repaired = to_genus_zero(&ring, [1.0; 3], None, &Control::default())?;
+/// assert_eq!((repaired.handles, repaired.filled), (1, vec![[3, 3, 1]])); // the hole is closed
+/// # Ok::<(), voxflat::Error>(())
+/// ```
 pub fn to_genus_zero(
     mask: &Mask,
     spacing: [f64; 3],

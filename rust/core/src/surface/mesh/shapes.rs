@@ -1,0 +1,121 @@
+//! Surfaces of known shape, for examples and tests: points in mm and triangles, and the [`Surface`] that they are.
+
+use nalgebra::Vector3;
+
+use super::Surface;
+
+/// A sheet of `m` × `n` squares of side 1 in the plane z = 0, each cut along a diagonal.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::shapes;
+///
+/// let (points, faces) = shapes::sheet(2, 1);
+/// assert_eq!((points.len(), faces.len()), (6, 4));
+/// ```
+pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+    let points = (0..=m).flat_map(|i| (0..=n).map(move |j| [i as f64, j as f64, 0.0])).collect();
+    (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
+}
+
+/// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::shapes;
+/// use voxflat::surface::topology::Topology;
+///
+/// let torus = shapes::surface(shapes::torus(12, 6));
+/// assert_eq!(Topology::of(&torus).genus, 1);
+/// ```
+pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+    let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;
+    let place = |i: usize, j: usize| {
+        let (r, z) = (3.0 + angle(j, n).cos(), angle(j, n).sin());
+        [r * angle(i, m).cos(), r * angle(i, m).sin(), z]
+    };
+    let points = (0..m).flat_map(|i| (0..n).map(move |j| place(i, j))).collect();
+    (points, grid_faces(m, n, |i, j| i % m * n + j % n))
+}
+
+/// An octahedron whose faces were cut into four `times` times, on the unit sphere.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sphere = shapes::surface(shapes::sphere(2));
+/// assert!(sphere.points().iter().all(|p| (p.norm() - 1.0).abs() < 1e-12));
+/// ```
+pub fn sphere(times: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
+    let mut points: Vec<Vector3<f64>> = Vec::new();
+    for axis in 0..3 {
+        for sign in [1.0, -1.0] {
+            points.push(Vector3::from_fn(|a, _| if a == axis { sign } else { 0.0 }));
+        }
+    }
+    let mut faces: Vec<[i64; 3]> = Vec::new();
+    for (x, y, z) in (0..8).map(|n| (n & 1, n >> 1 & 1, n >> 2)) {
+        let face = [x, 2 + y, 4 + z];
+        faces.push(if (x + y + z) % 2 == 0 { face } else { [face[0], face[2], face[1]] });
+    }
+    for _ in 0..times {
+        let mut middle = std::collections::HashMap::new();
+        let mut halve = |a: i64, b: i64| {
+            *middle.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                points.push((points[a as usize] + points[b as usize]).normalize());
+                points.len() as i64 - 1
+            })
+        };
+        faces = faces
+            .iter()
+            .flat_map(|&[a, b, c]| {
+                let (d, e, f) = (halve(a, b), halve(b, c), halve(c, a));
+                [[a, d, f], [b, e, d], [c, f, e], [d, e, f]]
+            })
+            .collect();
+    }
+    (points.into_iter().map(Into::into).collect(), faces)
+}
+
+/// The surface of a shape.
+///
+/// # Panics
+/// If the triangles are no surface, or do not run counterclockwise as seen from outside.
+///
+/// # Examples
+/// ```
+/// use voxflat::surface::mesh::shapes;
+///
+/// assert_eq!(shapes::surface(shapes::sheet(2, 1)).len(), 6);
+/// ```
+pub fn surface((points, faces): (Vec<[f64; 3]>, Vec<[i64; 3]>)) -> Surface {
+    let (surface, mended) = Surface::from_triangles(&points, &faces).unwrap();
+    assert_eq!((mended.turned, mended.unused), (0, 0));
+    surface
+}
+
+fn grid_faces(m: usize, n: usize, vertex: impl Fn(usize, usize) -> usize) -> Vec<[i64; 3]> {
+    let squares = (0..m).flat_map(|i| (0..n).map(move |j| (i, j)));
+    squares
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] =
+                [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)].map(|v| v as i64);
+            [[a, b, c], [a, c, d]]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+/// Half-edges of the same edge lead opposite ways, and every vertex has one fan.
+pub(crate) fn assert_sound(surface: &Surface) {
+    for (h, &twin) in (0..).zip(surface.twins()) {
+        if twin != super::BORDER {
+            assert_eq!(surface.twins()[twin as usize], h);
+            assert_eq!((surface.origin(h), surface.target(h)), (surface.target(twin), surface.origin(twin)));
+        }
+    }
+    let fans = super::fans(surface.faces(), surface.twins());
+    let count = (0..fans.len()).filter(|&c| fans[c] == c as u32).count();
+    assert_eq!(count, surface.len());
+}
