@@ -3,6 +3,7 @@ import signal
 from collections import Counter
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # pytest's processes share the cores already
@@ -25,7 +26,7 @@ def pytest_terminal_summary(terminalreporter, config):
         return
     seconds, tests = Counter(), Counter()
     for report in (report for reports in terminalreporter.stats.values() for report in reports):
-        if hasattr(report, "when"):
+        if isinstance(report, pytest.TestReport):
             folder = Path(report.nodeid.split("::")[0]).parent
             seconds[folder] += report.duration
             tests[folder] += report.when == "call"

@@ -162,7 +162,7 @@ class Sampler:
         if not np.isfinite(depth):
             raise InputError(f"the depth is {depth}; give a finite number of mm")
         if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth} mm, but this sheet has background on both sides and so no outside")
+            raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
         normals = raster.interpolate(self.normals)
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
