@@ -20,6 +20,7 @@ def test_is_finite(made):
     assert np.isfinite(made.metadata["descent"]["energies"]).all()
 
 
+@pytest.mark.slow
 def test_has_no_folds(made):
     triangles = made.distortion.triangles
     assert (triangles.flipped, triangles.collapsed, triangles.covering, triangles.crossings) == (0, 0, 0, 0)
@@ -27,6 +28,7 @@ def test_has_no_folds(made):
     assert (signed > 0).all() or (signed < 0).all()
 
 
+@pytest.mark.slow
 def test_what_did_not_converge_is_told(made):
     told = any("before it converged" in warning for warning in made.metadata["warnings"])
     assert told == (not made.metadata["descent"]["converged"])

@@ -198,6 +198,7 @@ def test_true_and_false_are_no_numbers(bad):
             call()
 
 
+@pytest.mark.slow
 def test_check_is_the_same_with_any_number_of_threads():
     sphere = pv_sphere()
     one = voxflat.check(sphere, threads=1)
