@@ -12,6 +12,8 @@ from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures
 from voxflat.cli import main
 from voxflat.io.meshes import Mesh, write_mesh
 
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
 
 def sheet(m, n, place):
     """Return a mesh of irregular triangles between straight lines along which it is folded."""

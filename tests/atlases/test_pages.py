@@ -49,6 +49,7 @@ def overlaps(page):
     return core.measure(uv)
 
 
+@pytest.mark.slow
 class TestPage:
     @pytest.mark.parametrize("gap", [0.0, 0.7, None])
     def test_boxes_keep_their_gap(self, atlas, gap):

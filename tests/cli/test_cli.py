@@ -22,6 +22,8 @@ from voxflat.io.volumes import read_volume, write_volume
 from voxflat.maps.colours import are_labels, label_colours
 from voxflat.maps.raster import FlatImage
 
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
 nib = pytest.importorskip("nibabel")
 
 AFFINE = np.array([[0, -0.8, 0, 10], [0.8, 0, 0, -20], [0, 0, 0.8, 5], [0, 0, 0, 1.0]])

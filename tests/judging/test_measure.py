@@ -357,6 +357,7 @@ class TestComparison:
         assert drawn == [1, 1, 1, 0]
 
 
+@pytest.mark.slow
 class TestCommandLine:
     @pytest.fixture
     def files(self, tmp_path):

@@ -35,6 +35,7 @@ class TestSubdivision:
         assert np.linalg.norm(centres[split] - [22, 56], axis=1).max() < 3 * 16
         assert len(after.faces) > 128 + 32
 
+    @pytest.mark.slow
     @given(st.integers(0, 2**32 - 1), st.sampled_from([4.0, 16.0, 100.0]), st.booleans())
     def test_the_surface_stays_and_carries_the_picture(self, seed, tolerance, repeat):
         rng = np.random.default_rng(seed)

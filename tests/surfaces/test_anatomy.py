@@ -6,6 +6,8 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
 CENTRE = np.array([3.3, -20.1, 7.7])
 
 

@@ -122,6 +122,7 @@ def test_the_command_writes_a_path_that_cuts(tmp_path):
     assert len(flat) == len(ball.points) + len(written) - 2
 
 
+@pytest.mark.slow
 def test_check_takes_what_flatten_takes(tmp_path):
     """The surface midway, and a repaired one."""
     inner, outer = sphere(), sphere()

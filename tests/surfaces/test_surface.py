@@ -69,6 +69,7 @@ class TestFromVoxels:
             with pytest.raises(voxflat.InputError, match=message):
                 voxflat.surface(ball, probability=probability)
 
+    @pytest.mark.slow
     def test_repair_leaves_a_sphere_and_tells_every_voxel(self, tmp_path):
         i, j, k = np.indices((30, 30, 14)) - np.array([15, 15, 7])[:, None, None, None]
         torus = (np.hypot(np.hypot(i, j) - 9, k) < 4).astype(np.uint8)

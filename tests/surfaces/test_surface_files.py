@@ -13,6 +13,7 @@ from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 pytest.importorskip("nilearn")
 
 
+@pytest.mark.slow
 class TestFiles:
     def test_a_map_of_a_mesh_is_saved_whole(self, flat_map, tmp_path):
         flat_map.save(tmp_path / "map.npz")

@@ -205,6 +205,7 @@ class TestMeasure:
         assert again.raw.stress_1 == pytest.approx(flat_map.distortion.raw.stress_1, rel=1e-5)
         assert again.triangles.flipped == flat_map.distortion.triangles.flipped
 
+    @pytest.mark.slow
     def test_the_shipped_map_has_no_flips(self, white, shipped):
         found = voxflat.measure(white, shipped, sources=30)
         assert (found.triangles.flipped, found.triangles.crossings) == (0, 0)
