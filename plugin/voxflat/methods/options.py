@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from voxflat.arguments import refuse
 from voxflat.errors import InputError
+from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 __all__ = ["METHODS", "OPTIONS", "default", "resolved", "telling_defaults"]
 
@@ -41,7 +42,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "geodesic": {"voxflat": "graph"},
     "weighting": {"voxflat": 0.5},
-    "link_lengths": {"grossmann2002": "chain-code"},
+    "link_lengths": {"grossmann2002": LINK_LENGTHS},
     # None: as many rings as hold a tenth of the points
     "neighbourhood": {"schwartz1989": None},
     "starts": {"schwartz1989": 3},  # as in the paper
@@ -80,14 +81,8 @@ def resolved(method: object, **given: Any) -> dict[str, Any]:
     if not isinstance(method, str) or method not in METHODS:
         *others, last = map(repr, METHODS)
         raise InputError(f"method is {method!r}; give {', '.join(others)} or {last}")
-    refuse(
-        method,
-        **{
-            name: value or None if value is False else value
-            for name, value in given.items()
-            if method not in OPTIONS[name]
-        },
-    )
+    unknown = {name: value for name, value in given.items() if method not in OPTIONS[name]}
+    refuse(method, **{name: None if value is False else value for name, value in unknown.items()})
     return {
         name: OPTIONS[name][method] if value is None else value
         for name, value in given.items()

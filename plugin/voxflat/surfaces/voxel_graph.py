@@ -16,9 +16,10 @@ from voxflat.errors import InputError
 from voxflat.surfaces.foreground import foreground_of, keep_mask
 from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 
-__all__ = ["VoxelGraph", "voxel_graph"]
+__all__ = ["LINK_LENGTHS", "VoxelGraph", "voxel_graph"]
 
 LINK_LENGTHS = "chain-code"
+"""How links are measured where nothing else is asked for: the paper's unbiased estimator."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +131,7 @@ def voxel_graph(
     )
     kept = None if keep is None else keep_mask(keep, given.volume)
     seed = None if seed_point is None else seed_voxel(seed_point)
-    lengths = link_lengths or LINK_LENGTHS
+    lengths = LINK_LENGTHS if link_lengths is None else link_lengths
     whole = _core.VoxelSurface.from_mask(given.mask, given.volume.affine.tolist(), lengths, progress)
     part = whole.cut_out(kept, seed, radius, progress)
     found, remarks = None, []
