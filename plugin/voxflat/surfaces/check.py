@@ -40,7 +40,8 @@ class Check:
         ``labels`` (numbers of voxels by label; None for intensities), ``range``; of a mesh ``vertices``, ``triangles``,
         ``size`` (mm) and ``structure``.
     defects : dict of str to list
-        What keeps a mesh from being a surface, and where: numbers of triangles or vertices.
+        What keeps a mesh from being a surface, and where: numbers of triangles or vertices. What was mended of it
+        stands in `advice`.
     foreground : int or None
         Number of foreground voxels; None for meshes, and if label or threshold are still to be chosen.
     surface_points : int or None
@@ -310,8 +311,7 @@ def _thin(part: Surface, how: _How) -> dict[str, Any]:
     if part.is_voxels:
         thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     else:
-        corners = part.points[part.faces]
-        thickness = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+        thickness = part.usual_edge
     count, worst = part.core.thin_places(thickness, how.threads, how.progress)
     found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:

@@ -18,7 +18,7 @@ from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
-_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels
+_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
@@ -158,6 +158,8 @@ def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDAr
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    elif part.metadata.get("unit") == "unknown":
+        longest = _SMALL_HOLE_VOXELS * part.usual_edge
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []

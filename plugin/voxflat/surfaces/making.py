@@ -57,7 +57,10 @@ def surface(
         Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
     repair : {"none", "voxels", "cuts"}, optional
         Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave none
-        ("voxels"), or by cutting them open ("cuts", also of meshes).
+        ("voxels"), or by cutting them open ("cuts", also of meshes). A mesh is mended besides, where that has one
+        right answer: triangles without area are dropped or flipped away, for which vertices at one place become one
+        (each keeps its number), duplicates are dropped, and where sheets touch at a vertex each gets its own. "none"
+        forbids it: what would be mended is refused.
     memory_limit : int, optional
         Bytes that may be used; by default what is free.
     threads : int, optional
@@ -86,7 +89,7 @@ def surface(
         _refuse_options("a mesh", probability=probability, sheet=sheet)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
-        made = of_mesh(mesh, pial)
+        made = of_mesh(mesh, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
         given = foreground_of(

@@ -34,6 +34,8 @@ class Surface:
         What the user should know of it.
     thickness : ndarray of float64, shape (V,), or None
         From white to pial surface at each vertex of the whole surface, mm, where both were given.
+    merged : ndarray of int64, shape (M, 2)
+        Vertices of the whole surface that are one with another, since they lie where that does, and which that is.
     """
 
     core: _core.Surface
@@ -41,6 +43,7 @@ class Surface:
     metadata: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     thickness: NDArray[np.float64] | None = None
+    merged: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -71,6 +74,12 @@ class Surface:
     def faces(self) -> NDArray[np.uint32]:
         """Triangles, shape (F, 3)."""
         return self.core.faces
+
+    @property
+    def usual_edge(self) -> float:
+        """Median length of the triangles' edges, mm."""
+        corners = self.points[self.faces]
+        return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
@@ -117,6 +126,7 @@ class Surface:
         known: dict[Any, int] = {}
         for number, key in enumerate(map(_key, self.ids.tolist())):
             known.setdefault(key, number)
+        known |= {of: known[one] for of, one in self.merged.tolist() if one in known}
         found = [known.get(_key(key)) for key in wanted.tolist()]
         if None in found:
             missing = wanted[found.index(None)].tolist()
@@ -151,6 +161,39 @@ class Surface:
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
 
+    def merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return vertices of the whole surface, each replaced by the one that it was merged with.
+
+        Parameters
+        ----------
+        vertices : ndarray of int64
+            Numbers of vertices, in any shape.
+
+        Returns
+        -------
+        ndarray of int64
+            In the same shape.
+        """
+        one = np.arange(self.count)
+        one[self.merged[:, 0]] = self.merged[:, 1]
+        return np.asarray(one[vertices])
+
+    def also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Find the vertices of the whole surface that were merged with one of this surface.
+
+        Returns
+        -------
+        vertices : ndarray of int64, shape (K,)
+            Their numbers. Where a cut runs through one, it is listed for both sides.
+        places : ndarray of int64, shape (K,)
+            The vertex of this surface that each is.
+        """
+        order = np.argsort(self.vertices, kind="stable")
+        sides = [np.searchsorted(self.vertices, self.merged[:, 1], side, order) for side in ("left", "right")]
+        counts = sides[1] - sides[0]
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return np.repeat(self.merged[:, 0], counts), order[np.repeat(sides[0], counts) + within]
+
     def has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
         """Find triangles that are given by vertices of the whole surface.
 
@@ -164,7 +207,9 @@ class Surface:
         ndarray of bool, shape (F,), or None
             Which of this surface's triangles they are; None if some of them are none of this surface.
         """
-        wanted = triangle_keys(faces)
+        faces = self.merged_in(faces)
+        a, b, c = faces.T
+        wanted = triangle_keys(faces[(a != b) & (b != c) & (c != a)])
         found = np.isin(triangle_keys(self.vertices[self.faces]), wanted)
         return found if found.sum() == len(np.unique(wanted)) else None
 
@@ -195,6 +240,7 @@ class Surface:
             )
         place = np.zeros(self.count, dtype=np.int8)  # 1 inside, 2 on the border
         place[patch.vertex_ids] = np.where(patch.border, 2, 1)
+        np.maximum.at(place, self.merged[:, 1], place[self.merged[:, 0]])
         corners = place[self.vertices[self.faces]]
         return np.asarray((corners > 0).all(axis=1) & (corners == 1).any(axis=1))
 
