@@ -14,9 +14,9 @@ from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
-from voxflat.io.freesurfer import is_patch, read_patch
 from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
+from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.surface import Surface
