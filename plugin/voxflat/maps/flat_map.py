@@ -237,7 +237,8 @@ class FlatMap(Planar):
             plane; .surf.gii a flat surface for Connectome Workbench; .patch.flat and .flat.patch.3d a FreeSurfer patch,
             for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place for each: where a
             cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are left out, so that
-            its readers find no triangle across the cut. How many triangles that costs is said.
+            its readers find no triangle across the cut. How many triangles that costs is said, and so is how many are
+            left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``).
 
         Raises
         ------
@@ -253,9 +254,11 @@ class FlatMap(Planar):
         elif name.endswith(FLAT_PATCH_ENDINGS):
             write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            write_mesh(path, self._mesh(whole=not self.is_voxels))
-        elif name.endswith((".vtp", ".ply", ".obj")):
-            write_mesh(path, self._mesh(whole=False))
+            write_mesh(path, self._mesh() if self.is_voxels else self._mesh_of_vertices())
+        elif name.endswith(".vtp"):
+            write_mesh(path, self._mesh(with_torn=True))
+        elif name.endswith((".ply", ".obj")):
+            write_mesh(path, self._mesh())
         else:
             endings = " or ".join(MAP_ENDINGS)
             why = f": {PATCH_ENDING} alone is a patch in space" if name.endswith(PATCH_ENDING) else ""
@@ -284,13 +287,29 @@ class FlatMap(Planar):
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
-    def _mesh(self, *, whole: bool) -> Mesh:
-        """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
-        points = np.column_stack([self.uv, np.zeros(len(self))])
-        structure = self.metadata.get("structure")
-        if not whole:
-            data = {"distortion": self.distortion.per_point}
-            return Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
+    @property
+    def _places(self) -> NDArray[np.float64]:
+        """The points' places as points in space, z = 0."""
+        return np.column_stack([self.uv, np.zeros(len(self))])
+
+    def _mesh(self, *, with_torn: bool = False) -> Mesh:
+        """Return the map as a mesh in the plane; torn triangles are marked, or left out."""
+        faces, face_data = self.faces.astype(np.int64), {}
+        if with_torn and self.torn.any():
+            face_data["torn"] = self.torn.astype(np.uint8)
+        elif self.torn.any():
+            faces = faces[~self.torn]
+            log.warning(
+                "%d of %d triangles are torn: between their corners there is no surface; they are left out of the file "
+                "(a .vtp holds them, marked)",
+                len(self.torn) - len(faces),
+                len(self.torn),
+            )
+        structure, point_data = self.metadata.get("structure"), {"distortion": self.distortion.per_point}
+        return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
+
+    def _mesh_of_vertices(self) -> Mesh:
+        """Return the map as a mesh in the plane with the vertex numbers of the flattened mesh."""
         rows = one_point_a_vertex(self.ids, self.faces)
         is_kept = triangles_of(rows, self.faces)
         if not is_kept.all():
@@ -300,15 +319,14 @@ class FlatMap(Planar):
                 len(self.faces),
             )
         placed = np.zeros((self.metadata["vertices"], 3))
-        placed[self.ids[rows]] = points[rows]
-        return Mesh(placed, self.ids[self.faces[is_kept]], structure=structure)
+        placed[self.ids[rows]] = self._places[rows]
+        return Mesh(placed, self.ids[self.faces[is_kept]], structure=self.metadata.get("structure"))
 
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
-        points = np.column_stack([self.uv, np.zeros(len(self))])
-        return patch_of(points, self.ids, self.faces, self.bridges, self.metadata["vertices"])
+        return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"])
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:
