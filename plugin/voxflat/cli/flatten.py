@@ -38,7 +38,8 @@ Examples:
     type=FILE,
     required=True,
     metavar="OUT",
-    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .vtp, .ply and .obj the flat surface.",
+    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj the flat "
+    "surface.",
 )
 @click.option(
     "--method",

@@ -39,6 +39,8 @@ class Mesh:
         What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, by name.
+    face_data : dict of str to ndarray, shape (F,)
+        Values of the triangles, by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
         Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
@@ -51,6 +53,7 @@ class Mesh:
     structure: str | None = None
     point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
+    face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -77,6 +80,9 @@ class Mesh:
         for name, array in self.point_data.items():
             if len(array) != len(points):
                 raise InputError(f"point data {name!r} has {len(array)} values; the surface has {len(points)} points")
+        for name, array in self.face_data.items():
+            if len(array) != len(self.faces):
+                raise InputError(f"face data {name!r} has {len(array)} values; the surface has {len(self.faces)} faces")
 
 
 def suspicious_units(points: NDArray[np.float64]) -> str | None:
@@ -233,8 +239,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
     mesh : Mesh
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
-        ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
-        marked as flat in GIFTI.
+        ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
+        all 0 is marked as flat in GIFTI.
 
     Raises
     ------
@@ -270,7 +276,7 @@ def _write_gifti(path: Path, mesh: Mesh) -> None:
 
 
 def _write_vtp(path: Path, mesh: Mesh) -> None:
-    vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data)
+    vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data, mesh.face_data)
 
 
 def _write_ply(path: Path, mesh: Mesh) -> None:

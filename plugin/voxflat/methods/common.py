@@ -126,6 +126,7 @@ def map_over_triangles(
         distortion=distortion,
         metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
         rows=rows,
+        bridges=part.bridges(cut.faces),
     )
 
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.freesurfer import Patch, is_patch, read_patch
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.overlays import read_region
+from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.foreground import keep_mask
