@@ -166,9 +166,13 @@ def _remarks(points: Any) -> tuple[str, ...]:
     """
     remarks = []
     system = points.coordsys
-    if system is not None and not np.array_equal(system.xform, np.eye(4)):
+    matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform)
+    if matrix.size != 16:
+        raise InputError(f"has a transform of {matrix.size} numbers, which needs 16: copy or download it again")
+    matrix = matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
+    if not np.array_equal(matrix, np.eye(4)):
         space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
-        shift = ", ".join(f"{value:g}" for value in np.asarray(system.xform)[:3, 3])
+        shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
         remarks.append(
             f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored"
         )
