@@ -144,7 +144,7 @@ impl Surface {
             let graph = &*inner.graph(control)?;
             let mut row = vec![0.0; graph.vertices()];
             graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
+            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
         })?;
         Ok((path.into_pyarray(py), length))
     }
@@ -158,7 +158,7 @@ impl Surface {
             let exact = Exact::new(&inner.surface);
             let (mut wave, mut row) = (exact.scratch(), vec![0.0; inner.surface.len()]);
             exact.distances(source, &mut row, &mut wave, control)?;
-            let mut path = exact.path(&wave, target)?;
+            let mut path = exact.path(&wave, target, control)?;
             path.reverse();
             Ok((path, row[target as usize]))
         })?;
