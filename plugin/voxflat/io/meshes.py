@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
+from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
@@ -30,7 +32,7 @@ class Mesh:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm; finite.
+        RAS+ mm, in `space`; finite.
     faces : ndarray of int64, shape (F, 3)
         Triangles, as rows of `points`. Points that no face uses are allowed: a flat map may have them.
     path : Path or None
@@ -43,6 +45,8 @@ class Mesh:
         Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
         What the reader noticed or changed.
+    space : Space
+        Whose coordinates the points are: scanner RAS, FreeSurfer's tkRAS, or unknown.
     """
 
     points: NDArray[np.float64]
@@ -52,6 +56,7 @@ class Mesh:
     point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
+    space: Space = UNKNOWN
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -192,8 +197,8 @@ def parsed(path: Path, data: bytes) -> Mesh:
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remark = suspicious_units(mesh.points)
-    hemisphere = {"lh.": "CortexLeft", "rh.": "CortexRight"}.get(path.name[:3])
-    return replace(mesh, structure=mesh.structure or hemisphere, remarks=mesh.remarks + ((remark,) if remark else ()))
+    remarks = mesh.remarks + ((remark,) if remark else ())
+    return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
 
 
 _Parts: TypeAlias = dict[str, Any]
@@ -201,13 +206,13 @@ _Parts: TypeAlias = dict[str, Any]
 
 
 def _read_gifti(path: Path, data: bytes) -> _Parts:
-    points, faces, structure, remarks = gifti.surface(gifti.load(data))
-    return {"points": points, "faces": faces, "structure": structure, "remarks": remarks}
+    points, faces, structure, space, remarks = gifti.surface(gifti.load(data))
+    return {"points": points, "faces": faces, "structure": structure, "space": space, "remarks": remarks}
 
 
 def _read_freesurfer(path: Path, data: bytes) -> _Parts:
-    points, faces, remarks = freesurfer.read_geometry(path, data)
-    return {"points": points, "faces": faces, "remarks": remarks}
+    points, faces, space, remarks = freesurfer.read_geometry(path, data)
+    return {"points": points, "faces": faces, "space": space, "remarks": remarks}
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
@@ -231,6 +236,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     ----------
     path : path
         ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
+        FreeSurfer's files have tkRAS and the volume that says where that is, all others scanner RAS, as tools take them
+        with volumes: points are moved where it is known how. Points of an unknown space are written as they are.
     mesh : Mesh
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
         ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
@@ -261,24 +268,29 @@ def _writer(path: Path) -> Callable[[Path, Mesh], None]:
 
 
 def _write_freesurfer(path: Path, mesh: Mesh) -> None:
-    freesurfer.write_geometry(path, mesh.points, mesh.faces)
+    points, volume = mesh.points, mesh.space.volume
+    if mesh.space.name == "scanner":
+        volume = volume or VolumeGeometry.conformed()
+        points = Space("tkRAS", volume).from_scanner(points)
+    freesurfer.write_geometry(path, points, mesh.faces, volume)
 
 
 def _write_gifti(path: Path, mesh: Mesh) -> None:
-    as_float32(mesh.points)
-    path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+    points = mesh.space.to_scanner(mesh.points)
+    as_float32(points)
+    path.write_bytes(gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=mesh.space.is_known))
 
 
 def _write_vtp(path: Path, mesh: Mesh) -> None:
-    vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data)
+    vtk.write_vtp(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates, mesh.point_data)
 
 
 def _write_ply(path: Path, mesh: Mesh) -> None:
-    ply.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    ply.write_ply(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
 def _write_obj(path: Path, mesh: Mesh) -> None:
-    obj.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    obj.write_obj(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
 _WRITERS: dict[str, Callable[[Path, Mesh], None]] = {

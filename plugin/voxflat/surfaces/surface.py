@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.freesurfer import Patch
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.spaces import Space, VolumeGeometry
 
 __all__ = ["Surface"]
 
@@ -64,8 +66,13 @@ class Surface:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The vertices, RAS+ mm, shape (N, 3)."""
+        """The vertices, RAS+ mm in `space`, shape (N, 3)."""
         return self.core.points
+
+    @property
+    def space(self) -> Space:
+        """The space of its points: that of the volume, or what the mesh's file says."""
+        return Space.of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -240,7 +247,8 @@ class Surface:
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. FreeSurfer's
+            have tkRAS, the others scanner RAS, as `io.write_mesh` says.
 
         Raises
         ------
@@ -249,7 +257,15 @@ class Surface:
         OSError
             If it cannot be written.
         """
-        write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure")))
+        space, structure = self.space, self.metadata.get("structure")
+        if space.name == "scanner" and self.is_voxels:
+            volume = VolumeGeometry.of_volume(
+                self.metadata["affine"], self.metadata["shape"], self.metadata["input"] or ""
+            )
+            space = Space("scanner", volume)
+        if space.doubt:
+            log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
+        write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space))
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
