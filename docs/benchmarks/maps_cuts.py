@@ -47,7 +47,7 @@ def main():
         draw(drawn, sys.argv[1])
     for side in anatomy.SIDES:
         labels, affine, _ = anatomy.mni152_white_matter(side)
-        surface = voxflat.surface(labels, affine=affine, repair=True)
+        surface = voxflat.surface(labels, affine=affine, repair="voxels")
         for name, relax in (("one line", False), ("automatic", None)):
             report(f"MNI152 white matter {side}, whole", name, None, surface, None, relax=relax)
 

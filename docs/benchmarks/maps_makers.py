@@ -117,7 +117,7 @@ def voxflat_map(job, options):
     import voxflat
 
     if "labels" in job:
-        surface = voxflat.surface(job["labels"], affine=job["affine"], repair=True)
+        surface = voxflat.surface(job["labels"], affine=job["affine"], repair="voxels")
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
     made = voxflat.flatten(surface, **options)

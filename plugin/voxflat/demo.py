@@ -133,7 +133,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     output.mkdir(parents=True, exist_ok=True)
     white_matter, t1, grey_matter = demo_cortex()
     start = time.perf_counter()
-    whole = surface(hemisphere(white_matter), repair=True, progress=progress)
+    whole = surface(hemisphere(white_matter), repair="voxels", progress=progress)
     flat_map = flatten(whole, progress=progress)
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")

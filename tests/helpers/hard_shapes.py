@@ -90,7 +90,8 @@ VOLUMES = (glove, touching_folds, folds_at_edges)
 def surface(shape):
     """Return the surface of a shape, repaired if it is of voxels, which are 1 mm."""
     made = shape()
-    return voxflat.surface(made) if isinstance(made, tuple) else voxflat.surface(made, spacing=(1, 1, 1), repair=True)
+    how = {} if isinstance(made, tuple) else {"spacing": (1, 1, 1), "repair": "voxels"}
+    return voxflat.surface(made, **how)
 
 
 def sheet(place, size, counts=None):

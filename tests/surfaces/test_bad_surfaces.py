@@ -269,10 +269,12 @@ def test_pial_must_correspond():
 
 
 def test_repair_of_what_cannot_be_repaired():
-    with pytest.raises(voxflat.InputError, match="a mesh has no voxels; give 'cuts'"):
+    with pytest.raises(voxflat.InputError, match="a mesh has no voxels; give 'cuts' or 'none'"):
         voxflat.surface(square(), repair="voxels")
-    with pytest.raises(voxflat.InputError, match="repair is 'glue'"):
-        voxflat.surface(shapes.ball(5), repair="glue")
+    for wrong, message in (("glue", "repair is 'glue'"), (True, "'voxels' is what True"), (False, "'none' is what")):
+        for of in (shapes.ball(5), square()):
+            with pytest.raises(voxflat.InputError, match=message):
+                voxflat.surface(of, repair=wrong)
 
 
 @pytest.mark.parametrize("name", ["an edge of three", "a vertex of two fans", "a corner twice", "a Möbius strip"])

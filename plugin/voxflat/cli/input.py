@@ -28,6 +28,5 @@ def source_of(input_: Path, given: dict[str, Any], shown: Bars) -> Path | Surfac
 def surface_of(input_: Path, given: dict[str, Any], shown: Bars) -> Surface:
     """Make the surface of an input; the options that say how are taken out of what is given."""
     how = {name: given.pop(name) for name in (*MAKING, *VOLUME)}
-    how["repair"] = how["repair"] or False
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
     return surface(input_, **how, **limits, progress=shown.progress)

@@ -212,8 +212,8 @@ making = _group(
     click.option("--probability", type=FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
     click.option(
         "--repair",
-        type=click.Choice(["voxels", "cuts"]),
-        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open.",
+        type=click.Choice(["none", "voxels", "cuts"]),
+        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing.",
     ),
 )
 """How a surface is made."""

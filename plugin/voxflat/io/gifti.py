@@ -195,12 +195,21 @@ def _only(image: Any, intent: str, name: str) -> Any:
 
 def _remarks(points: Any) -> tuple[str, ...]:
     """Tell of a transform to a template, which neither Workbench nor voxflat applies."""
-    system = points.coordsys
-    if system is None or np.array_equal(system.xform, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
+    system, matrix = points.coordsys, _transform(points)
+    if np.array_equal(matrix, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
         return ()
     space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
-    shift = ", ".join(f"{value:g}" for value in np.asarray(system.xform)[:3, 3])
+    shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
     return (f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored",)
+
+
+def _transform(points: Any) -> NDArray[np.float64]:
+    """Return the matrix of the coordinate system, the identity if there is none."""
+    system = points.coordsys
+    matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
+    if matrix.size != 16:
+        raise InputError(f"has a transform of {matrix.size} numbers, which needs 16: copy or download it again")
+    return matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
 
 
 def _space(points: Any) -> Space:
@@ -225,7 +234,7 @@ def _space(points: Any) -> Space:
         volume = _volume_geometry(meta)
         is_led = dataspace == 0 and xformspace == _SCANNER
         if is_led and volume is None:
-            volume = VolumeGeometry.of_matrix(system.xform)
+            volume = VolumeGeometry.of_matrix(_transform(points))
     except (InputError, ValueError) as error:
         doubt = f"its volume geometry (VolGeom...) is damaged: {error}"
         return Space("scanner") if dataspace == _SCANNER else Space("unknown", None, doubt)

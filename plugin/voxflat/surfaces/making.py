@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from voxflat.arguments import Progress
@@ -14,6 +15,8 @@ from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["surface"]
+
+_REPAIRS = ("none", "voxels", "cuts")
 
 
 def surface(
@@ -26,7 +29,7 @@ def surface(
     probability: object | None = None,
     sheet: bool | None = None,
     pial: object | None = None,
-    repair: bool | str = False,
+    repair: str | None = None,
     memory_limit: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -52,9 +55,9 @@ def surface(
         this is recognised.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
-    repair : {False, True, "voxels", "cuts"}
-        Make the surface of a volume a sphere: by the fewest voxels taken away or added that leave no handle
-        ("voxels" or True), or by cutting handles open ("cuts", also for meshes).
+    repair : {"none", "voxels", "cuts"}, optional
+        Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave none
+        ("voxels"), or by cutting them open ("cuts", also of meshes).
     memory_limit : int, optional
         Bytes that may be used; by default what is free.
     threads : int, optional
@@ -73,17 +76,16 @@ def surface(
     Cancelled
         If `progress` returned False.
     """
-    if repair not in (False, True, "voxels", "cuts"):
-        raise InputError(f"repair is {repair!r}; give False, True, 'voxels' or 'cuts'")
+    _check_repair(repair)
     if isinstance(source, Surface):
         made = source
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
-        _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair or None)
+        _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair)
     elif (mesh := as_mesh(source)) is not None:
         _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
         _refuse_options("a mesh", probability=probability, sheet=sheet)
-        if repair in (True, "voxels"):
-            raise InputError(f"repair is {repair!r}, but a mesh has no voxels; give 'cuts'")
+        if repair == "voxels":
+            raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
         made = of_mesh(mesh, pial)
     else:
         _refuse_options("a volume", pial=pial)
@@ -92,6 +94,14 @@ def surface(
         )
         made = of_volume(given, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress)
     return _cut_handles(made, threads, progress) if repair == "cuts" else made
+
+
+def _check_repair(repair: object) -> None:
+    if repair is None or (isinstance(repair, str) and repair in _REPAIRS):
+        return
+    instead = {True: "; 'voxels' is what True was", False: "; 'none' is what False was"}
+    was = instead[bool(repair)] if isinstance(repair, bool | np.bool_) else ""
+    raise InputError(f"repair is {repair!r}; give 'none', 'voxels' or 'cuts', or leave it out{was}")
 
 
 def _refuse_options(what: str, **options: object) -> None:

@@ -24,7 +24,7 @@ def of_volume(
     *,
     probability: object | None = None,
     sheet: bool | None = None,
-    repair: bool | str = False,
+    repair: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Surface:
@@ -50,7 +50,7 @@ def of_volume(
     metadata = dict(given.metadata)
     level, placed_by = _level(volume, mask, metadata["threshold"], probability)
     remarks: list[str] = []
-    if repair in (True, "voxels"):
+    if repair == "voxels":
         mask, metadata["repair"], remarks = _repaired(mask, volume, level, progress)
     core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
     metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
