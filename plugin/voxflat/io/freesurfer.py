@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, check_size, require
+from voxflat.io.files import AGAIN, check_size, contents, naming, require
+from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import as_float32
 
+_SCANNER_TAG = b"\0\0\0\x02\0\0\0\x01"  # useRealRAS: scanner RAS, which nibabel does not know
 _REMEDY = "is it complete, and of this format?"
 
 
-def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], tuple[str, ...]]:
-    """Return points, faces and remarks of a surface file; quadrangles are split as FreeSurfer does."""
+def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], Space, tuple[str, ...]]:
+    """Return points, faces, space and remarks of a surface file; quadrangles are split as FreeSurfer does."""
     nibabel, is_quad = require("nibabel"), data[2] != 0xFE
     if is_quad:
         points, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
@@ -36,24 +39,41 @@ def read_geometry(path: Path, data: bytes) -> tuple[NDArray[Any], NDArray[Any], 
         check_size(data, need if min(points, triangles) >= 0 else -1, f"{points} points and {triangles} faces")
         remarks = ()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that there is no volume, which a surface does not need
-        coordinates, faces, volume = nibabel.freesurfer.read_geometry(path, read_metadata=True)
-    if str(volume.get("valid", "")).startswith("1") and np.any(volume["cras"]):
-        remarks += (cras_remark(volume["cras"]),)
-    return coordinates, faces, remarks
+        warnings.simplefilter("ignore")  # that there is no volume, or what else stands in its place
+        coordinates, faces, footer = nibabel.freesurfer.read_geometry(path, read_metadata=True)
+    is_scanner = not is_quad and data[need : need + 8] == _SCANNER_TAG
+    return coordinates, faces, Space("scanner") if is_scanner else _space(footer), remarks
 
 
-def cras_remark(shift: Any) -> str:
-    """Say that coordinates are in FreeSurfer's space, with its offset in mm."""
-    x, y, z = (f"{value:g}" for value in shift)
-    return f"coordinates are FreeSurfer's (tkRAS), as stored: add c_ras ({x}, {y}, {z}) mm for scanner RAS"
+def _space(footer: dict[str, Any]) -> Space:
+    """Return the space of a surface by its footer: tkRAS."""
+    if not str(footer.get("valid", "")).startswith("1"):
+        doubt = "it has FreeSurfer's coordinates (tkRAS), and its file does not say where their volume lies (c_ras)"
+        return Space("tkRAS", None, doubt)
+    cosines = np.column_stack([footer[axis] for axis in ("xras", "yras", "zras")])
+    try:
+        volume = VolumeGeometry(cosines, footer["cras"], footer["volume"], footer["voxelsize"], footer["filename"])
+    except InputError as error:
+        return Space("tkRAS", None, f"it has FreeSurfer's coordinates (tkRAS), but {error}")
+    return Space("tkRAS", volume)
 
 
-def write_geometry(path: Path, points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
-    """Write a surface file."""
-    counts = np.array([len(points), len(faces)], ">i4")
-    parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
-    path.write_bytes(b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts))
+def write_geometry(
+    path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
+) -> None:
+    """Write a surface file: points in tkRAS, and the volume that says where that is."""
+    footer = None
+    if volume is not None:
+        footer = {
+            "head": np.array([2, 0, 20]),
+            "valid": "1  # volume info valid",
+            "filename": "".join(letter if letter.isprintable() else "_" for letter in volume.filename) or "unknown",
+            "volume": volume.shape,
+            "voxelsize": volume.voxel_size,
+            **{axis: volume.cosines[:, n] for n, axis in enumerate(("xras", "yras", "zras"))},
+            "cras": volume.c_ras,
+        }
+    require("nibabel").freesurfer.write_geometry(path, as_float32(points), faces, "created by voxflat", footer)
 
 
 def is_morph(data: bytes) -> bool:
@@ -104,16 +124,46 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     """Return which of n points a label file names."""
-    lines = data.decode("utf-8", "replace").splitlines()
-    if len(lines) < 2 or not lines[1].strip().isdigit():
-        raise InputError("is no label file: its second line must be the number of points")
-    named, rows = int(lines[1]), [line for line in lines[2:] if line.strip()]
-    if named != len(rows):
-        raise InputError(f"names {len(rows)} points, by its header {named}: {AGAIN}")
-    vertices = np.loadtxt(io.StringIO("\n".join(rows)), usecols=0, ndmin=1) if rows else np.zeros(0)
+    vertices = _label_columns(data, 1)[:, 0]
     bad = np.flatnonzero((vertices < 0) | (vertices >= n) | (vertices % 1 != 0))
     if len(bad):
         raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}; the surface has the points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)
     mask[vertices.astype(np.int64)] = True
     return mask
+
+
+def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read the points that a label file names, and where they lay on the surface that it was drawn on.
+
+    Parameters
+    ----------
+    path : path
+        A ``.label`` file that `read_region` has read: its points are those of a surface.
+
+    Returns
+    -------
+    vertices : ndarray of int64, shape (k,)
+        Numbers of points.
+    points : ndarray of float64, shape (k, 3)
+        tkRAS, mm; some programs write 0.
+    """
+    path = Path(path)
+    with naming(path, _REMEDY):
+        data = contents(path)
+        vertices = _label_columns(data, 1)[:, 0].astype(np.int64)
+        try:
+            return vertices, _label_columns(data, 4)[:, 1:]
+        except ValueError:  # it has numbers only
+            return vertices, np.zeros((len(vertices), 3))
+
+
+def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:
+    """Return the first columns of a label file's points: number, x, y, z."""
+    lines = data.decode("utf-8", "replace").splitlines()
+    if len(lines) < 2 or not lines[1].strip().isdigit():
+        raise InputError("is no label file: its second line must be the number of points")
+    named, rows = int(lines[1]), [line for line in lines[2:] if line.strip()]
+    if named != len(rows):
+        raise InputError(f"names {len(rows)} points, by its header {named}: {AGAIN}")
+    return np.loadtxt(io.StringIO("\n".join(rows)), usecols=range(count), ndmin=2) if rows else np.zeros((0, count))

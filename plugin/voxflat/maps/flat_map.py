@@ -19,6 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
+from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
@@ -43,7 +44,7 @@ class FlatMap(Planar):
     uv : ndarray of float64, shape (N, 2)
         The points' places in the plane, mm. The surface is seen from outside, superior up.
     points : ndarray of float64, shape (N, 3)
-        The points on the surface, RAS+ mm.
+        The points on the surface, RAS+ mm in `space`: of a mesh the coordinates of its file.
     normals : ndarray of float64, shape (N, 3)
         Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
@@ -98,8 +99,13 @@ class FlatMap(Planar):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata)
+        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
+
+    @property
+    def space(self) -> Space:
+        """The space of its points, as `Surface.space`; `Space.to_scanner` carries them to where volumes lie."""
+        return Space.of(self.metadata)
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -188,7 +194,7 @@ class FlatMap(Planar):
         if texel_size is not None and not repeat:
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
-        return TexturedSurface(self.points, faces, coordinates, colours, repeat, source)
+        return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Put values of the points into a volume of the flattened volume's shape.
@@ -362,4 +368,5 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        Space.of(metadata)  # a damaged one ends here
         return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)

@@ -31,7 +31,7 @@ class TexturedSurface:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm.
+        RAS+ mm, scanner RAS where it is known how to come there.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)

@@ -13,6 +13,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
+from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.making import surface as _surface
@@ -38,7 +39,8 @@ class Check:
     contents : dict
         What it holds. Of a volume ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"), ``affine``,
         ``labels`` (numbers of voxels by label; None for intensities), ``range``; of a mesh ``vertices``, ``triangles``,
-        ``size`` (mm) and ``structure``.
+        ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or "unknown") and ``to_scanner``, the
+        matrix from the coordinates to scanner RAS.
     defects : dict of str to list
         What keeps a mesh from being a surface, and where: numbers of triangles or vertices.
     foreground : int or None
@@ -112,6 +114,7 @@ class Check:
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
             rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"), ("size", f"{size} mm")]
+            rows.append(("coordinates", str(Space.of(of))))
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [
@@ -240,17 +243,18 @@ def _volume_contents(volume: Volume) -> dict[str, Any]:
     }
 
 
-def _mesh_contents(points: Any, triangles: int, structure: str | None) -> dict[str, Any]:
+def _mesh_contents(points: Any, triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
     size = tuple(float(side) for side in np.ptp(points, axis=0))
-    return {"vertices": len(points), "triangles": triangles, "size": size, "structure": structure}
+    about = {"structure": structure, "space": space.described()}
+    return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
 def _of_surface(whole: Surface) -> tuple[str, dict[str, Any]]:
-    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"))
+    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"), whole.space)
 
 
 def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _How) -> Check:
-    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure)
+    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure, mesh.space)
     defects = _core.defects(mesh.points, mesh.faces)
     found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
     try:

@@ -20,6 +20,7 @@ from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, r
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 from voxflat.surfaces.surface import Surface
 
@@ -77,6 +78,9 @@ def cut_out(
     part = whole
     paths, left_out = read_cuts(whole, cuts)
     region, by_triangles = _region(whole, keep, drop, left_out)
+    for given in (keep, drop):
+        if isinstance(given, str | os.PathLike):
+            remarks += check_region(whole, given)
     if region is not None:
         part = part.with_core(part.core.part_of_faces(region))
     seed_id = None

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
+from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.surfaces.lips import listed_points, triangles_of
 
 __all__ = ["Surface", "patch_of", "triangle_keys"]
@@ -69,8 +70,13 @@ class Surface:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The vertices, RAS+ mm, shape (N, 3)."""
+        """The vertices, RAS+ mm in `space`, shape (N, 3)."""
         return self.core.points
+
+    @property
+    def space(self) -> Space:
+        """The space of its points: that of the volume, or what the mesh's file says."""
+        return Space.of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -253,10 +259,10 @@ class Surface:
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. One that
-            ends in .patch.3d is a FreeSurfer patch of the mesh that this is a part of: what ``mris_flatten`` takes. It
-            has the mesh's own vertex numbers and one place for each, so vertices on the lips of cuts are left out, and
-            it is said how many.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. FreeSurfer's
+            have tkRAS, the others scanner RAS, as `io.write_mesh` says. One that ends in .patch.3d is a FreeSurfer
+            patch of the mesh that this is a part of: what ``mris_flatten`` takes. It has the mesh's own vertex numbers
+            and one place for each, so vertices on the lips of cuts are left out, and it is said how many.
 
         Raises
         ------
@@ -265,17 +271,28 @@ class Surface:
         OSError
             If it cannot be written.
         """
-        name = os.fspath(path).lower()
-        if name.endswith(FLAT_PATCH_ENDINGS):
+        space, structure = self.space, self.metadata.get("structure")
+        if space.name == "scanner" and self.is_voxels:
+            volume = VolumeGeometry.of_volume(
+                self.metadata["affine"], self.metadata["shape"], self.metadata["input"] or ""
+            )
+            space = Space("scanner", volume)
+        if space.doubt:
+            log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
+        if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+            self._save_patch(path, space)
+        else:
+            write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space))
+
+    def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
+        if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
             raise InputError(
                 f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
             )
-        if name.endswith(PATCH_ENDING):
-            if self.is_voxels:
-                raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
-            write_patch(path, patch_of(self.points, self.vertices, self.faces, self.bridges(), self.count))
-            return
-        write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure")))
+        if self.is_voxels:
+            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+        points, _ = in_tkras(self.points, space)
+        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count))
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
