@@ -9,7 +9,6 @@ import pytest
 from brain_spaces import footer, header
 from mesh_files import gifti, grid, nib, pv, refuses, same, sphere
 
-from voxflat.io import gifti as _gifti
 from voxflat.io.meshes import Mesh, read_mesh
 
 # -------------------------------------------------------------------------- files of other programs
