@@ -4,7 +4,8 @@
 
 The files are those of SUIT (suitpy 2.1.2, MIT) and of HippoMaps 0.1.17 (GPL 3), which `make` puts into a folder of
 their own. They are read as data; neither package is imported, nor are its requirements installed. Every surface must
-open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has.
+open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has. No cuts are made
+beside those that the surfaces come with.
 """
 
 import argparse
@@ -59,7 +60,7 @@ def surfaces(options):
         whole = voxflat.surface(path)
         done = whole.metadata.get("mended", {})
         start = time.perf_counter()
-        flat = voxflat.flatten(whole)
+        flat = voxflat.flatten(whole, relax=False)
         seconds = time.perf_counter() - start
         judged = voxflat.measure(whole, flat, sources=options.sources)
         missing = np.setdiff1d(faces, flat.ids)
@@ -96,7 +97,7 @@ def suit(options):
         "midway": voxflat.surface(white, pial=pial),
         "white": voxflat.surface(white),
     }.items():
-        maps = {"voxflat": voxflat.flatten(whole), "SUIT's FLAT": folder / "FLAT.surf.gii"}
+        maps = {"voxflat": voxflat.flatten(whole, relax=False), "SUIT's FLAT": folder / "FLAT.surf.gii"}
         judged = voxflat.compare(whole, maps, sources=options.sources)
         rows += [[name, of, *figures(judged[of])] for of in maps]
         ours, theirs = (judged[of].best_scale.relative_error for of in maps)

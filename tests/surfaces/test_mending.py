@@ -10,6 +10,7 @@ from triangle_meshes import bump, square
 import voxflat
 from voxflat import cli
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.patches import read_patch
 
 nib = pytest.importorskip("nibabel")
 
@@ -88,6 +89,17 @@ def test_the_map_has_every_vertex_number(tmp_path):
     places = nib.load(tmp_path / "flat.surf.gii").agg_data("pointset")
     assert len(places) == len(mesh[0])
     np.testing.assert_allclose(places[flat.ids, :2], flat.uv, atol=1e-4)
+    flat.save(tmp_path / "lh.flat.patch.3d")
+    patch = read_patch(tmp_path / "lh.flat.patch.3d")
+    assert set(patch.vertex_ids) == set(flat.ids)
+    np.testing.assert_allclose(patch.points[:, :2], places[patch.vertex_ids, :2], atol=1e-4)
+    # by FreeSurfer's rule: all triangles of the mesh that was given, and nothing turned over
+    read = mesh[1][np.isin(mesh[1], patch.vertex_ids).all(axis=1)]
+    a, b, c = (places[read[:, k], :2].astype(float) for k in range(3))
+    doubled = np.cross(b - a, c - a)
+    assert (np.abs(doubled) < 1e-6).sum() == 11
+    turned = (doubled < -1e-6).sum()
+    assert turned == 1  # which is the duplicate that was given so
     flat.save(tmp_path / "flat.npz")
     assert (voxflat.load(tmp_path / "flat.npz").ids == flat.ids).all()
     # judged on the mesh that was given, from memory and from files, and an image shows the values at the numbers

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
+from voxflat.io.spaces import Space
 
 __all__ = ["FIGURES", "FlatPieces", "Piece", "isometric", "quasi_conformal"]
 
@@ -73,6 +74,11 @@ class FlatPieces:
     def __len__(self) -> int:
         """Return the number of pieces."""
         return len(self.starts) - 1
+
+    @property
+    def space(self) -> Space:
+        """The space of its points, as `Surface.space`."""
+        return Space.of(self.metadata)
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:

@@ -213,7 +213,8 @@ making = _group(
     click.option(
         "--repair",
         type=click.Choice(["none", "voxels", "cuts"]),
-        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing.",
+        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing: "
+        "what would be mended of a mesh is refused then.",
     ),
 )
 """How a surface is made."""
@@ -274,7 +275,8 @@ relax = _group(
         "--relax/--no-relax",
         default=None,
         callback=_relax,
-        help="Cut the disk further where that relieves the map, as long as it pays.  [default: of closed surfaces]",
+        help="Cut the disk further where that relieves the map, as long as it pays.  [default: where nobody"
+        " has said where to cut]",
     ),
 )
 """Which cuts are made beyond those that make a disk."""

@@ -58,7 +58,8 @@ def command(input_: Path, stops: list[Any], output: Path | None, as_json: bool, 
         with atomic_path(output) as beside:
             np.savetxt(beside, found.ids, fmt="%d")
     if as_json:
-        print_json({"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()})
+        points = {"points": found.points.tolist(), "space": found.space.described()}
+        print_json({"length": found.length, "ids": found.ids.tolist(), **points})
     else:
         saved = "" if output is None else f"\nsaved as {output}"
         click.echo(f"{found.length:.3f} mm through {len(found.ids)} points{saved}")

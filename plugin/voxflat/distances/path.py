@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import voxel_indices
 from voxflat.errors import InputError
+from voxflat.io.spaces import Space
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.voxel_graph import voxel_graph
 
@@ -27,14 +28,17 @@ class Path:
     ids : ndarray of int64, shape (k, 3) or (k,)
         The voxels, or the vertices, that it passes, both ends included; -1 where it crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm. Between them a path is straight; only one of links runs over the triangles.
+        Their places, RAS+ mm in `space`. Between them a path is straight; only one of links runs over the triangles.
     length : float
         Of the path over the surface, mm.
+    space : Space
+        The surface's.
     """
 
     ids: NDArray[np.int64]
     points: NDArray[np.float64]
     length: float
+    space: Space
 
     def __repr__(self) -> str:
         return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
@@ -80,16 +84,17 @@ def path(
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     stops = [a, b, *further]
     if geodesic == "chain":
-        core: Any = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit).whole
+        graph = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit)
+        core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
-        ids, find = core.voxels, core.path
+        ids, find, space = core.voxels, core.path, Space.of(graph.metadata)
     elif geodesic in ("graph", "marching", "exact", "edges"):
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
         whole = _surface(surface, **place, memory_limit=memory_limit)
         core = whole.core
         vertices = whole.find(stops, "the stops")
-        ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
+        ids, find, space = whole.ids, core.path if geodesic == "graph" else core.edge_path, whole.space
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact', 'edges' or 'chain'")
     points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
@@ -111,4 +116,4 @@ def path(
         length += float(leg_length)
     along = np.concatenate(passed)
     at_vertex = (along >= 0).reshape(-1, *[1] * (ids.ndim - 1))
-    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length)
+    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length, space)

@@ -56,11 +56,12 @@ def surface(
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
     repair : {"none", "voxels", "cuts"}, optional
-        Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave none
-        ("voxels"), or by cutting them open ("cuts", also of meshes). A mesh is mended besides, where that has one
-        right answer: triangles without area are dropped or flipped away, for which vertices at one place become one
-        (each keeps its number), duplicates are dropped, and where sheets touch at a vertex each gets its own. "none"
-        forbids it: what would be mended is refused.
+        Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave one sphere
+        ("voxels"), or by cutting them open ("cuts", also of meshes). By default handles of a volume's largest component
+        are closed or opened where that changes no more than 1 % of its voxels, and this is said. A mesh is mended
+        unless this is "none", where that has one right answer: triangles without area are dropped or flipped away, for
+        which vertices at one place become one (each keeps its number), duplicates are dropped, and where sheets touch
+        at a vertex each gets its own.
     memory_limit : int, optional
         Bytes that may be used; by default what is free.
     threads : int, optional

@@ -13,6 +13,7 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
 from voxflat.io.vtk import polydata_triangles
+from voxflat.surfaces.partners import check_pial, in_space_of
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["as_mesh", "of_mesh"]
@@ -77,12 +78,9 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
     InputError
         If it is no manifold, or the pial surface does not correspond to it.
     """
-    remarks = list(mesh.remarks)
-    suspicion = suspicious_units(mesh.points)
-    if suspicion and suspicion not in remarks:
-        remarks.append(f"the surface {suspicion}")
     measured_on = "the given surface"
-    points, thickness = mesh.points, None
+    thickness, of_pial = None, []
+    core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         other = as_mesh(pial)
         if other is None:
@@ -92,11 +90,20 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
                 f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
                 "one subject and correspond vertex by vertex"
             )
-        thickness = np.linalg.norm(other.points - mesh.points, axis=1)
-        points = (mesh.points + other.points) / 2
+        places = in_space_of(mesh, other)
+        of_pial = check_pial(core, mesh, other, places)
+        thickness = np.linalg.norm(places - mesh.points, axis=1)
+        midway = (mesh.points + places) / 2
+        if len(told["merged"]):  # midway they may lie apart
+            core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
+        else:
+            core = core.moved(midway[core.ids])
         measured_on = "midthickness: halfway to the pial surface"
-    core, told = _core.Surface.from_triangles(points, mesh.faces, mend)
-    remarks += _remarks(told, len(mesh.faces), len(mesh.points))
+    remarks = [*mesh.remarks, *_remarks(told, len(mesh.faces), len(mesh.points))]
+    suspicion = suspicious_units(mesh.points)
+    if suspicion and suspicion not in remarks:
+        remarks.append(f"the surface {suspicion}")
+    remarks += of_pial
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
     metadata: dict[str, Any] = {
         "kind": "mesh",
@@ -104,17 +111,20 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
         "input_sha256": digest.hexdigest(),
         "vertices": len(mesh.points),
         "structure": mesh.structure,
+        "space": mesh.space.described(),
         "measured_on": measured_on,
     }
     merged = told["merged"].astype(np.int64)
+    mesh_faces = mesh.faces
     mended: dict[str, Any] = {name: told[name] for name in ("dropped", "flipped", "duplicates", "split") if told[name]}
     if len(merged):
         mended["merged"] = merged.tolist()
     if mended:
         metadata["mended"] = mended
+        mesh_faces = core.ids.astype(np.int64)[core.faces]
     if mesh.has_unknown_unit:
         metadata["unit"] = "unknown"
-    return Surface(core, None, metadata, tuple(remarks), thickness, merged)
+    return Surface(core, None, metadata, tuple(remarks), thickness, mesh_faces, merged)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
