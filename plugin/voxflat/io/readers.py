@@ -157,6 +157,20 @@ _NIFTI1 = np.dtype(
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 
+def has_place(path: Path) -> bool:
+    """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
+    name = path.name.lower()
+    if not name.endswith((".nii", ".nii.gz", ".mgh", ".mgz")):
+        return True
+    with _opened(path) as file:
+        head: bytes = file.read(544)
+    if name.endswith((".mgh", ".mgz")):
+        return head[28:30] == b"\0\x01"  # goodRASFlag
+    if head[4:8] == b"n+2\0":  # qform_code and sform_code
+        return any(head[344:352])
+    return any(head[252:256])
+
+
 def _nifti_header(head: bytes) -> np.void:
     """Return the fields of a NIfTI-1 header of either byte order."""
     for order in ("<", ">"):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
 from voxflat.io.overlays import read_overlay
+from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
@@ -140,6 +141,7 @@ class Sampler:
             data = show(raster, overlay[self.ids], interpolation)
             return FlatImage(data, raster.pixel_size, raster.origin, title)
         placed = self._placed(volume)
+        self._doubt_place(placed)
         data = sample(placed, self._in_world(raster, depth), interpolation)
         return FlatImage(
             data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
@@ -173,7 +175,7 @@ class Sampler:
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
         """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""
-        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata["input"] or "", path)]
+        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
             log.warning("%s is of %s, the surface of %s: is it meant?", path.name, names[1][-1], names[0][-1])
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
@@ -198,6 +200,16 @@ class Sampler:
         curvature = (np.bincount(vertices[is_known], bend[is_known], len(values)) / np.maximum(count, 1))[seen]
         with np.errstate(all="ignore"):
             return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
+
+    def _doubt_place(self, volume: Volume) -> None:
+        """Tell if a volume's file does not say where it lies, unless it lies where the flattened one does."""
+        is_same = self.is_voxels and np.array_equal(volume.affine, self.affine)
+        if volume.path is not None and not is_same and not has_place(volume.path):
+            log.warning(
+                "%s does not say where it lies (no sform, qform or goodRASFlag): its middle is taken as the origin; "
+                "give it the header of an image that it belongs to",
+                volume.path.name,
+            )
 
     def _in_world(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel in the world of the volumes, shape (H, W, 3), scanner RAS, mm."""
