@@ -11,8 +11,10 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.output import check_output, print_json
-from voxflat.errors import InputError
+from voxflat.io.patches import PATCH_ENDING
 from voxflat.surfaces.cut import cut
+
+_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
 
 @click.command(
@@ -22,6 +24,7 @@ Examples:
   voxflat cut lh.white --pial lh.pial --drop medial-wall --relax -o lh.cuts.json
   voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json
   voxflat flatten lh.white --pial lh.pial --cut lh.cuts.json -o lh.flat.surf.gii
+  voxflat cut lh.white --pial lh.pial --drop medial-wall --relax -o lh.cortex.patch.3d
 """,
 )
 @options.input_
@@ -31,7 +34,8 @@ Examples:
     type=options.FILE,
     required=True,
     metavar="OUT",
-    help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj.",
+    help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
+    "mris_flatten takes.",
 )
 @options.volume
 @options.making
@@ -46,9 +50,7 @@ def command(input_: Path, output: Path, as_json: bool, **given: Any) -> None:
 
     What is no disk becomes one; further cuts relieve the map where that pays.
     """
-    if output.suffix.lower() not in (".json", ".gii", ".vtp", ".ply", ".obj"):
-        raise InputError(f"cannot write {output}: its name must end in .json, .surf.gii, .vtp, .ply or .obj")
-    check_output(output, (), (input_, given["keep"], given["drop"]))
+    check_output(output, _ENDINGS, (input_, given["keep"], given["drop"]))
     with bars() as shown:
         made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
     (made if output.suffix.lower() == ".json" else made.surface).save(output)

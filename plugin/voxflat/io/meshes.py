@@ -41,6 +41,8 @@ class Mesh:
         What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, by name.
+    face_data : dict of str to ndarray, shape (F,)
+        Values of the triangles, by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
         Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
@@ -55,6 +57,7 @@ class Mesh:
     structure: str | None = None
     point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
+    face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     space: Space = UNKNOWN
 
@@ -82,6 +85,9 @@ class Mesh:
         for name, array in self.point_data.items():
             if len(array) != len(points):
                 raise InputError(f"point data {name!r} has {len(array)} values; the surface has {len(points)} points")
+        for name, array in self.face_data.items():
+            if len(array) != len(self.faces):
+                raise InputError(f"face data {name!r} has {len(array)} values; the surface has {len(self.faces)} faces")
 
 
 def suspicious_units(points: NDArray[np.float64]) -> str | None:
@@ -240,8 +246,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         with volumes: points are moved where it is known how. Points of an unknown space are written as they are.
     mesh : Mesh
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
-        ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
-        marked as flat in GIFTI.
+        ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
+        all 0 is marked as flat in GIFTI.
 
     Raises
     ------
@@ -268,11 +274,10 @@ def _writer(path: Path) -> Callable[[Path, Mesh], None]:
 
 
 def _write_freesurfer(path: Path, mesh: Mesh) -> None:
-    points, volume = mesh.points, mesh.space.volume
-    if mesh.space.name == "scanner":
-        volume = volume or VolumeGeometry.conformed()
-        points = Space("tkRAS", volume).from_scanner(points)
-    freesurfer.write_geometry(path, points, mesh.faces, volume)
+    space = mesh.space
+    if space.name == "scanner" and space.volume is None:
+        space = Space("scanner", VolumeGeometry.conformed())
+    freesurfer.write_geometry(path, space.to_tkras(mesh.points), mesh.faces, space.volume)
 
 
 def _write_gifti(path: Path, mesh: Mesh) -> None:
@@ -282,7 +287,8 @@ def _write_gifti(path: Path, mesh: Mesh) -> None:
 
 
 def _write_vtp(path: Path, mesh: Mesh) -> None:
-    vtk.write_vtp(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates, mesh.point_data)
+    points = mesh.space.to_scanner(mesh.points)
+    vtk.write_vtp(path, points, mesh.faces, mesh.texture_coordinates, mesh.point_data, mesh.face_data)
 
 
 def _write_ply(path: Path, mesh: Mesh) -> None:

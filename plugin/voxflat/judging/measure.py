@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_seed, checked_threads, is_whole
+from voxflat.arguments import Progress, checked_seed, checked_threads, free_memory, is_whole
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
-from voxflat.judging.matching import Matched, match
+from voxflat.judging.geometry import Geometry, geometry_of
+from voxflat.judging.matching import Matched, loaded, match
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
@@ -84,6 +84,7 @@ def measure(
     *,
     sources: int = 300,
     reference: str | None = None,
+    on_surface: bool = False,
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
@@ -110,6 +111,9 @@ def measure(
     reference : {"exact", "graph"}, optional
         How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
         for surfaces of voxels, whose triangles are an estimate themselves.
+    on_surface : bool
+        Judge on the given surface as it is. By default a map of voxflat is judged on the geometry that it was made on,
+        which it knows: one made midway to the pial surface is not measured on the white one. That is logged.
 
     Returns
     -------
@@ -123,8 +127,8 @@ def measure(
         If `progress` returned False.
     """
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "threads": threads}
-    return compare(surface, {"": flat}, **place, **how, progress=progress)[""]
+    how: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
+    return compare(surface, {"": flat}, **place, **how, threads=threads, progress=progress)[""]
 
 
 def compare(
@@ -133,6 +137,7 @@ def compare(
     *,
     sources: int = 300,
     reference: str | None = None,
+    on_surface: bool = False,
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
@@ -150,8 +155,8 @@ def compare(
     ----------
     maps : dict of str to map
         The maps, each as in `measure`, by their names.
-    surface, sources, reference, label, threshold, spacing, affine, seed, threads, progress
-        As in `measure`.
+    surface, sources, reference, on_surface, label, threshold, spacing, affine, seed, threads, progress
+        As in `measure`. All maps are judged on one geometry.
 
     Returns
     -------
@@ -160,7 +165,7 @@ def compare(
     Raises
     ------
     InputError
-        As in `measure`, or if no vertex is in all maps.
+        As in `measure`, or if no vertex is in all maps, or maps were made on different geometries.
     Cancelled
         If `progress` returned False.
     """
@@ -173,7 +178,11 @@ def compare(
         raise InputError("there is no map to measure; give at least one")
     whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
-    matched = {name: match(whole, flat) for name, flat in maps.items()}
+    maps = {name: loaded(flat) for name, flat in maps.items()}
+    geometry = Geometry(whole) if on_surface else geometry_of(whole, maps)
+    matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
+    for name, one in matched.items():
+        geometry.check(name, one)
     topologies = {name: _topology(name, one) for name, one in matched.items()}
     groups = _grouped(list(matched.values()))
     distances: dict[int, dict[str, Any]] = {}
@@ -224,7 +233,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
 
 def _kept() -> int:
     """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_core.KEPT_BYTES, psutil.virtual_memory().available // _KEPT_SHARE))
+    return int(max(_core.KEPT_BYTES, free_memory() // _KEPT_SHARE))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:

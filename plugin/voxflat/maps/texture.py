@@ -152,7 +152,7 @@ def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
 
 def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     surface = surface.opened()
-    vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {})
+    vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {}, {})
     files[1].write_bytes(_png(surface.picture))
 
 

@@ -112,4 +112,4 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
         "space": mesh.space.described(),
         "measured_on": measured_on,
     }
-    return Surface(core, None, metadata, tuple(remarks), thickness)
+    return Surface(core, None, metadata, tuple(remarks), thickness, mesh.faces)
