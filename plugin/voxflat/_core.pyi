@@ -97,6 +97,7 @@ class Surface:
         self,
         length: float | None = None,
         least_relief: float = 0.0,
+        bearable: float = 0.0,
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[Surface, list[dict[str, Any]], list[float]]: ...

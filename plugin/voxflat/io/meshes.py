@@ -22,7 +22,7 @@ from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["Mesh", "holds_mesh", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
+__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,11 +273,32 @@ def _writer(path: Path) -> Callable[[Path, Mesh], None]:
     return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
+def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
+    """Carry points to where FreeSurfer's own surfaces lie.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        mm, in `space`; those of an unknown one are left as they are.
+    space : Space
+        Where it is scanner RAS and its volume is not known, a conformed one in its middle is taken.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (N, 3)
+        tkRAS, mm.
+    volume : VolumeGeometry or None
+        The volume of this tkRAS.
+    """
+    if space.name != "scanner":
+        return points, space.volume
+    volume = space.volume or VolumeGeometry.conformed()
+    return Space("tkRAS", volume).from_scanner(points), volume
+
+
 def _write_freesurfer(path: Path, mesh: Mesh) -> None:
-    space = mesh.space
-    if space.name == "scanner" and space.volume is None:
-        space = Space("scanner", VolumeGeometry.conformed())
-    freesurfer.write_geometry(path, space.to_tkras(mesh.points), mesh.faces, space.volume)
+    points, volume = in_tkras(mesh.points, mesh.space)
+    freesurfer.write_geometry(path, points, mesh.faces, volume)
 
 
 def _write_gifti(path: Path, mesh: Mesh) -> None:

@@ -233,23 +233,6 @@ class Space:
         """
         return _carried(points, self._matrix)
 
-    def to_tkras(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Carry points of this space to FreeSurfer's tkRAS.
-
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            mm.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., 3)
-            As they are where the way is not known, or none.
-        """
-        if self.name != "scanner" or self.volume is None:
-            return _carried(points, None)
-        return Space("tkRAS", self.volume).from_scanner(points)
-
     def from_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
         """Carry points of scanner RAS to this space.
 

@@ -38,6 +38,7 @@ class Cutout:
     remarks: tuple[str, ...]
     given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
     is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
+    is_whole: bool  # whether nothing was left out of what was handed over
 
 
 def cut_out(
@@ -111,7 +112,9 @@ def cut_out(
         "points": len(np.unique(part.vertices)),
     }
     given = None if paths is None else length
-    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, by_triangles or paths is not None)
+    is_whole = region is None and seed_id is None and polygon is None
+    is_cut = by_triangles or paths is not None
+    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole)
     return opened_to_disk(cut, relax, threads, progress) if to_disk else cut
 
 
@@ -135,7 +138,9 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
     is_fixed = cut.given_length is not None and not cut.metadata["cuts"]
     if relax or not is_fixed:
         given = cut.given_length or 0.0
-        part, automatic, told = opened(part, relax, given, threads, progress, is_fixed=is_fixed, is_cut=cut.is_cut)
+        part, automatic, told = opened(
+            part, relax, given, threads, progress, is_fixed=is_fixed, is_cut=cut.is_cut, is_given=cut.is_whole
+        )
         faces = part.faces[: len(faces)]
         remarks += told
     metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}

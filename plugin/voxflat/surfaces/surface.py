@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.surfaces.lips import listed_points, triangles_of
@@ -271,17 +271,6 @@ class Surface:
         OSError
             If it cannot be written.
         """
-        name = os.fspath(path).lower()
-        if name.endswith(FLAT_PATCH_ENDINGS):
-            raise InputError(
-                f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
-            )
-        if name.endswith(PATCH_ENDING):
-            if self.is_voxels:
-                raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
-            points = self.space.to_tkras(self.points)
-            write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count))
-            return
         space, structure = self.space, self.metadata.get("structure")
         if space.name == "scanner" and self.is_voxels:
             volume = VolumeGeometry.of_volume(
@@ -290,7 +279,20 @@ class Surface:
             space = Space("scanner", volume)
         if space.doubt:
             log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
-        write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space))
+        if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+            self._save_patch(path, space)
+        else:
+            write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space))
+
+    def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
+        if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
+            raise InputError(
+                f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
+            )
+        if self.is_voxels:
+            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+        points, _ = in_tkras(self.points, space)
+        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count))
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:

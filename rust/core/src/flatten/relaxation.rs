@@ -44,12 +44,14 @@ pub struct Relaxation {
     pub least_gain: f64,
     /// All cuts together take at least this share off the error of the coarse map's distances; else none is made.
     pub least_relief: f64,
+    /// None is made, either, where without any that error is no more than this.
+    pub bearable: f64,
 }
 
 impl Default for Relaxation {
     /// As long as it pays: about 350 mm of a hemisphere without its medial wall.
     fn default() -> Self {
-        Self { length: f64::INFINITY, least_gain: 0.02, least_relief: 0.0 }
+        Self { length: f64::INFINITY, least_gain: 0.02, least_relief: 0.0, bearable: 0.0 }
     }
 }
 
@@ -66,6 +68,9 @@ impl Relaxation {
         }
         if !(0.0..=1.0).contains(&self.least_relief) {
             return refuse("least_relief", self.least_relief);
+        }
+        if self.bearable.is_nan() || self.bearable < 0.0 {
+            return refuse("bearable", self.bearable);
         }
         Ok(())
     }
@@ -120,6 +125,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     let error = trials.sketch.error(control)?;
     let mut left = relaxation.length;
     while cuts.len() < MOST_CUTS
+        && error > relaxation.bearable
         && let Some(trial) = trials.best(left, control)?
     {
         let path = Inward::of(&open, control)?.to(trial.slit.tip);

@@ -67,12 +67,15 @@ fn cuts_that_hardly_mend_distances_are_not_made() {
     let all = relaxed(&cap, 3.0, 0.0);
     let [before, after] = all.errors;
     assert!(0.0 < after && after < 0.7 * before, "{before} {after}");
-    let least_relief = |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share };
+    let least_relief = |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share, bearable: 0.0 };
     let share = 1.0 - after / before;
     let made = |share| relax(&cap, least_relief(share), &Control::default()).unwrap();
     assert_eq!(made(share - 1e-9), all);
     let none = made(share + 1e-9);
     assert_eq!((none.cuts.len(), &none.surface, none.errors), (0, &cap, [before; 2]));
+    let bearable = |bearable| Relaxation { length: 3.0, least_gain: 0.0, least_relief: 0.0, bearable };
+    assert_eq!(relax(&cap, bearable(before * (1.0 - 1e-9)), &Control::default()).unwrap(), all);
+    assert_eq!(relax(&cap, bearable(before * (1.0 + 1e-9)), &Control::default()).unwrap(), none);
 }
 
 #[test]
