@@ -164,7 +164,7 @@ def _nifti_header(head: bytes) -> np.void:
             break
         header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
-            _check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
+            check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
             return header
     raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
 
@@ -211,7 +211,7 @@ def _read_nrrd(path: Path) -> Read:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
     for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
         for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
-            _check_unit(unit)
+            check_unit(unit)
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
     return from_itk(_load_itk(path))
@@ -224,7 +224,7 @@ def _read_metaimage(path: Path) -> Read:
         raise InputError("is no MetaImage: does its ending name its format?")
     head = content[: end.start()]
     if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
-        _check_unit(unit[1].decode("latin1"))
+        check_unit(unit[1].decode("latin1"))
     if re.search(rb"(?mi)^CompressedData *= *(True|1)", head):
         separate = path.parent / end[1].decode("utf-8", "replace")
         if end[1] == b"LOCAL":
@@ -242,10 +242,16 @@ def _check_deflated(packed: bytes) -> None:
         raise InputError("ends too early: copy or download it again")
 
 
-def _check_unit(unit: str) -> None:
+def check_unit(unit: str) -> None:
     """Refuse lengths that the header says are not mm."""
     if unit not in ("", "mm", "?", "???", "unknown"):
         raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
+
+
+def uncompressed_size(path: Path) -> int:
+    """Return the length of a file, uncompressed if it is gzipped; a damaged one is an error of gzip."""
+    is_packed = path.suffix.lower() in (".gz", ".mgz")
+    return _uncompressed(path)[1] if is_packed else path.stat().st_size
 
 
 def _opened(path: Path) -> Any:
@@ -274,7 +280,7 @@ def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     if hasattr(image.header, "get_xyzt_units"):
-        _check_unit(image.header.get_xyzt_units()[0])
+        check_unit(image.header.get_xyzt_units()[0])
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32
         voxels = np.stack([voxels[name] for name in voxels.dtype.names], axis=-1)
