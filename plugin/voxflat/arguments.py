@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 from collections.abc import Callable
 from numbers import Integral, Real
+from pathlib import Path
 from typing import TypeGuard, overload
 
 import numpy as np
@@ -89,11 +91,69 @@ def refuse(method: str, **options: object) -> None:
 # ------------------------------------------------------------------------------------------- memory
 
 
-def check_memory(need: int, limit: int | None, remedy: str) -> None:
-    """Refuse to start where there is not enough memory."""
+_CGROUPS = Path("/sys/fs/cgroup")
+_OWN_CGROUPS = Path("/proc/self/cgroup")
+
+
+def free_memory() -> int:
+    """Return how many bytes this process may still take: of the machine, its limit (`ulimit -v`), and its containers."""
+    return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
+
+
+def _free_addresses() -> float:
+    """Return what RLIMIT_AS leaves."""
+    if not hasattr(psutil, "RLIMIT_AS"):  # not on every system
+        return math.inf
+    process = psutil.Process()
+    limit, _ = process.rlimit(psutil.RLIMIT_AS)
+    return math.inf if limit == psutil.RLIM_INFINITY else limit - process.memory_info().vms
+
+
+def _free_in_cgroups() -> float:
+    """Return what the control groups leave that this process and those around it are in, of both versions."""
+    try:
+        lines = _OWN_CGROUPS.read_text().splitlines()
+    except OSError:
+        return math.inf
+    least = math.inf
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            root, names = _CGROUPS, ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            root, names = _CGROUPS / "memory", ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        own = root / path.lstrip("/")
+        for group in (own, *own.parents):
+            least = min(least, _free_in(group, *names))
+            if group == root:
+                break
+    return least
+
+
+def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
+    """Return what one group leaves; pages of files that nobody uses any more are given back when they are needed."""
+    try:
+        most = int((group / limit).read_text())
+        used = int((group / usage).read_text())
+        words = [line.split() for line in (group / "memory.stat").read_text().splitlines()]
+        return most - used + sum(int(value) for name, value in words if name == reclaimable)
+    except (OSError, ValueError):  # there is no such group here, or no limit ("max")
+        return math.inf
+
+
+def checked_limit(limit: int | None) -> int | None:
+    """Return a limit of memory that is a number of bytes; None for none."""
     if limit is not None and not is_number(limit):
         raise InputError(f"the memory limit is {limit!r}; give a number")
-    allowed = psutil.virtual_memory().available if limit is None else limit
+    return limit
+
+
+def check_memory(need: int, limit: int | None, remedy: str) -> None:
+    """Refuse to start where there is not enough memory."""
+    limit = checked_limit(limit)
+    allowed = free_memory() if limit is None else limit
     if need > allowed:
         kind = "are free" if limit is None else "is the limit"
         raise InputError(f"{amount(need)} of memory are needed, {amount(allowed)} {kind}; {remedy}")

@@ -290,6 +290,27 @@ def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, da
     assert names(stored.store) == FILES
 
 
+@pytest.mark.parametrize("name", ["ids.npy", "points.npy", "sources.npy", "rows.npy"])
+def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, name):
+    whole = (stored.store / name).read_bytes()
+    marks = [at for at in range(10, 128) if whole[at : at + 1] in b"{}()"]
+    assert len(marks) == 4
+    for at in marks:
+        spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
+        with pytest.raises(voxflat.InputError, match=rf"{name} is damaged .*; measure again with the same store"):
+            voxflat.open_rows(stored.store)
+        np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+        assert (stored.store / name).read_bytes() == whole
+
+
+@pytest.mark.parametrize(("before", "after"), [(b'"rows"', b'"sows"'), (b'"rows": 4', b'"rows": 5')])
+def test_a_journal_of_other_rows_is_refused_by_readers(stored, before, after):
+    journal = stored.store / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(before, after))
+    with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
+        voxflat.open_rows(stored.store)
+
+
 def test_garbage_in_the_journal_costs_no_more_than_its_lines(stored, expected, log):
     journal = stored.store / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)

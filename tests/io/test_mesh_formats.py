@@ -9,7 +9,6 @@ import pytest
 from brain_spaces import footer, header
 from mesh_files import gifti, grid, nib, pv, refuses, same, sphere
 
-from voxflat.io import gifti as _gifti
 from voxflat.io.meshes import Mesh, read_mesh
 
 # -------------------------------------------------------------------------- files of other programs
@@ -253,10 +252,10 @@ def test_gifti_with_attacks(tmp_path, monkeypatch):
 
 
 def test_what_memory_may_not_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr(_gifti.psutil, "virtual_memory", lambda: SimpleNamespace(available=4 << 20))
+    monkeypatch.setattr("voxflat.arguments.psutil.virtual_memory", lambda: SimpleNamespace(available=4 << 20))
     path = tmp_path / "s.surf.gii"
     path.write_bytes(gzip.compress(bytes(8 << 20)))
-    refuses(path, r"unpacks 7\.99\d KiB to more than 1 MiB, a quarter of the free memory|unpacks .* more than 1 MiB")
+    refuses(path, r"unpacks 7\.99\d KiB to more than 1 MiB, a quarter of the memory|unpacks .* more than 1 MiB")
     path.write_bytes(bytes(2 << 20))
     refuses(path, "holds more than 1 MiB")
 

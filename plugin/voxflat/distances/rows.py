@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.distances.store import ARRAYS, FINISH, OTHER, array_hash, read_description
+from voxflat.distances.store import ARRAYS, FINISH, OTHER, array_hash, mapped, read_description
 from voxflat.errors import InputError
 
 __all__ = ["DistanceRows", "open_rows"]
@@ -102,7 +102,7 @@ class DistanceRows:
         """
         if self.store is None:
             return
-        checksums = _journal(self.store)
+        checksums = _journal(self.store, self.shape)
         height = self.chunks[0]
         starts = range(0, len(self), height)
         damaged = [
@@ -141,11 +141,8 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
-    _journal(path)
-    try:
-        rows = np.load(path / "rows.npy", mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path / 'rows.npy'} is damaged ({error}); {FINISH}") from error
+    _journal(path, shape)
+    rows = mapped(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
             f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
@@ -154,13 +151,10 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
 
 
 def _array(path: Path, expected: str) -> NDArray[Any]:
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path} is damaged ({error}); {FINISH}") from error
+    array = np.array(mapped(path))
     if array_hash(array) != expected:
         raise InputError(f"{path} does not agree with its checksum in store.json; {FINISH}")
-    return np.asarray(array)
+    return array
 
 
 def _header(path: Path) -> dict[str, Any]:
@@ -178,9 +172,11 @@ def _header(path: Path) -> dict[str, Any]:
     return header
 
 
-def _journal(path: Path) -> list[int]:
+def _journal(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's blocks."""
     header = _header(path)
+    if [header.get("rows"), header.get("columns")] != list(shape):
+        raise InputError(f"{path / 'journal.jsonl'} is damaged (it is not of {shape[0]} x {shape[1]} rows); {OTHER}")
     blocks = -(-header["rows"] // header["block_rows"])
     checksums: dict[int, int] = {}
     complete = False

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, amount, log
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, naming_file, save_array
+from voxflat.io.files import atomic_path, naming_file, one_line, save_array
 
 FORMAT = "voxflat rows 1"
 ARRAYS = ("points", "ids", "sources")
@@ -136,6 +136,14 @@ def read_description(path: Path) -> dict[str, Any]:
     return dict(described)
 
 
+def mapped(path: Path) -> NDArray[Any]:
+    """Return an array of a store, mapped into memory: what a damaged header says that it has is not taken on trust."""
+    try:
+        return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except Exception as error:  # of damaged headers NumPy's parser raises TokenError, SyntaxError, OverflowError, ...
+        raise InputError(f"{path} is damaged ({one_line(error)}); {FINISH}") from error
+
+
 def array_hash(array: NDArray[Any]) -> str:
     """Return a hash of an array's shape and values, the same on every machine."""
     kind = array.dtype.newbyteorder("<")
@@ -220,8 +228,8 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
 
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
     """Write an array again that was damaged."""
-    with suppress(OSError, ValueError, EOFError):
-        if array_hash(np.load(path, allow_pickle=False)) == expected:
+    with suppress(InputError):
+        if array_hash(mapped(path)) == expected:
             return
     with atomic_path(path) as temporary:
         save_array(temporary, array)

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import AGAIN, require
+from voxflat.io.files import require
 from voxflat.io.grid import Affine, check_affine
-from voxflat.io.readers import check_unit, uncompressed_size
+from voxflat.io.readers import check_length, check_unit
+from voxflat.io.reading import check_room, note
 
 __all__ = ["Channels", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
 
@@ -156,7 +157,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     is_colour = len(shape) == 4 and shape[3] in (3, 4) and image.get_data_dtype() == np.uint8
     if len(shape) != 4 or is_colour or image.get_data_dtype().kind not in "iuf" or min(shape) < 1:
         return None
-    _check_complete(path, image)
+    _check_complete(path, image, 2 * math.prod(shape[:3]))
     if hasattr(image.header, "get_xyzt_units"):
         check_unit(image.header.get_xyzt_units()[0])
     rest = (0,) * (len(image.shape) - 4)
@@ -189,7 +190,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if image is None:
         return None
     if is_cifti(image):
-        _check_complete(path, image)
+        _check_complete(path, image, 2 * math.prod(image.shape[1:]) * min(_BLOCK, image.shape[0]))
         return _cifti(image, points, structure)
     shape = tuple(image.shape)
     if not are_points(shape):
@@ -199,7 +200,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     further = [n for n in shape[3:] if n != 1]
     if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
         raise InputError(f"has the shape {shape} of {image.get_data_dtype()}: values at N points have (N, 1, 1, T)")
-    _check_complete(path, image)
+    _check_complete(path, image, 2 * points)
     count = further[0] if further else 1
     at = shape.index(count, 3) if further else 0
 
@@ -236,15 +237,13 @@ def is_cifti(image: Any) -> bool:
     return type(image).__name__ == "Cifti2Image"
 
 
-def _check_complete(path: Path | None, image: Any) -> None:
-    """Compare the length of a file to what its header asks for; nibabel would find out in the middle."""
+def _check_complete(path: Path | None, image: Any, values: int) -> None:
+    """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
     proxy = image.dataobj
-    if path is None or not hasattr(proxy, "offset"):
-        return
-    need = proxy.offset + math.prod(proxy.shape) * proxy.dtype.itemsize
-    size = uncompressed_size(path)
-    if size < need:
-        raise InputError(f"ends after {size} of {need} bytes: {AGAIN}")
+    if path is not None and hasattr(proxy, "offset"):
+        check_length(path, proxy.offset + math.prod(proxy.shape) * proxy.dtype.itemsize)
+        check_room(8 * values)
+        note(path)
 
 
 # -------------------------------------------------------------------------------------------- CIFTI

@@ -17,11 +17,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from voxflat.arguments import amount
 from voxflat.errors import InputError
+from voxflat.io.reading import allowed_memory, note
 
 REMEDY = "is the file complete, and what its ending says?"
 
@@ -96,13 +96,13 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 
 def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the free memory."""
+    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError("is a directory: name a file")
     if not stat.S_ISREG(status.st_mode):
         raise InputError("is no regular file: copy what it gives into a file")
-    limit = psutil.virtual_memory().available // 4
+    limit = allowed_memory() // 4
     with path.open("rb") as file:
         is_gzipped = file.read(2) == b"\x1f\x8b"
         file.seek(0)
@@ -112,10 +112,11 @@ def contents(path: Path) -> bytes:
             size += len(block)
             if size > limit:
                 held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
-                raise InputError(f"{held} more than {amount(limit)}, a quarter of the free memory: is it a mesh?")
+                raise InputError(f"{held} more than {amount(limit)}, a quarter of the memory: is it a mesh?")
             blocks.append(block)
     if size == 0:
         raise InputError("is empty (0 bytes): copy or download it again")
+    note(path)
     return b"".join(blocks)
 
 

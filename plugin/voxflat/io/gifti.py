@@ -12,11 +12,11 @@ from typing import Any
 from xml.parsers.expat import ParserCreate
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import require
+from voxflat.io.reading import allowed_memory
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
@@ -102,7 +102,7 @@ class _Walk:
     def __init__(self) -> None:
         self.arrays = 0
         self.named: str | None = None
-        self.room = psutil.virtual_memory().available // 4
+        self.room = allowed_memory() // 4
         self.array: dict[str, str] = {}
         self.text: list[str] | None = None
 

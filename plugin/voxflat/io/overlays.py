@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, patches
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.meshes import READERS, parsed
+from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
 
 __all__ = ["holds_volume", "read_channels", "read_overlay", "read_region"]
@@ -47,7 +46,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     Raises
     ------
     InputError
-        The file is damaged, has another number of values, or more maps than a quarter of the free memory holds.
+        The file is damaged, has another number of values, or more maps than memory holds.
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
@@ -57,9 +56,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
         first = channels.read(0)
         if len(channels) == 1:
             return first
-        need, limit = len(channels) * first.nbytes, psutil.virtual_memory().available // 4
-        if need > limit:
-            raise InputError(f"its {len(channels)} maps need {amount(need)}, more than a quarter of the free memory")
+        check_room(2 * len(channels) * first.nbytes)
         return np.column_stack([first, *(channels.read(n) for n in range(1, len(channels)))])
 
 

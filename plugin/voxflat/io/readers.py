@@ -1,6 +1,6 @@
 """Files and images of other packages as arrays of voxels and affines.
 
-NIfTI voxels come from ITK, or from nibabel where ITK refuses them or would change them; the affine is read here, so it
+Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where ITK refuses them or would change them; the affine is read here, so it
 is the same (nibabel's: sform, else qform, else pixdim) whichever package is installed. Neither package notices every
 damaged file, so the checks of completeness are made here, too.
 """
@@ -13,7 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,15 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import by_ending, one_line, require
 from voxflat.io.grid import Affine, check_affine, volume_shape
+from voxflat.io.reading import check_room, note
 
 Read: TypeAlias = tuple[NDArray[Any], NDArray[Any] | None]
 """Voxels, and the affine if there is one."""
 
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+_BLOCK = 1 << 20
+_MOST_BEYOND = 1 << 26  # bytes behind the voxels, of a file that is what its header says
 
 ITK_TYPES = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
@@ -47,12 +51,28 @@ def read(path: Path) -> Read:
         raise InputError("is a directory: name a volume file (a DICOM series: convert it to NIfTI first)")
     path.open("rb").close()  # the system's own error for a missing file says more than a reader's
     read: Callable[[Path], Read] = by_ending(path, READERS, "read")
-    return read(path)
+    found = read(path)
+    note(path)
+    return found
 
 
 def _read_npy(path: Path) -> Read:
     with path.open("rb") as file:
+        _check_npy(file, path.stat().st_size)
+        file.seek(0)
         return np.lib.format.read_array(file, allow_pickle=False), None
+
+
+def _check_npy(file: IO[bytes], size: int) -> None:
+    """Compare what an array's header says with a file's length and with the memory that is there."""
+    version = np.lib.format.read_magic(file)
+    headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version in headers:  # others have names of fields beyond Latin-1: no volume
+        shape, _, dtype = headers[version](file)
+        need = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if file.tell() + need > size and not dtype.hasobject:
+            raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")
+        check_room(need)
 
 
 def _read_npz(path: Path) -> Read:
@@ -60,30 +80,42 @@ def _read_npz(path: Path) -> Read:
         raise InputError("is no complete .npz archive: write it again with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = archive.files
-        if "data" in names:
-            return archive["data"], archive["affine"] if "affine" in names else None
-        if len(names) != 1:
+        if "data" not in names and len(names) != 1:
             raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
-        return archive[names[0]], None
+        taken = [name for name in ("data", "affine") if name in names] if "data" in names else names
+        for name in taken:
+            member = f"{name}.npy"
+            if member in archive.zip.namelist():  # otherwise it is no array
+                with archive.zip.open(member) as file:
+                    _check_npy(file, archive.zip.getinfo(member).file_size)
+        voxels, *affine = (archive[name] for name in taken)
+        return voxels, affine[0] if affine else None
 
 
 def _read_mgh(path: Path) -> Read:
-    if path.suffix.lower() == ".mgz":
-        _uncompressed(path)
-    return from_nibabel(require("nibabel").load(path, mmap=False))
+    return _read_by_nibabel(path)
+
+
+def _read_by_nibabel(path: Path) -> Read:
+    image = require("nibabel").load(path, mmap=False)
+    _check_proxy(image)
+    check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
+    return from_nibabel(image)
 
 
 def _read_nifti(path: Path) -> Read:
-    head, size = _uncompressed(path)
+    with _opened(path) as file:
+        head: bytes = file.read(_NIFTI1.itemsize)
     if head[4:8] == b"n+2\0":  # ITK knows no NIfTI-2
-        return from_nibabel(require("nibabel").load(path, mmap=False))
+        return _read_by_nibabel(path)
     header = _nifti_header(head)
     shape = tuple(header["dim"][1 : header["dim"][0] + 1].tolist())
     volume_shape(shape, np.dtype(np.uint8))  # before a time series is read for nothing
+    voxels = int(np.prod(shape, dtype=object))
+    needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
+    check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
     # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
-    needed = int(header["vox_offset"]) + int(np.prod(shape, dtype=np.int64)) * int(header["bitpix"]) // 8
-    if size < needed:
-        raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
+    check_length(path, needed)
     affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
     return _nifti_voxels(path, header, shape), affine
 
@@ -218,26 +250,35 @@ def _read_nrrd(path: Path) -> Read:
 
 
 def _read_metaimage(path: Path) -> Read:
-    content = path.read_bytes()
-    end = re.search(rb"(?m)^ElementDataFile *= *(.*?) *\r?\n", content)
+    with path.open("rb") as file:
+        start = file.read(_BLOCK)
+    end = re.search(rb"(?m)^ElementDataFile *= *(.*?) *\r?\n", start)
     if end is None:
         raise InputError("is no MetaImage: does its ending name its format?")
-    head = content[: end.start()]
+    head = start[: end.start()]
     if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
         check_unit(unit[1].decode("latin1"))
-    if re.search(rb"(?mi)^CompressedData *= *(True|1)", head):
-        separate = path.parent / end[1].decode("utf-8", "replace")
-        if end[1] == b"LOCAL":
-            _check_deflated(content[end.end() :])
-        elif separate.is_file():
-            _check_deflated(separate.read_bytes())
+    separate = path.parent / end[1].decode("utf-8", "replace")
+    is_separate = end[1] != b"LOCAL" and separate.is_file()
+    size = _size_by_itk(path)
+    if re.search(rb"(?mi)^CompressedData *= *(True|1)", head) and (is_separate or end[1] == b"LOCAL"):
+        _check_deflated(separate if is_separate else path, 0 if is_separate else end.end(), size)
+    if is_separate:
+        note(separate)
     return from_itk(_load_itk(path))
 
 
-def _check_deflated(packed: bytes) -> None:
+def _check_deflated(path: Path, start: int, size: int) -> None:
     """Decompress to compare the checksum: ITK returns what it could decompress as if it were whole."""
     stream = zlib.decompressobj(wbits=47)  # zlib or gzip
-    stream.decompress(packed)
+    done = 0
+    with path.open("rb") as file:
+        file.seek(start)
+        packed = file.read(_BLOCK)
+        while packed and not stream.eof:
+            done += len(stream.decompress(packed, _BLOCK))
+            _check_beyond(done, size)
+            packed = stream.unconsumed_tail or file.read(_BLOCK)
     if not stream.eof:
         raise InputError("ends too early: copy or download it again")
 
@@ -248,29 +289,30 @@ def check_unit(unit: str) -> None:
         raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
 
 
-def uncompressed_size(path: Path) -> int:
-    """Return the length of a file, uncompressed if it is gzipped; a damaged one is an error of gzip."""
-    is_packed = path.suffix.lower() in (".gz", ".mgz")
-    return _uncompressed(path)[1] if is_packed else path.stat().st_size
-
-
 def _opened(path: Path) -> Any:
     """Open a file that may be gzipped, for reading bytes."""
     opener: Callable[..., Any] = gzip.open if path.suffix.lower() in (".gz", ".mgz") else open
     return opener(path, "rb")
 
 
-def _uncompressed(path: Path) -> tuple[bytes, int]:
-    """Return the first 348 bytes and the full length of a file that may be gzipped.
+def check_length(path: Path, needed: int) -> None:
+    """Compare the length of a file that may be gzipped with what its header says.
 
     It is read to its end, so that the checksum is compared: nibabel stops before it.
     """
+    size = 0
     with _opened(path) as file:
-        head: bytes = file.read(_NIFTI1.itemsize)
-        size = len(head)
-        while block := file.read(1 << 20):
+        while block := file.read(_BLOCK):
             size += len(block)
-    return head, size
+            _check_beyond(size, needed)
+    if size < needed:
+        raise InputError(f"ends after {size} of {needed} bytes: copy or download it again")
+
+
+def _check_beyond(size: int, needed: int) -> None:
+    """Stop inflating what is far longer than its header says."""
+    if size > needed + _MOST_BEYOND:
+        raise InputError(f"goes on after the {needed} bytes that its header tells of: copy or download it again")
 
 
 # --------------------------------------------------------------------------------- images of packages
@@ -281,10 +323,21 @@ def from_nibabel(image: Any) -> Read:
     volume_shape(image.shape, np.dtype(np.uint8))
     if hasattr(image.header, "get_xyzt_units"):
         check_unit(image.header.get_xyzt_units()[0])
+    _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32
         voxels = np.stack([voxels[name] for name in voxels.dtype.names], axis=-1)
     return voxels, check_affine(image.affine)
+
+
+def _check_proxy(image: Any) -> None:
+    """Find out whether there is memory for voxels that are still in their file."""
+    stored = image.dataobj
+    if require("nibabel").is_proxy(stored):
+        voxels = int(np.prod(image.shape, dtype=object))
+        is_scaled = (getattr(stored, "slope", 1), getattr(stored, "inter", 0)) != (1, 0)  # to float64
+        is_colour = stored.dtype.names is not None  # copied, channel by channel
+        check_room(voxels * (stored.dtype.itemsize * (2 if is_colour else 1) + (8 if is_scaled else 0)))
 
 
 def from_itk(image: Any) -> Read:
@@ -305,6 +358,7 @@ def from_itk(image: Any) -> Read:
 def _load_itk(path: Path) -> Any:
     """Read an image by ITK, without its warnings on NIfTI placements, which are not taken from it."""
     itk = require("itk")
+    check_room(_size_by_itk(path))
     before = itk.Object.GetGlobalWarningDisplay()
     itk.Object.SetGlobalWarningDisplay(False)
     try:
@@ -312,6 +366,22 @@ def _load_itk(path: Path) -> Any:
     except TypeError as error:  # 30 lines on templates, of which the first names the type
         known = ", ".join(ITK_TYPES)
         raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
+    finally:
+        itk.Object.SetGlobalWarningDisplay(before)
+
+
+def _size_by_itk(path: Path) -> int:
+    """Return how many bytes the voxels take, by their header."""
+    itk = require("itk")
+    before = itk.Object.GetGlobalWarningDisplay()
+    itk.Object.SetGlobalWarningDisplay(False)
+    try:
+        header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
+        if header is None:
+            return 0  # ITK says why, when it reads
+        header.SetFileName(str(path))
+        header.ReadImageInformation()
+        return int(header.GetImageSizeInBytes())
     finally:
         itk.Object.SetGlobalWarningDisplay(before)
 

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io import gifti
 from voxflat.io.files import require
+from voxflat.io.reading import allowed_memory
 from voxflat.io.triangles import TRIANGULATE, refuse_corners
 
 
@@ -97,7 +97,7 @@ def _check_blocks(data: bytes) -> None:
                 kind = np.dtype(order + ("i8" if b'"Int64"' in array[1] else "i4"))
                 corners = _numbers(stored, is_raw, kind, total // kind.itemsize, start=size.itemsize)
                 is_bad = max(corners.tolist(), default=0) > len(data)
-        if is_bad or total > psutil.virtual_memory().available // 4:
+        if is_bad or total > allowed_memory() // 4:
             raise InputError(f"has an array of {total} bytes by its header, which is damaged: copy it again")
 
 
@@ -110,7 +110,7 @@ def _numbers(stored: bytes, is_raw: bool, kind: np.dtype[Any], count: int, start
 
 def _read_polydata(path: Path, module: str, reader: str, points: int, faces: int) -> dict[str, Any]:
     """Read by a class of VTK; what it would print becomes an error."""
-    if 24 * (points + faces) > psutil.virtual_memory().available // 4:  # VTK would end the process
+    if 24 * (points + faces) > allowed_memory() // 4:  # VTK would end the process
         raise InputError(f"has {points} points and {faces} faces by its header, more than memory may hold")
     pv = require("pyvista")
     messages: list[str] = []

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_seed, checked_threads, is_whole
+from voxflat.arguments import Progress, checked_seed, checked_threads, free_memory, is_whole
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.judging.geometry import Geometry, geometry_of
@@ -234,7 +233,7 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
 
 def _kept() -> int:
     """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_core.KEPT_BYTES, psutil.virtual_memory().available // _KEPT_SHARE))
+    return int(max(_core.KEPT_BYTES, free_memory() // _KEPT_SHARE))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -214,8 +214,9 @@ memory_limit, progress
             foreground(volume.data)
         except InputError as error:
             return _and(found, advice=(str(error),))
-    whole = _surface(volume, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
-    return _check_surface(whole, found, patch, how, volume)
+    making: dict[str, Any] = {**place, "memory_limit": memory_limit, "threads": how.threads, "progress": progress}
+    as_it_is = _surface(volume, **making, repair="none")
+    return _check_surface(as_it_is, found, patch, how, lambda: _surface(volume, **making))
 
 
 @dataclass(frozen=True)
@@ -264,7 +265,7 @@ def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _
 
 
 def _check_surface(
-    whole: Surface, found: Check, patch: dict[str, Any], how: _How, volume: Volume | None = None
+    whole: Surface, found: Check, patch: dict[str, Any], how: _How, repaired: Callable[[], Surface] | None = None
 ) -> Check:
     topology = whole.core.topology()
     found = _and(
@@ -284,10 +285,11 @@ def _check_surface(
     handles = tuple(cut.part.core.handles(how.threads, how.progress)) if part["handles"] else ()
     if handles:
         advice.append(_cutting_changes(handles))
-    if volume is not None and part["handles"] and not any(value is not None for value in patch.values()):
-        advice.append(_repair_changes(whole, volume, how.progress))
     try:
-        opened: Cutout | None = opened_to_disk(cut, None, how.threads, how.progress)
+        to_open = cut
+        if part["handles"] and repaired is not None:
+            to_open = cut_out(repaired(), **patch, threads=how.threads, progress=how.progress, to_disk=False)
+        opened: Cutout | None = opened_to_disk(to_open, None, how.threads, how.progress)
     except InputError as error:
         opened = None
         advice.append(str(error))
@@ -326,13 +328,3 @@ def _thin(part: Surface, how: _How) -> dict[str, Any]:
 def _cutting_changes(handles: Sequence[dict[str, Any]]) -> str:
     total = sum(handle["length"] for handle in handles)
     return f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel"
-
-
-def _repair_changes(whole: Surface, volume: Volume, progress: Progress | None) -> str:
-    """Say what the repair by voxels would change."""
-    given = {name: whole.metadata[name] for name in ("label", "threshold")}
-    mask = foreground(volume.data, **given)
-    _, report = _core.repair(mask, volume.spacing.tolist(), None, progress)
-    removed, added = (len(report[name]) for name in ("cut", "filled"))
-    share = 100 * (removed + added) / np.count_nonzero(mask)
-    return f"repair='voxels' would remove {removed} voxels and add {added} ({share:.2f} %), and leave no handle"

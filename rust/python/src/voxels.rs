@@ -225,7 +225,7 @@ impl VoxelSurface {
             let graph = &inner.graph;
             let mut row = vec![0.0; graph.len()];
             graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target)?, row[target as usize]))
+            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
         })?;
         Ok((path.into_pyarray(py), length))
     }

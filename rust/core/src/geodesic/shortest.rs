@@ -4,7 +4,7 @@
 //! bucket is then final, as in Dijkstra's algorithm, but the queue costs no comparison. Only the few buckets that one link
 //! can span are alive at a time, so they are kept in a ring.
 
-use crate::adjacency::Links;
+use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::{Error, Result};
 
@@ -150,7 +150,7 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
 /// lowest vertices. (Grossmann et al., figure 3: the black path.)
 ///
 /// # Errors
-/// [`Error::Unreachable`] if the row is infinite at `target`.
+/// [`Error::Unreachable`] if the row is infinite at `target`, or is none from `source`; [`Error::Cancelled`].
 ///
 /// # Examples
 /// ```
@@ -167,25 +167,38 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
 /// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
 /// let [from, to] = [[0, 0, 1], [7, 7, 1]].map(|voxel| surface.find(voxel).unwrap() as u32);
 /// let rows = DistanceRows::compute(&graph, &[from], &control)?;
-/// let path = trace_path(&graph, rows.row(0), from, to)?;
+/// let path = trace_path(&graph, rows.row(0), from, to, &control)?;
 /// assert_eq!((path.len(), path[0], path[7]), (8, from, to)); // along the diagonal
 /// # Ok::<(), voxflat::Error>(())
 /// ```
-pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32) -> Result<Vec<u32>> {
+pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, control: &Control) -> Result<Vec<u32>> {
+    let unreachable = || Error::Unreachable { source_vertex: source as usize, vertex: target as usize };
     if row[target as usize].is_infinite() {
-        return Err(Error::Unreachable { source_vertex: source as usize, vertex: target as usize });
+        return Err(unreachable());
     }
+    // A link shorter than half a unit in the last place leads to a vertex that is no nearer, and on from there perhaps back.
+    // So none is entered twice, and where it goes no farther the way goes back: it ends within twice as many steps as vertices.
+    let mut is_entered = vec![false; graph.vertices()];
+    is_entered[target as usize] = true;
     let mut path = vec![target];
-    let mut vertex = target;
-    while vertex != source {
+    while let Some(&vertex) = path.last() {
+        control.check()?;
+        if vertex == source {
+            path.reverse();
+            return Ok(path);
+        }
         let reached = row[vertex as usize];
         // the row was made by the same sum of the same numbers, so equality is exact
-        let previous = graph.arcs(vertex).find(|arc| row[arc.to as usize] + arc.length == reached);
-        vertex = previous.ok_or(Error::Unreachable { source_vertex: source as usize, vertex: target as usize })?.to;
-        path.push(vertex);
+        let leads_here = |arc: &Arc| row[arc.to as usize] + arc.length == reached;
+        match graph.arcs(vertex).find(|arc| leads_here(arc) && !is_entered[arc.to as usize]) {
+            Some(arc) => {
+                is_entered[arc.to as usize] = true;
+                path.push(arc.to);
+            }
+            None => drop(path.pop()),
+        }
     }
-    path.reverse();
-    Ok(path)
+    Err(unreachable())
 }
 
 #[cfg(test)]
@@ -278,7 +291,7 @@ mod tests {
             let (_, graph) = graph_of(&mask, [1.0, 2.0, 0.5]);
             let [source, target] = picks.map(|pick| pick.index(graph.len()) as u32);
             let row = row_of(&graph, source);
-            match trace_path(&graph, &row, source, target) {
+            match trace_path(&graph, &row, source, target, &Control::default()) {
                 Err(error) => {
                     prop_assert!(row[target as usize].is_infinite());
                     prop_assert_eq!(error, Error::Unreachable { source_vertex: source as usize, vertex: target as usize });
@@ -310,10 +323,92 @@ mod tests {
         let (surface, graph) = graph_of(&Mask::from_fn([41, 41, 1], |[i, j, _]| i != 20 || j == 35).unwrap(), [1.0; 3]);
         let [start, end, bridge] = [[0, 0, 0], [40, 0, 0], [20, 35, 0]].map(|v| surface.find(v).unwrap() as u32);
         let row = row_of(&graph, start);
-        let path = trace_path(&graph, &row, start, end).unwrap();
+        let path = trace_path(&graph, &row, start, end, &Control::default()).unwrap();
         assert!(path.contains(&bridge));
         let half = row[bridge as usize];
         assert!((row[end as usize] - 2.0 * half).abs() < 1e-4);
+    }
+
+    /// A graph of given links.
+    struct Given(Vec<Vec<Arc>>);
+
+    impl Given {
+        fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
+            let mut arcs = vec![Vec::new(); vertices];
+            for &(a, b, length) in links {
+                arcs[a as usize].push(Arc { to: b, length });
+                arcs[b as usize].push(Arc { to: a, length });
+            }
+            arcs.iter_mut().for_each(|of| of.sort_by_key(|arc: &Arc| arc.to));
+            Self(arcs)
+        }
+    }
+
+    impl Links for Given {
+        fn vertices(&self) -> usize {
+            self.0.len()
+        }
+
+        fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
+            self.0[vertex as usize].iter().copied()
+        }
+
+        fn most_links(&self) -> usize {
+            self.0.iter().map(Vec::len).max().unwrap_or(0)
+        }
+
+        fn extremes(&self) -> [f32; 2] {
+            let lengths = || self.0.iter().flatten().map(|arc| arc.length);
+            [lengths().fold(f32::INFINITY, f32::min), lengths().fold(0.0, f32::max)]
+        }
+    }
+
+    #[test]
+    fn links_too_short_to_be_seen_are_no_trap() {
+        // 0 is 100 mm from 4; 1, 2 and 3 lie at 4, nearer to it than a distance of 100 mm can tell, and 1 and 2 lead nowhere
+        let tiny = 1e-6;
+        let graph =
+            Given::new(6, &[(0, 5, 50.0), (4, 5, 50.0), (1, 4, tiny), (1, 2, tiny), (2, 3, tiny), (3, 4, tiny)]);
+        let row = row_of(&graph, 0);
+        assert_eq!(row, [0.0, 100.0, 100.0, 100.0, 100.0, 50.0]);
+        let control = Control::default();
+        for target in 1..5 {
+            let path = trace_path(&graph, &row, 0, target, &control).unwrap();
+            assert_eq!((path[0], path[path.len() - 1]), (0, target));
+            let is_linked = |two: &[u32]| graph.arcs(two[0]).any(|arc| arc.to == two[1]);
+            assert!(path.windows(2).all(is_linked), "{path:?}");
+        }
+        control.cancel();
+        assert_eq!(trace_path(&graph, &row, 0, 4, &control), Err(Error::Cancelled));
+        assert!(trace_path(&graph, &[1.0; 6], 0, 4, &Control::default()).is_err(), "no row from 0");
+    }
+
+    proptest! {
+        /// Lengths that vanish beside others, or are none at all: paths end, pass no vertex twice, and are as long as they are said.
+        #[test]
+        fn paths_end_whatever_the_lengths(
+            links in prop::collection::vec((0u32..12, 0u32..12, prop::sample::select(vec![0.0f32, 1e-30, 1e-7, 1.0, 1e6])), 1..60),
+            ends in prop::array::uniform2(0u32..12),
+        ) {
+            let links: Vec<_> = links.into_iter().filter(|link| link.0 != link.1).collect();
+            let graph = Given::new(12, &links);
+            let row = row_of(&graph, ends[0]);
+            match trace_path(&graph, &row, ends[0], ends[1], &Control::default()) {
+                Err(_) => prop_assert!(row[ends[1] as usize].is_infinite()),
+                Ok(path) => {
+                    let mut sum = 0.0f32;
+                    for two in path.windows(2) {
+                        let lengths = graph.arcs(two[0]).filter(|arc| arc.to == two[1]).map(|arc| arc.length);
+                        sum += lengths.fold(f32::INFINITY, f32::min);
+                    }
+                    prop_assert_eq!(sum, row[ends[1] as usize]);
+                    let mut once = path.clone();
+                    once.sort_unstable();
+                    once.dedup();
+                    prop_assert_eq!(once.len(), path.len());
+                }
+            }
+        }
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! Shortest paths, unfolded backwards from a vertex to the source.
 
+use std::collections::HashSet;
+
 use super::Exact;
 use super::wave::{Wave, Way};
 use super::window::length;
+use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::path::{PathPoint, Site};
+use crate::surface::mesh::paths::shortest_path;
 use crate::surface::mesh::{BORDER, next, previous};
 
 /// A crossing this near to an end of its edge, as a part of the edge, may be taken for the end itself.
@@ -31,17 +35,25 @@ struct Leg {
 impl Exact<'_> {
     /// The shortest path from `target` back to the source of the last run of `wave`.
     ///
+    /// It ends: each of its legs leads to another vertex. Where edges are so short that rounding tells no distances apart, and
+    /// a leg leads back or nowhere, it goes on along edges.
+    ///
     /// # Errors
-    /// [`Error::Unreachable`] if that run did not reach it.
-    pub fn path(&self, wave: &Wave, target: u32) -> Result<Vec<PathPoint>> {
-        let unreachable = Error::Unreachable { source_vertex: wave.source as usize, vertex: target as usize };
+    /// [`Error::Unreachable`] if that run did not reach it, [`Error::Cancelled`].
+    pub fn path(&self, wave: &Wave, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if wave.distance[target as usize] == f64::INFINITY {
-            return Err(unreachable);
+            return Err(Error::Unreachable { source_vertex: wave.source as usize, vertex: target as usize });
         }
         let mut path = vec![self.at_vertex(target)];
         let mut vertex = target;
+        let mut passed = HashSet::from([target]);
         while vertex != wave.source {
-            let leg = self.leg(wave, vertex).ok_or_else(|| unreachable.clone())?;
+            control.check()?;
+            let Some(leg) = self.leg(wave, vertex).filter(|leg| passed.insert(leg.vertex)) else {
+                let rest = shortest_path(self.surface, &[vertex, wave.source], None, control)?;
+                path.extend(rest[1..].iter().map(|&vertex| self.at_vertex(vertex)));
+                break;
+            };
             path.extend(leg.crossings.into_iter().map(|(half_edge, at)| self.on_edge(half_edge, at)));
             path.push(self.at_vertex(leg.vertex));
             vertex = leg.vertex;

@@ -280,7 +280,7 @@ fn what_is_apart_is_infinitely_far() {
     exact.row(2, &mut row, &mut wave, &Control::default()).unwrap();
     assert!(row.iter().enumerate().all(|(v, d)| d.is_finite() == (v < count as usize)));
     let expected = Error::Unreachable { source_vertex: 2, vertex: count as usize };
-    assert_eq!(exact.path(&wave, count as u32), Err(expected));
+    assert_eq!(exact.path(&wave, count as u32, &Control::default()), Err(expected));
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn assert_paths(surface: &Surface, source: u32) {
     let (mut wave, mut row) = (exact.scratch(), vec![0.0; surface.len()]);
     exact.distances(source, &mut row, &mut wave, &Control::default()).unwrap();
     for (target, &distance) in (0..).zip(&row) {
-        let path = exact.path(&wave, target).unwrap();
+        let path = exact.path(&wave, target, &Control::default()).unwrap();
         assert_near(length(&path), distance, 1e-9);
         assert_eq!([path[0].site, path[path.len() - 1].site], [target, source].map(Site::Vertex));
         assert_on_surface(surface, &path);

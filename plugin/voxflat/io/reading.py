@@ -1,0 +1,103 @@
+"""What is read within a call: how much memory that may take, and which files they were."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+from voxflat.arguments import check_memory, checked_limit, free_memory
+
+__all__ = ["allowed_memory", "check_room", "note", "reading"]
+
+_BLOCK = 1 << 20
+
+
+@dataclass
+class _Reading:
+    limit: int | None = None
+    files: dict[str, str] = field(default_factory=dict)
+
+
+_now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
+
+
+@contextmanager
+def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
+    """Note which files are read, and hold readers to a memory limit.
+
+    Parameters
+    ----------
+    memory_limit : int, optional
+        Bytes that what is read may take; by default as many as the call around may, or what is free.
+
+    Yields
+    ------
+    dict
+        The SHA-256 of each file that is read until the block ends, by its path as it was given.
+    """
+    around = _now.get()
+    checked_limit(memory_limit)
+    limit = memory_limit if memory_limit is not None or around is None else around.limit
+    now = _Reading(limit)
+    token = _now.set(now)
+    try:
+        yield now.files
+    finally:
+        _now.reset(token)
+        if around is not None:
+            around.files.update(now.files)
+
+
+def note(path: str | os.PathLike[str]) -> None:
+    """Note that a file is read, if anybody wants to know.
+
+    Parameters
+    ----------
+    path : path
+        A file that is there.
+    """
+    now = _now.get()
+    if now is not None:
+        status = os.stat(path)
+        now.files[os.fspath(path)] = _sha256(
+            os.path.abspath(path), (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
+        )
+
+
+@lru_cache(maxsize=256)
+def _sha256(path: str, state: tuple[int, ...]) -> str:
+    """Return the hash of a file, once for each state of it."""
+    hashed = hashlib.sha256()
+    with Path(path).open("rb") as file:
+        while block := file.read(_BLOCK):
+            hashed.update(block)
+    return hashed.hexdigest()
+
+
+def allowed_memory() -> int:
+    """Return how many bytes may be taken now: the limit of the call, or what is free."""
+    now = _now.get()
+    return free_memory() if now is None or now.limit is None else int(now.limit)
+
+
+def check_room(need: int) -> None:
+    """Refuse to read what needs more memory than there is.
+
+    Parameters
+    ----------
+    need : int
+        Bytes, by the file's header.
+
+    Raises
+    ------
+    InputError
+        If they are not there.
+    """
+    now = _now.get()
+    check_memory(need, None if now is None else now.limit, "crop or downsample it, or give it more memory")
