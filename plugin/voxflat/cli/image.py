@@ -15,8 +15,10 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output
 from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.raster import FlatStack
 
 
 @click.command(
@@ -28,10 +30,18 @@ Examples:
   voxflat image map.npz --volume face.obj -o face.png
   voxflat image map.npz --heat-map -o distortion.png
   voxflat image atlas.npz --volume lh.sulc -o page.png
+  voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
+  voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
 """,
 )
 @click.argument("map_", metavar="MAP", type=FILE)
 @click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option(
+    "--channel",
+    metavar="NAME|N",
+    help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
+    "from 0.  [default: all, one after the other; a .png holds one]",
+)
 @click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
 @click.option(
     "-o",
@@ -62,6 +72,7 @@ Examples:
 def command(
     map_: Path,
     volume: Path | None,
+    channel: str | None,
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
@@ -77,14 +88,19 @@ def command(
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    if heat_map and (interpolation or depth is not None):
-        raise click.UsageError("--interpolation and --depth are for --volume.")
+    if heat_map and (interpolation or channel is not None or depth is not None):
+        raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
     check_output(output, IMAGE_ENDINGS, (map_, volume))
     flat_map = _load(map_)
     if volume is None:
         picture = flat_map.heat_map(pixel_size)
     else:
-        picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+        stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+        if channel is None and len(stack) > 1:
+            _save_all(stack, volume, output)
+            return
+        with naming(volume, REMEDY):
+            picture = stack[stack.channels.find(channel)]
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
     if heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
@@ -98,6 +114,14 @@ def command(
         picture.save(output)
     height, width = picture.data.shape[:2]
     click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+
+
+def _save_all(stack: FlatStack, volume: Path, output: Path) -> None:
+    first = stack[0]
+    _check_overlap(~np.isnan(first.data), volume)
+    stack.save(output)
+    height, width = first.data.shape
+    click.echo(f"{len(stack)} images of {width} x {height} pixels of {first.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from scipy.ndimage import map_coordinates
 
 from voxflat import _core
 from voxflat.errors import InputError
+from voxflat.io.channels import Channels
 from voxflat.io.volumes import Volume
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import write_image
+from voxflat.maps.image_files import write_image, write_stack
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -177,6 +178,75 @@ class FlatImage:
             If the file cannot be written.
         """
         write_image(path, self.data, self.affine, self.name, labels=self.is_labels)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatStack(Sequence[FlatImage]):
+    """Images on the same pixels of a flat map, one a channel: each is sampled when it is asked for.
+
+    Parameters
+    ----------
+    channels : Channels
+        Arrays as in `FlatImage.data`.
+    pixel_size : float
+        Side of a pixel, mm.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    name : str
+        What they show.
+    """
+
+    channels: Channels
+    pixel_size: float
+    origin: tuple[float, float]
+    name: str
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self.channels)
+
+    def __repr__(self) -> str:
+        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The name of each channel, empty where it has none."""
+        return self.channels.names
+
+    @overload
+    def __getitem__(self, channel: int | str) -> FlatImage: ...
+
+    @overload
+    def __getitem__(self, channel: slice) -> list[FlatImage]: ...
+
+    def __getitem__(self, channel: int | str | slice) -> FlatImage | list[FlatImage]:
+        """Sample a channel, by its number or its name; `InputError`, which ends a loop, if there is none such."""
+        if isinstance(channel, slice):
+            return [self[n] for n in range(*channel.indices(len(self)))]
+        if isinstance(channel, int) and channel >= len(self):
+            raise IndexError(channel)
+        n = self.channels.find(channel)
+        name = ", ".join(part for part in (self.name, self.names[n]) if part)
+        return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save all images to one file, one after the other, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: a volume each of (H, W, 1, K), the
+            names in a header extension (JSON). ``.npy``: (K, H, W), without names. The values are float32, NaN outside
+            the map.
+
+        Raises
+        ------
+        InputError
+            If the ending is another, as of ``.png``, which holds one image; or the values do not fit.
+        OSError
+            If the file cannot be written.
+        """
+        write_stack(path, self)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
