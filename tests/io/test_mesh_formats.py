@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mesh_files import gifti, grid, nib, pv, refuses, same, sphere
 
-from voxflat.io import gifti as _gifti
 from voxflat.io.meshes import Mesh, read_mesh
 
 # -------------------------------------------------------------------------- files of other programs

@@ -11,7 +11,6 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.output import check_output, print_json
-from voxflat.errors import InputError
 from voxflat.surfaces.cut import cut
 
 
@@ -28,7 +27,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=options.OUT,
     required=True,
     metavar="OUT",
     help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj.",
@@ -39,22 +38,23 @@ Examples:
 @options.relax
 @options.threads
 @options.memory_limit
+@options.beside
 @options.as_json
 @options.debug
-def command(input_: Path, output: Path, as_json: bool, **given: Any) -> None:
+def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, **given: Any) -> None:
     """Cut a surface open, as voxflat flatten would.
 
     What is no disk becomes one; further cuts relieve the map where that pays.
     """
-    if output.suffix.lower() not in (".json", ".gii", ".vtp", ".ply", ".obj"):
-        raise InputError(f"cannot write {output}: its name must end in .json, .surf.gii, .vtp, .ply or .obj")
-    check_output(output, (), (input_, given["keep"], given["drop"]))
+    check_output(output, (".json", ".surf.gii", ".vtp", ".ply", ".obj"), sidecar=sidecar, overwrite=overwrite)
     with bars() as shown:
         made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
-    (made if output.suffix.lower() == ".json" else made.surface).save(output)
+    result = made if output.suffix.lower() == ".json" else made.surface
+    result.save(output, sidecar=sidecar, overwrite=overwrite)
     if as_json:
         cuts = [{"ids": one.ids.tolist(), "length": one.length, "reason": one.reason} for one in made.cuts]
-        print_json({"output": str(output), "vertices": len(made.surface), "cuts": cuts})
+        told = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
+        print_json({**told, "provenance": made.provenance})
         return
     for number, one in enumerate(made.cuts):
         length = "" if one.length is None else f", {one.length:.1f} mm"

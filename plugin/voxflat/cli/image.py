@@ -12,9 +12,11 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
-from voxflat.cli.options import FILE
-from voxflat.cli.output import check_output
+from voxflat.cli.options import FILE, OUT
+from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
+from voxflat.io.provenance import saving
+from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
 
@@ -25,7 +27,7 @@ from voxflat.maps.image_files import IMAGE_ENDINGS
 Examples:
   voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
-  voxflat image map.npz --volume face.obj -o face.png
+  voxflat image map.npz --volume face.obj -o face_flat.png
   voxflat image map.npz --heat-map -o distortion.png
   voxflat image atlas.npz --volume lh.sulc -o page.png
 """,
@@ -36,7 +38,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
@@ -58,6 +60,8 @@ Examples:
     type=click.Choice(["linear", "nearest"]),
     help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
 )
+@options.beside
+@options.as_json
 @options.debug
 def command(
     map_: Path,
@@ -67,6 +71,9 @@ def command(
     pixel_size: float | None,
     depth: float | None,
     interpolation: str | None,
+    sidecar: bool,
+    overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
@@ -79,12 +86,15 @@ def command(
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or depth is not None):
         raise click.UsageError("--interpolation and --depth are for --volume.")
-    check_output(output, IMAGE_ENDINGS, (map_, volume))
-    flat_map = _load(map_)
-    if volume is None:
-        picture = flat_map.heat_map(pixel_size)
-    else:
-        picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+    check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    with reading() as files:
+        flat_map = _load(map_)
+        if volume is None:
+            picture = flat_map.heat_map(pixel_size)
+        else:
+            picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+    picture = picture.with_provenance({**picture.provenance, "files": files})
+    if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
     if heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
@@ -93,11 +103,16 @@ def command(
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        figures.save(drawn, output)
+        with saving(output, picture.provenance, sidecar=sidecar, overwrite=overwrite):
+            figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output)
+        picture.save(output, sidecar=sidecar, overwrite=overwrite)
     height, width = picture.data.shape[:2]
-    click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+    if as_json:
+        size = {"width": width, "height": height, "pixel_size": picture.pixel_size}
+        print_json({"output": str(output), **size, "provenance": picture.provenance})
+    else:
+        click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

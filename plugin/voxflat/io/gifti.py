@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import require
 from voxflat.io.freesurfer import cras_remark
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import allowed_memory
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
@@ -182,8 +183,10 @@ def _remarks(points: Any) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def surface_bytes(points: NDArray[np.float64], faces: NDArray[np.int64], structure: str | None) -> bytes:
-    """Write a surface as Workbench expects one."""
+def surface_bytes(
+    points: NDArray[np.float64], faces: NDArray[np.int64], structure: str | None, record: Record | None = None
+) -> bytes:
+    """Write a surface as Workbench expects one, with a record of what made it where Workbench keeps its own."""
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -192,7 +195,7 @@ def surface_bytes(points: NDArray[np.float64], faces: NDArray[np.int64], structu
     topology = "Closed" if _is_closed(faces) else "Cut" if is_flat else "Open"
     arrays = [(points.astype("f4"), _POINTS, about), (faces.astype("i4"), _TRIANGLES, {"TopologicalType": topology})]
     gifti = nibabel.gifti
-    image = gifti.GiftiImage()
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData({} if record is None else {"Provenance": as_text(record)}))
     for data, intent, meta in arrays:
         image.add_gifti_data_array(
             gifti.GiftiDataArray(data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.provenance import Record
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
@@ -224,7 +225,7 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
 # ------------------------------------------------------------------------------------------ writing
 
 
-def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
+def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
     """Write a surface to a file, all of it or nothing.
 
     Parameters
@@ -235,6 +236,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
         ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
         marked as flat in GIFTI.
+    record : dict, optional
+        What made it, for GIFTI's metadata; no other format has a place for it.
 
     Raises
     ------
@@ -247,10 +250,13 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     with naming(path, "can this format hold it?"):
         write = _writer(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
-        write(temporary, mesh)
+        write(temporary, mesh, record)
 
 
-def _writer(path: Path) -> Callable[[Path, Mesh], None]:
+_Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
+
+
+def _writer(path: Path) -> _Write:
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
     if ".patch." in name:
@@ -260,28 +266,28 @@ def _writer(path: Path) -> Callable[[Path, Mesh], None]:
     return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
-def _write_freesurfer(path: Path, mesh: Mesh) -> None:
+def _write_freesurfer(path: Path, mesh: Mesh, _: Record | None) -> None:
     freesurfer.write_geometry(path, mesh.points, mesh.faces)
 
 
-def _write_gifti(path: Path, mesh: Mesh) -> None:
+def _write_gifti(path: Path, mesh: Mesh, record: Record | None) -> None:
     as_float32(mesh.points)
-    path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure))
+    path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure, record))
 
 
-def _write_vtp(path: Path, mesh: Mesh) -> None:
+def _write_vtp(path: Path, mesh: Mesh, _: Record | None) -> None:
     vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data)
 
 
-def _write_ply(path: Path, mesh: Mesh) -> None:
+def _write_ply(path: Path, mesh: Mesh, _: Record | None) -> None:
     ply.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
 
 
-def _write_obj(path: Path, mesh: Mesh) -> None:
+def _write_obj(path: Path, mesh: Mesh, _: Record | None) -> None:
     obj.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
 
 
-_WRITERS: dict[str, Callable[[Path, Mesh], None]] = {
+_WRITERS: dict[str, _Write] = {
     ".surf.gii": _write_gifti,
     ".vtp": _write_vtp,
     ".ply": _write_ply,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, save_array
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
@@ -21,7 +22,13 @@ _TIFF_DESCRIPTION, _TIFF_CENTIMETRE = 270, 3
 
 
 def write_image(
-    path: str | os.PathLike[str], data: NDArray[Any], affine: NDArray[np.float64], name: str, *, labels: bool
+    path: str | os.PathLike[str],
+    data: NDArray[Any],
+    affine: NDArray[np.float64],
+    name: str,
+    *,
+    labels: bool,
+    record: Record | None = None,
 ) -> None:
     """Write a flat image to a file, all of it or nothing; see `FlatImage.save`.
 
@@ -33,6 +40,8 @@ def write_image(
         As in `FlatImage`.
     labels : bool
         Whether the values are labels.
+    record : dict, optional
+        What made it; ``.npy`` has no place for it.
 
     Raises
     ------
@@ -45,10 +54,12 @@ def write_image(
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
-    write(path, data, affine, name, labels)
+    write(path, data, affine, name, labels, record or {})
 
 
-def _write_png(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
+def _write_png(
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+) -> None:
     from PIL import Image, PngImagePlugin
 
     text = PngImagePlugin.PngInfo()
@@ -58,18 +69,20 @@ def _write_png(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name
         pixels, values = label_colours(data), "labels, each in a colour of its own"
     else:
         pixels, values = _grey(data)
-    for key, value in {**_description(affine, name), "Values": values}.items():
+    for key, value in {**_description(affine, name, record), "Values": values}.items():
         text.add_itxt(key, value)
     per_inch = 25.4 / affine[2, 2]  # stored as whole pixels per metre, hence the pixel size as text, too
     with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", dpi=(per_inch, per_inch), pnginfo=text)
 
 
-def _write_tiff(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
+def _write_tiff(
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+) -> None:
     from PIL import Image, TiffImagePlugin
 
     tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in _description(affine, name).items())
+    tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in _description(affine, name, record).items())
     per_cm = 10 / float(affine[2, 2])
     resolution = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
     pixels = _measured(data)
@@ -77,16 +90,20 @@ def _write_tiff(path: Path, data: NDArray[Any], affine: NDArray[np.float64], nam
         Image.fromarray(pixels).save(temporary, format="TIFF", tiffinfo=tags, **resolution)
 
 
-def _write_nifti(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
-    write_volume(path, _measured(data)[:, :, None], affine)
+def _write_nifti(
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+) -> None:
+    write_volume(path, _measured(data)[:, :, None], affine, record)
 
 
-def _write_npy(path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool) -> None:
+def _write_npy(
+    path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
+) -> None:
     with atomic_path(path) as temporary:
         save_array(temporary, data)
 
 
-_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool], None]] = {
+_WRITERS: dict[str, Callable[[Path, NDArray[Any], NDArray[np.float64], str, bool, Record], None]] = {
     ".png": _write_png,
     ".tif": _write_tiff,
     ".tiff": _write_tiff,
@@ -101,13 +118,14 @@ IMAGE_ENDINGS = tuple(_WRITERS)
 # ----------------------------------------------------------------------------------------------- helpers
 
 
-def _description(affine: NDArray[np.float64], name: str) -> dict[str, str]:
+def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict[str, str]:
     u, v = affine[:2, 3]
     return {
         "Title": name,
         "Pixel size": f"{affine[2, 2]:.9g} mm",
         "Centre of the upper left pixel": f"u = {u:.9g} mm, v = {v:.9g} mm",
         "Software": "voxflat",
+        "Provenance": as_text(record),
     }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_number
+from voxflat.io.provenance import Record, telling
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, Raster, draw
 from voxflat.maps.sampler import Sampler
@@ -126,6 +127,12 @@ class Planar(ABC):
         of = self._triangles
         return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
 
+    @property
+    @abstractmethod
+    def provenance(self) -> Record:
+        """What made it."""
+
+    @telling
     def image(
         self,
         volume: object,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates
 
 from voxflat import _core
 from voxflat.errors import InputError
+from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.volumes import Volume
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image
@@ -101,6 +102,8 @@ class FlatImage:
     labels : bool or None
         Whether the values are labels, each with a colour of its own; None: where they look so, as whole numbers that
         form areas.
+    provenance : dict
+        What made it: the volume and how it was sampled, and the record of the map or atlas.
     """
 
     data: NDArray[Any]
@@ -108,10 +111,25 @@ class FlatImage:
     origin: tuple[float, float]
     name: str
     labels: bool | None = None
+    provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
         height, width = self.data.shape[:2]
         return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
+
+    def with_provenance(self, record: Record) -> FlatImage:
+        """Return the same image with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        FlatImage
+        """
+        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
 
     @property
     def is_colour(self) -> bool:
@@ -159,7 +177,7 @@ class FlatImage:
         left, top = self.origin[0] - self.pixel_size / 2, self.origin[1] + self.pixel_size / 2
         return (left, left + width * self.pixel_size, top - height * self.pixel_size, top)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the image, all of it or nothing.
 
         Parameters
@@ -168,15 +186,21 @@ class FlatImage:
             ``.png`` to look at: scalars in grey from the 1st to the 99th percentile, labels each in its own colour,
             colours as they are, transparent outside the map. ``.tif``, ``.tiff``, ``.nii`` or ``.nii.gz`` to measure:
             the values as float32, NaN outside the map, with the pixel size in mm. ``.npy``: the array as it is.
+            All but ``.npy`` hold `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the ending is another, or the values do not fit.
+            If the ending is another, the values do not fit, or it is a file that was read.
         OSError
             If the file cannot be written.
         """
-        write_image(path, self.data, self.affine, self.name, labels=self.is_labels)
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_image(path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.freesurfer import Patch
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.provenance import Record, resolved, saving
 
 __all__ = ["Surface"]
 
@@ -234,22 +235,48 @@ class Surface:
         """
         return replace(self, core=core)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, and the files that were read."""
+        return dict(self.metadata.get("provenance", {}))
+
+    def with_provenance(self, record: Record) -> Surface:
+        """Return the same surface with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        Surface
+        """
+        return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the surface to a file, all of it or nothing.
 
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white.
+            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. GIFTI holds
+            `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending.
+            If the path has another ending, or is a file that the surface was made of.
         OSError
             If it cannot be written.
         """
-        write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure")))
+        mesh = Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure"))
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_mesh(path, mesh, self.provenance)
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
