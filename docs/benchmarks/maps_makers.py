@@ -120,7 +120,7 @@ def voxflat_map(job, options):
         surface = voxflat.surface(job["labels"], affine=job["affine"], repair="voxels")
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
-    made = voxflat.flatten(surface, **options)
+    made = voxflat.flatten(surface, **{"relax": False, **options})  # the cuts are given
     return made.uv, made.points, made.faces, made.metadata.get("descent", {})
 
 

@@ -36,6 +36,7 @@ def draw(
     progress: _Progress | None = None,
 ) -> tuple[NDArray[np.uint32], NDArray[np.float32], list[float]]: ...
 def defects(points: NDArray[np.float64], faces: NDArray[np.int64]) -> dict[str, list[Any]]: ...
+def is_sheet(mask: NDArray[np.bool_]) -> bool: ...
 def repair(
     mask: NDArray[np.bool_],
     spacing: list[float],
@@ -93,7 +94,12 @@ class Surface:
         self, threads: int | None = None, progress: _Progress | None = None
     ) -> tuple[Surface, list[dict[str, Any]]]: ...
     def relax(
-        self, length: float | None = None, threads: int | None = None, progress: _Progress | None = None
+        self,
+        length: float | None = None,
+        least_relief: float = 0.0,
+        bearable: float = 0.0,
+        threads: int | None = None,
+        progress: _Progress | None = None,
     ) -> tuple[Surface, list[dict[str, Any]], list[float]]: ...
     def fill_holes(self, longest: float, progress: _Progress | None = None) -> tuple[Surface, int, int]: ...
     def thin_places(
@@ -179,8 +185,12 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[int, int]: ...
-    def error_of_links(
-        self, sources: NDArray[np.uint32], threads: int | None = None, progress: _Progress | None = None
+    def error_of_distances(
+        self,
+        sources: NDArray[np.uint32],
+        geodesic: str = "graph",
+        threads: int | None = None,
+        progress: _Progress | None = None,
     ) -> float: ...
     def path(self, source: int, target: int) -> tuple[NDArray[np.uint32], float]: ...
     def exact_path(self, source: int, target: int) -> tuple[NDArray[np.float64], NDArray[np.int64], float]: ...
@@ -192,6 +202,7 @@ class Surface:
         seed: int,
         geodesic: str = "graph",
         weighting: float = 0.5,
+        scale: str = "distances",
         keep_rows: bool = False,
         threads: int | None = None,
         progress: _Progress | None = None,

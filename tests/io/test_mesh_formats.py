@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from brain_spaces import footer, header
 from mesh_files import gifti, grid, nib, pv, refuses, same, sphere
 
 from voxflat.io.meshes import Mesh, read_mesh
@@ -165,14 +166,10 @@ def test_freesurfer_quadrangles(tmp_path, new):
     refuses(tmp_path / "lh.orig", "has 16 points and 2 quadrangles by its header, but ends after")
 
 
-def test_freesurfer_offset_is_told(tmp_path):
-    volume = {"head": [2, 0, 20], "valid": "1  # valid", "filename": "x.mgz", "volume": [256] * 3, "voxelsize": [1] * 3}
-    volume |= {"xras": [-1, 0, 0], "yras": [0, 0, -1], "zras": [0, 1, 0], "cras": [5.5, -18, 3.25]}
+def test_a_footer_cut_short_is_refused(tmp_path):
     path = tmp_path / "lh.white"
-    nib.freesurfer.write_geometry(path, sphere().points, sphere().faces, "me", volume)
+    nib.freesurfer.write_geometry(path, sphere().points, sphere().faces, "me", footer(header()))
     same(read_mesh(path), sphere(), 1e-6)
-    remark = "coordinates are FreeSurfer's (tkRAS), as stored: add c_ras (5.5, -18, 3.25) mm for scanner RAS"
-    assert read_mesh(path).remarks == (remark,)
     path.write_bytes(path.read_bytes()[:-40])
     refuses(path, "Error parsing volume info|could not convert|complete")
 
@@ -190,22 +187,20 @@ def test_gifti_encodings(tmp_path, encoding, packed):
     same(read_mesh(path), sphere(), 1e-4 if "ASCII" in encoding else 1e-6)
 
 
-def test_gifti_transforms_are_not_applied(tmp_path):
+def test_gifti_transforms_to_a_template_are_not_applied(tmp_path):
     """As Workbench 1.5 and nilearn 0.14 do."""
 
     def change(image):
         image.darrays[0].coordsys.xform[:3, 3] = [1, 2.5, -3]
-        image.darrays[0].coordsys.xformspace = 1
-        image.darrays[0].meta["VolGeomC_R"] = "5.5"
-        image.darrays[0].meta["VolGeomC_A"] = "0"
+        image.darrays[0].coordsys.xformspace = 3
 
     read = read_mesh(gifti(tmp_path / "s.gii", change=change))
     same(read, sphere(), 1e-6)
     assert read.remarks == (
-        "has a transform to NIFTI_XFORM_SCANNER_ANAT (shift 1, 2.5, -3 mm), which is not applied: coordinates are as "
+        "has a transform to NIFTI_XFORM_TALAIRACH (shift 1, 2.5, -3 mm), which is not applied: coordinates are as "
         "stored",
-        "coordinates are FreeSurfer's (tkRAS), as stored: add c_ras (5.5, 0, 0) mm for scanner RAS",
     )
+    assert read.space.name == "unknown"
 
 
 POINT, TRIANGLE = (np.zeros((4, 3), "f4"), "pointset"), (np.zeros((1, 3), "i4"), "triangle")

@@ -127,7 +127,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         write_mesh(tmp_path / name, grid())
     monkeypatch.setattr(pv.PolyData, "from_regular_faces", lambda *_: 1 / 0)
     monkeypatch.setattr("voxflat.io.freesurfer.as_float32", lambda *_: 1 / 0)
-    monkeypatch.setattr(_gifti, "surface_bytes", lambda *_: 1 / 0)
+    monkeypatch.setattr(_gifti, "surface_bytes", lambda *_, **__: 1 / 0)
     monkeypatch.setattr(np, "savetxt", lambda *_: 1 / 0)
     monkeypatch.setattr(np, "empty", lambda *_: 1 / 0)
     for name in FORMATS:

@@ -399,3 +399,89 @@ class TestCommandLine:
         result = self.run(files / "surface.ply", files / "one.ply", "--heat-maps", files / "maps.gif")
         assert result.exit_code == 1
         assert ".png or .pdf or .svg" in result.stderr
+
+
+class TestGeometry:
+    """A map is judged on the geometry that it was made on, which it knows."""
+
+    @staticmethod
+    def maps(tmp_path):
+        """Return a white and a pial sheet, a map made midway, and the files of all."""
+        (white, faces), _ = bump()
+        pial = white * [1, 1, 5] + [0, 0, 3]
+        for name, points in (("lh.white", white), ("lh.pial", pial)):
+            write_mesh(tmp_path / name, Mesh(points, faces))
+        flat = voxflat.flatten(voxflat.surface((white, faces), pial=(pial, faces)), sources=60)
+        flat.save(tmp_path / "map.npz")
+        return (white, faces), ((white + pial) / 2, faces), flat
+
+    def test_a_map_made_midway_is_judged_there(self, tmp_path, caplog):
+        white, middle, flat = self.maps(tmp_path)
+        expected = voxflat.measure(middle, flat.uv, sources=20)
+        on_white = voxflat.measure(white, flat.uv, sources=20)
+        assert expected.raw.relative_error < 0.8 * on_white.raw.relative_error
+        caplog.clear()
+        with caplog.at_level(logging.WARNING, "voxflat"):
+            found = voxflat.measure(tmp_path / "lh.white", tmp_path / "map.npz", sources=20)
+        assert found.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
+        assert found.triangles.areal_p95 == pytest.approx(expected.triangles.areal_p95, rel=1e-4)
+        assert (
+            "made on another geometry than the given surface's (midthickness: halfway to the pial surface)"
+            in caplog.text
+        )
+        caplog.clear()
+        with caplog.at_level(logging.WARNING, "voxflat"):
+            forced = voxflat.measure(tmp_path / "lh.white", flat, sources=20, on_surface=True)
+            given = voxflat.measure(voxflat.surface(white, pial=tmp_path / "lh.pial"), flat, sources=20)
+        assert not caplog.records
+        assert forced.raw.relative_error == pytest.approx(on_white.raw.relative_error, rel=1e-4)
+        assert given.raw.relative_error == pytest.approx(expected.raw.relative_error, rel=1e-4)
+
+    def test_all_maps_are_judged_on_one_geometry(self, tmp_path):
+        white, middle, flat = self.maps(tmp_path)
+        flat.save(tmp_path / "lh.flat.surf.gii")
+        both = {"ours": tmp_path / "map.npz", "theirs": tmp_path / "lh.flat.surf.gii"}
+        for maps in (both, dict(reversed(both.items()))):
+            compared = voxflat.compare(white, maps, sources=20)
+            expected = voxflat.measure(middle, flat.uv, sources=20).raw.relative_error
+            for name in both:
+                assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
+        on_white = voxflat.flatten(white, sources=60)
+        with pytest.raises(
+            voxflat.InputError, match=r"ours was made on midthickness.*, white on the given surface, which is"
+        ):
+            voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20)
+        assert set(voxflat.compare(white, {"ours": flat, "white": on_white}, sources=20, on_surface=True).maps)
+
+    def test_a_map_with_vertices_that_lie_nobody_knows_where(self, tmp_path):
+        white, middle, _ = self.maps(tmp_path)
+        part = voxflat.flatten(middle, keep=np.arange(100), sources=40)
+        whole = {"part": part, "all": white[0][:, :2]}
+        with pytest.raises(
+            voxflat.InputError, match=r"part was made on another geometry .* and all has 69 vertices more"
+        ):
+            voxflat.compare(white, whole, sources=20)
+        assert voxflat.compare(middle, whole, sources=20)["all"].raw.relative_error > 0
+
+    def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):
+        white, _, _ = self.maps(tmp_path)
+        flat = voxflat.flatten(white, sources=40)
+        moved = (white[0].astype(np.float32) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [3, -17, 22], white[1])
+        with caplog.at_level(logging.WARNING, "voxflat"):
+            found = voxflat.measure(moved, flat, sources=20)
+        assert not caplog.records
+        assert found.raw.relative_error == pytest.approx(
+            voxflat.measure(white, flat, sources=20).raw.relative_error, rel=1e-4
+        )
+
+    def test_the_command(self, tmp_path):
+        self.maps(tmp_path)
+        errors = {}
+        for more in ((), ("--pial", tmp_path / "lh.pial"), ("--on-surface",)):
+            arguments = ["measure", tmp_path / "lh.white", tmp_path / "map.npz", "--sources", "20", "--json", *more]
+            result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+            assert result.exit_code == 0, result.output
+            errors[len(more)] = json.loads(result.stdout)["raw"]["relative_error"]
+            assert ("another geometry" in result.stderr) == (more == ())
+        assert errors[0] == pytest.approx(errors[2], rel=1e-4)
+        assert errors[1] > 1.2 * errors[0]

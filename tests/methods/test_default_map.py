@@ -96,7 +96,14 @@ def test_options_are_refused_before_anything_is_done():
         raise AssertionError(stage)
 
     points, faces, _ = sheet(30, 30, dome)
-    for options in ({"weighting": 2}, {"geodesic": "edges"}, {"weighting": "near"}, {"relax": -1.0}, {"relax": np.nan}):
+    for options in (
+        {"weighting": 2},
+        {"geodesic": "edges"},
+        {"weighting": "near"},
+        {"relax": -1.0},
+        {"relax": np.nan},
+        {"scale": "lengths"},
+    ):
         with pytest.raises(voxflat.InputError, match=f"{next(iter(options))} is"):
             voxflat.flatten((points, faces), progress=progress, **options)
 
@@ -106,9 +113,43 @@ def test_distances_that_are_too_long_are_told():
     assert 0 <= usual.metadata["distance_error"] < 2e-3
     assert not usual.metadata["warnings"]
     slivers = hard_shapes.surface(hard_shapes.slivers)
+    asked = voxflat.flatten(slivers, geodesic="graph")
+    assert asked.metadata["distance_error"] > 0.02
+    assert asked.metadata["geodesic"] == "graph"
+    assert any("distances by links are" in text for text in asked.metadata["warnings"])
+    assert asked.distortion.reference == "exact"  # what is too long does not judge itself
     found = voxflat.flatten(slivers)
-    assert found.metadata["distance_error"] > 0.02
-    assert any("distances along links are" in text for text in found.metadata["warnings"])
+    assert found.metadata["distance_error"] < 0.01
+    assert found.metadata["geodesic"] == "marching"
+    assert any("they are measured by fast marching instead" in text for text in found.metadata["warnings"])
+    assert found.distortion.reference == "exact"
+    assert found.distortion.raw.relative_error < 1e-3 < asked.distortion.raw.relative_error
     exact = voxflat.flatten(slivers, geodesic="exact")
-    assert "distance_error" not in exact.metadata
-    assert not any("distances along links are" in text for text in exact.metadata["warnings"])
+    assert exact.metadata["distance_error"] == 0
+    assert (exact.distortion.reference, exact.distortion.sources) == ("exact", 200)
+    assert not exact.metadata["warnings"]
+
+
+def test_distances_are_judged_by_exact_ones_where_they_were_asked_for():
+    hill = sheet(21, 16, dome)[:2]
+    flat = voxflat.flatten(hill, sources=30, geodesic="exact")
+    judged = voxflat.measure(hill, flat, reference="exact", sources=200, seed=0)
+    assert flat.distortion.reference == "exact"
+    error, scatter = flat.distortion.raw.relative_error, flat.distortion.standard_error.raw.relative_error
+    assert abs(error - judged.raw.relative_error) < 5 * scatter + 1e-6
+
+
+def test_the_scale_is_of_distances_or_of_areas():
+    hill = sheet(21, 16, dome)[:2]
+    distances, areas = (voxflat.flatten(hill, sources=60, scale=scale) for scale in (None, "areas"))
+    factor = np.linalg.norm(areas.uv) / np.linalg.norm(distances.uv)
+    np.testing.assert_allclose(areas.uv, factor * distances.uv, rtol=0, atol=1e-9)
+    assert abs(factor - 1) > 1e-3  # a dome has no map that is right for both
+    flat, curved = (np.cross(*(p[f[:, k]] - p[f[:, 0]] for k in (1, 2))) for p, f in ((areas.uv, areas.faces), hill))
+    assert abs(flat).sum() == pytest.approx(np.linalg.norm(curved, axis=1).sum(), rel=1e-12)
+    assert areas.distortion.triangles.equal_area_scale == pytest.approx(1)
+    assert distances.distortion.triangles.equal_area_scale == pytest.approx(factor)
+    assert distances.distortion.triangles.equal_area_p95 == pytest.approx(areas.distortion.triangles.areal_p95)
+    assert distances.distortion.best_scale.scale == pytest.approx(1, abs=5e-3)
+    assert distances.distortion.raw.relative_error < areas.distortion.raw.relative_error
+    assert (distances.metadata["scale"], areas.metadata["scale"]) == ("distances", "areas")

@@ -48,10 +48,26 @@ def test_a_closed_surface_is_relaxed_unless_forbidden():
 
 
 @pytest.mark.slow
-def test_a_disk_is_cut_only_if_asked_and_to_the_length():
+def test_a_disk_is_cut_where_it_pays_and_nobody_has_said_where():
     points, faces = ball()
     keep = below(points, 10)
-    assert voxflat.cut((points, faces), keep=keep).cuts == ()
+    of = {"keep": keep, "sources": 60}
+    whole, cut = (voxflat.flatten((points, faces), **of, relax=relax) for relax in (False, None))
+    assert {cut["reason"] for cut in cut.metadata["automatic_cuts"]} == {"relaxation"}
+    assert any("distances of a sketch are" in warning for warning in cut.metadata["warnings"])
+    assert cut.distortion.raw.relative_error < 0.9 * whole.distortion.raw.relative_error
+    assert voxflat.cut((points, faces), keep=below(points, -20)).cuts == ()  # hardly curved: it does not pay
+    given = voxflat.cut((points, faces), keep=keep, cuts=[cut.metadata["automatic_cuts"][0]["ids"]])
+    assert [one.reason for one in given.cuts] == ["given"]
+    triangles = faces[keep[faces].all(axis=1)]  # a patch of triangles is cut as it is
+    assert voxflat.cut((points, faces), keep=(points, triangles)).cuts == ()
+    assert voxflat.cut((points, faces), keep=(points, triangles), relax=True).cuts
+
+
+@pytest.mark.slow
+def test_a_disk_is_cut_to_the_length_that_is_asked_for():
+    points, faces = ball()
+    keep = below(points, 10)
     cut = voxflat.cut((points, faces), keep=keep, relax=60.0)
     assert 40 < total(cut.cuts, "relaxation") <= 60
     topology = cut.surface.core.topology()

@@ -8,9 +8,9 @@ from hypothesis.extra import numpy as npst
 from mesh_files import FORMATS, fast, fsaverage5, gifti, grid, nib, refuses, sphere
 
 from voxflat.errors import InputError
-from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
 from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
+from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
 
 # --------------------------------------------------------------------------------------- overlays
 

@@ -22,7 +22,7 @@ class TestFromVoxels:
 
         noise = gaussian_filter(np.random.default_rng(seed).normal(size=(size,) * 3), 0.8)
         volume = (noise > np.quantile(noise, share)).astype(np.uint8)
-        surface = voxflat.surface(volume, sheet=False)
+        surface = voxflat.surface(volume, sheet=False, repair="none")
         topology = surface.core.topology()
         edges = np.sort(np.concatenate([surface.faces[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]), axis=1)
         _, counts = np.unique(edges, axis=0, return_counts=True)

@@ -39,7 +39,7 @@ class Atlas(FlatPieces, ABC):
     Parameters
     ----------
     points : ndarray, shape (N, 3)
-        The surface's vertices, RAS+ mm.
+        The surface's vertices, RAS+ mm in `space`.
     faces : ndarray of int64, shape (F, 3)
         Its triangles.
     ids : ndarray of int64, shape (N, 3) or (N,)
@@ -61,7 +61,7 @@ class Atlas(FlatPieces, ABC):
         The corners of each triangle as rows of `uv`, in the order of `faces`; counterclockwise.
     metadata : dict
         How it was made, and of what: ``kind`` ("voxels" or "mesh"), and of voxels ``affine`` and ``shape``, of a mesh
-        ``vertices``, their number.
+        ``vertices``, their number; the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
         Figures of each piece, by columns; the last three are area, isometric and quasi_conformal.
     """

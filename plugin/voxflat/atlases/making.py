@@ -129,7 +129,7 @@ def _uv_faces(
     return np.searchsorted(keys, labels[:, None] * count + faces)
 
 
-_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure")
+_SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertices", "structure", "space")
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 

@@ -72,11 +72,12 @@ class FlatPage(Planar):
         """The corners of all triangles, one after another: a raster's corner leads to its triangle."""
         of, count = self.atlas, len(self.atlas.faces)
         rows = of.faces.ravel()
+        faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
         return FlatTriangles(
             uv=self.corners.reshape(-1, 2),
-            faces=np.arange(3 * count, dtype=np.uint32).reshape(-1, 3),
+            faces=faces,
             torn=np.zeros(count, dtype=bool),
-            on_surface=Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata),
+            on_surface=Sampler(of.points[rows], of.normals[rows], of.ids[rows], of.metadata, faces),
             piece_ids=of.piece_ids,
         )
 
@@ -205,7 +206,8 @@ class FlatPage(Planar):
         coordinates = self.texture_coordinates(shown)
         picture = _spread(shown.colours(colour_map, limits))
         of = self.atlas
-        return TexturedSurface(of.points, of.faces, coordinates, picture, texture_faces=of.uv_faces)
+        points = of.space.to_scanner(of.points)
+        return TexturedSurface(points, of.faces, coordinates, picture, texture_faces=of.uv_faces)
 
 
 def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

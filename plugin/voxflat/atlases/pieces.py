@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.io.provenance import Record
+from voxflat.io.spaces import Space
 
 __all__ = ["FIGURES", "FlatPieces", "Piece", "isometric", "quasi_conformal"]
 
@@ -77,6 +78,11 @@ class FlatPieces:
     def __len__(self) -> int:
         """Return the number of pieces."""
         return len(self.starts) - 1
+
+    @property
+    def space(self) -> Space:
+        """The space of its points, as `Surface.space`."""
+        return Space.of(self.metadata)
 
     @property
     def provenance(self) -> Record:

@@ -11,7 +11,10 @@ from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
 from voxflat.cli.output import check_output, print_json
+from voxflat.io.patches import PATCH_ENDING
 from voxflat.surfaces.cut import cut
+
+_ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
 
 @click.command(
@@ -21,6 +24,7 @@ Examples:
   voxflat cut lh.white --pial lh.pial --drop medial-wall --relax -o lh.cuts.json
   voxflat cut lh.white --drop lh.Medial_wall.label --relax-length 250 -o lh.cuts.json
   voxflat flatten lh.white --pial lh.pial --cut lh.cuts.json -o lh.flat.surf.gii
+  voxflat cut lh.white --pial lh.pial --drop medial-wall --relax -o lh.cortex.patch.3d
 """,
 )
 @options.input_
@@ -30,7 +34,8 @@ Examples:
     type=options.OUT,
     required=True,
     metavar="OUT",
-    help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj.",
+    help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
+    "mris_flatten takes.",
 )
 @options.volume
 @options.making
@@ -46,7 +51,7 @@ def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json:
 
     What is no disk becomes one; further cuts relieve the map where that pays.
     """
-    check_output(output, (".json", ".surf.gii", ".vtp", ".ply", ".obj"), sidecar=sidecar, overwrite=overwrite)
+    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
     with bars() as shown:
         made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
     result = made if output.suffix.lower() == ".json" else made.surface

@@ -17,6 +17,7 @@ from voxflat.distances.geodesic import SOLVERS
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
 from voxflat.methods.flatten import flatten
 from voxflat.methods.options import METHODS
+from voxflat.methods.voxflat import SCALES
 
 
 @click.command(
@@ -37,7 +38,8 @@ Examples:
     type=OUT,
     required=True,
     metavar="OUT",
-    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .vtp, .ply and .obj the flat surface.",
+    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj the flat "
+    "surface.",
 )
 @click.option(
     "--method",
@@ -69,7 +71,8 @@ Examples:
 @click.option(
     "--geodesic",
     type=click.Choice(SOLVERS),
-    help=options.telling_default("geodesic", "voxflat: what measures the distances that are kept."),
+    help="voxflat: what measures the distances that are kept.  [default: graph, or where that is more than 1 % off what"
+    " is not]",
 )
 @click.option(
     "--weighting",
@@ -77,6 +80,11 @@ Examples:
     help=options.telling_default(
         "weighting", "voxflat: from 0, near distances and shapes above all, to 1, far distances above all."
     ),
+)
+@click.option(
+    "--scale",
+    type=click.Choice(SCALES),
+    help=options.telling_default("scale", "voxflat: what the map's mm are right for; both are told."),
 )
 @options.link_lengths("grossmann2002")
 @click.option(

@@ -43,6 +43,11 @@ Examples:
     "  [default: exact; for volumes graph]",
 )
 @click.option(
+    "--on-surface",
+    is_flag=True,
+    help="Judge on SURFACE as it is, even if a map of voxflat was made on another geometry.",
+)
+@click.option(
     "--heat-maps", type=OUT, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
 )
 @options.seed
@@ -54,7 +59,8 @@ def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
 
     Each FLAT is a flat map of SURFACE: a FreeSurfer patch, a flat GIFTI surface, an .obj with texture coordinates, or a
     map that voxflat flatten made. The figures are defined in the documentation; distances are measured on SURFACE, cut
-    as the map is, in mm. Several maps are measured from the same points.
+    as the map is, in mm; but where a map of voxflat was made on another geometry, midway to the pial surface, on that,
+    and that is said. Several maps are measured from the same points.
     """
     names = _short_names(flat)
     if heat_maps is not None:

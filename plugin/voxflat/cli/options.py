@@ -297,7 +297,8 @@ relax = _group(
         "--relax/--no-relax",
         default=None,
         callback=_relax,
-        help="Cut the disk further where that relieves the map, as long as it pays.  [default: of closed surfaces]",
+        help="Cut the disk further where that relieves the map, as long as it pays.  [default: where nobody"
+        " has said where to cut]",
     ),
 )
 """Which cuts are made beyond those that make a disk."""

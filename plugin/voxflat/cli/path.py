@@ -70,7 +70,8 @@ def command(
         with saving(output, found.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(output) as beside:
             np.savetxt(beside, found.ids, fmt="%d")
     if as_json:
-        told = {"length": found.length, "ids": found.ids.tolist(), "points": found.points.tolist()}
+        points = {"points": found.points.tolist(), "space": found.space.described()}
+        told = {"length": found.length, "ids": found.ids.tolist(), **points}
         print_json({**told, "provenance": found.provenance})
     else:
         saved = "" if output is None else f"\nsaved as {output}"

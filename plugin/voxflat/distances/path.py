@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
+from voxflat.io.spaces import Space
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.voxel_graph import voxel_graph
 
@@ -28,9 +29,11 @@ class Path:
     ids : ndarray of int64, shape (k, 3) or (k,)
         The voxels, or the vertices, that it passes, both ends included; -1 where it crosses an edge.
     points : ndarray of float64, shape (k, 3)
-        Their places, RAS+ mm. Between them a path is straight; only one of links runs over the triangles.
+        Their places, RAS+ mm in `space`. Between them a path is straight; only one of links runs over the triangles.
     length : float
         Of the path over the surface, mm.
+    space : Space
+        The surface's.
     provenance : dict
         What made it.
     """
@@ -38,6 +41,7 @@ class Path:
     ids: NDArray[np.int64]
     points: NDArray[np.float64]
     length: float
+    space: Space
     provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -99,16 +103,17 @@ def path(
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     stops = [a, b, *further]
     if geodesic == "chain":
-        core: Any = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit).whole
+        graph = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit)
+        core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
-        ids, find = core.voxels, core.path
+        ids, find, space = core.voxels, core.path, Space.of(graph.metadata)
     elif geodesic in ("graph", "marching", "exact", "edges"):
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
         whole = _surface(surface, **place, memory_limit=memory_limit)
         core = whole.core
         vertices = whole.find(stops, "the stops")
-        ids, find = whole.ids, core.path if geodesic == "graph" else core.edge_path
+        ids, find, space = whole.ids, core.path if geodesic == "graph" else core.edge_path, whole.space
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact', 'edges' or 'chain'")
     points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
@@ -130,4 +135,4 @@ def path(
         length += float(leg_length)
     along = np.concatenate(passed)
     at_vertex = (along >= 0).reshape(-1, *[1] * (ids.ndim - 1))
-    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length)
+    return Path(np.where(at_vertex, ids[along], -1).astype(np.int64), np.concatenate(points), length, space)

@@ -48,7 +48,7 @@ class DistanceRows:
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices, or vertex numbers, of the points.
     points : ndarray of float64, shape (N, 3)
-        The points, RAS+ mm.
+        The points, RAS+ mm in the surface's space.
     sources : ndarray of int64, shape (m,)
         The sources, as numbers into the points.
     store : Path, optional

@@ -133,6 +133,9 @@ _DISTANCES = (
 _TRIANGLES = (
     ("area, log2: median", "areal_median", 1.0, 4),
     ("  95 %", "areal_p95", 1.0, 4),
+    ("scale that keeps area", "equal_area_scale", 1.0, 4),
+    ("  area, log2: median", "equal_area_median", 1.0, 4),
+    ("  95 %", "equal_area_p95", 1.0, 4),
     ("edges, %", "edge", 100.0, 2),
     ("angles, degrees", "angle", 1.0, 2),
     ("quasi-conformal", "quasi_conformal", 1.0, 3),
@@ -181,7 +184,7 @@ def table_of_several(maps: Mapping[str, Distortion]) -> str:
         *_distance_rows([(one.raw, one.standard_error.raw) for one in of], voxel_size),
         ["AT THE BEST SCALE", *(_number(one.best_scale.scale, 4) for one in of)],
         *_distance_rows([(one.best_scale, one.standard_error.best_scale) for one in of], voxel_size),
-        ["AT ANY SCALE"],
+        ["OF THE MAP AS IT IS"],
         *_other_rows(of),
     ]
     return _aligned(of, rows)

@@ -64,6 +64,10 @@ class TriangleFigures:
     ----------
     areal_median, areal_p95 : float
         Of |log2(A_flat / A_surface)| over the vertices, as Connectome Workbench's -surface-distortion has it.
+    equal_area_scale : float
+        The factor on the map that makes its area that of the surface.
+    equal_area_median, equal_area_p95 : float
+        `areal_median` and `areal_p95` at that scale.
     edge : float
         Mean over the edges of |l_flat / l_surface − 1|.
     angle : float
@@ -88,6 +92,9 @@ class TriangleFigures:
 
     areal_median: float
     areal_p95: float
+    equal_area_scale: float
+    equal_area_median: float
+    equal_area_p95: float
     edge: float
     angle: float
     quasi_conformal: float

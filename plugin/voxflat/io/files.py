@@ -25,6 +25,9 @@ from voxflat.io.reading import allowed_memory, note
 
 REMEDY = "is the file complete, and what its ending says?"
 
+AGAIN = "copy it again"
+"""What to do with a file that was cut short."""
+
 _BLOCK = 1 << 20
 
 
@@ -115,6 +118,16 @@ def contents(path: Path) -> bytes:
         raise InputError("is empty (0 bytes): copy or download it again")
     note(path)
     return b"".join(blocks)
+
+
+def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:
+    """Compare the length of a file to what its header asks for."""
+    if need < 0:
+        raise InputError(f"has {what} by its header, which is damaged: {AGAIN}")
+    if len(data) < need:
+        raise InputError(f"has {what} by its header, but ends after {len(data)} of {need} bytes: {AGAIN}")
+    if is_exact and len(data) > need:
+        raise InputError(f"has {what} by its header, but {len(data) - need} bytes more than that: is it damaged?")
 
 
 @contextmanager

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import require
-from voxflat.io.freesurfer import cras_remark
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import allowed_memory
+from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 _BLOCK = 1 << 20
@@ -59,6 +59,42 @@ def xml_root(data: bytes) -> tuple[str, dict[str, str]]:
         name, attributes = root.args
         return name, attributes
     return "", {}  # not reached: XML without an element is an error of the parser
+
+
+class _DataFound(Exception):  # noqa: N818  (as above)
+    pass
+
+
+def first_metadata(data: bytes) -> dict[str, str]:
+    """Return the metadata of a file and of its first array, whose data are not read."""
+    found: dict[str, str] = {}
+    texts = {"Name": "", "Value": ""}
+    at: list[str] = []
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if name == "Data":
+            raise _DataFound
+        if name in texts:
+            texts[name] = ""
+        at.append(name)
+
+    def characters(text: str) -> None:
+        if at and at[-1] in texts:
+            texts[at[-1]] += text
+
+    def end(name: str) -> None:
+        at.pop()
+        if name == "MD":
+            found[texts["Name"].strip()] = texts["Value"].strip()
+
+    parser = _parser()
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, characters
+    try:
+        for first in range(0, len(data), _BLOCK):
+            parser.Parse(data[first : first + _BLOCK], False)
+    except _DataFound:
+        pass
+    return found
 
 
 class _Walk:
@@ -136,11 +172,11 @@ def load(data: bytes) -> Any:
 # ---------------------------------------------------------------------------------------- surfaces
 
 
-def surface(image: Any) -> tuple[NDArray[Any], NDArray[Any], str | None, tuple[str, ...]]:
-    """Return points, faces, structure and remarks of a surface."""
+def surface(image: Any) -> tuple[NDArray[Any], NDArray[Any], str | None, Space, tuple[str, ...]]:
+    """Return points, faces, structure, space and remarks of a surface."""
     points, triangles = _only(image, _POINTS, "point set"), _only(image, _TRIANGLES, "set of triangles")
     structure = points.meta.get("AnatomicalStructurePrimary") or image.meta.get("AnatomicalStructurePrimary")
-    return points.data, triangles.data, structure or None, _remarks(points)
+    return points.data, triangles.data, structure or None, _space(points), _remarks(points)
 
 
 def has_triangles(image: Any) -> bool:
@@ -159,34 +195,113 @@ def _only(image: Any, intent: str, name: str) -> Any:
 
 
 def _remarks(points: Any) -> tuple[str, ...]:
-    """Tell what the file says of another space.
+    """Tell of a transform to a template, which neither Workbench nor voxflat applies."""
+    system, matrix = points.coordsys, _transform(points)
+    if np.array_equal(matrix, np.eye(4)) or _SCANNER in (system.dataspace, system.xformspace):
+        return ()
+    space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
+    shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
+    return (f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored",)
 
-    Workbench 1.5 and nilearn 0.14 take the coordinates as stored and apply no transform, and so does voxflat: a flat
-    map must lie over the surfaces that they show. FreeSurfer's mris_convert writes coordinates of its own space, and
-    how to leave it as a matrix or as VolGeomC_R, _A, _S.
-    """
-    remarks = []
+
+def _transform(points: Any) -> NDArray[np.float64]:
+    """Return the matrix of the coordinate system, the identity if there is none."""
     system = points.coordsys
-    matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform)
+    matrix = np.eye(4) if system is None or system.xform is None else np.asarray(system.xform, dtype=np.float64)
     if matrix.size != 16:
         raise InputError(f"has a transform of {matrix.size} numbers, which needs 16: copy or download it again")
-    matrix = matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
-    if not np.array_equal(matrix, np.eye(4)):
-        space = require("nibabel").nifti1.xform_codes.niistring[system.xformspace]
-        shift = ", ".join(f"{value:g}" for value in matrix[:3, 3])
-        remarks.append(
-            f"has a transform to {space} (shift {shift} mm), which is not applied: coordinates are as stored"
+    return matrix.reshape(4, 4)  # nibabel's is flat where it was written on one line
+
+
+def _space(points: Any) -> Space:
+    """Find the space of the coordinates.
+
+    Workbench and nilearn take coordinates as stored, in the world of the volumes; so is written what sMRIPrep and
+    Workbench made. FreeSurfer's mris_convert writes tkRAS unless it is told ``--to-scanner``, and the volume geometry
+    (VolGeom...) of both. Which one it is
+
+    - the coordinate system says where FreeSurfer 7.4 or later wrote it: SCANNER_ANAT is scanner RAS, and a matrix from
+      UNKNOWN to SCANNER_ANAT leads there from tkRAS;
+    - else SurfaceCenterX, Y, Z do: mris_convert writes the middle of the box around the surface *as it was read*, which
+      neither ``--to-scanner`` nor Workbench changes when they move the points;
+    - else nothing does: what mris_convert writes by default is tkRAS, what Workbench wrote (it names its own coordinate
+      system, TALAIRACH to TALAIRACH) is taken as stored, both with a doubt.
+
+    Without c_ras there is no tkRAS: sMRIPrep, which moves surfaces to scanner RAS, sets it to 0 or leaves it out.
+    """
+    meta, system = points.meta, points.coordsys
+    dataspace, xformspace = (0, 0) if system is None else (system.dataspace, system.xformspace)
+    try:
+        volume = _volume_geometry(meta)
+        is_led = dataspace == 0 and xformspace == _SCANNER
+        if is_led and volume is None:
+            volume = VolumeGeometry.of_matrix(_transform(points))
+    except (InputError, ValueError) as error:
+        doubt = f"its volume geometry (VolGeom...) is damaged: {error}"
+        return Space("scanner") if dataspace == _SCANNER else Space("unknown", None, doubt)
+    if dataspace == _SCANNER:
+        return Space("scanner", volume)
+    if is_led:
+        return Space("tkRAS", volume)
+    if volume is None:
+        return UNKNOWN
+    if np.array_equal(volume.matrix, np.eye(4)):
+        return Space("scanner", volume)
+    told = _surface_centre(meta)
+    centre = (points.data.min(axis=0).astype(np.float64) + points.data.max(axis=0)) / 2
+    moved = volume.matrix[:3, :3] @ told + volume.c_ras
+    far = np.linalg.norm(moved - told)
+    from_stored, from_moved = np.linalg.norm(centre - told), np.linalg.norm(centre - moved)
+    if min(from_stored, from_moved) < far / 4:
+        return Space("tkRAS" if from_stored < from_moved else "scanner", volume)
+    c_ras = ", ".join(f"{value:g}" for value in volume.c_ras)
+    doubt = f"its file has FreeSurfer's c_ras ({c_ras}) mm and does not say whether its coordinates include it: "
+    if dataspace:
+        return Space(
+            "scanner",
+            volume,
+            doubt + "they are taken to (scanner RAS), since its coordinate system is not FreeSurfer's",
         )
-    cras = [float(points.meta.get(f"VolGeomC_{axis}") or 0) for axis in "RAS"]
-    if any(cras):
-        remarks.append(cras_remark(cras))
-    return tuple(remarks)
+    return Space("tkRAS", volume, doubt + "they are taken not to (tkRAS), as mris_convert writes without --to-scanner")
+
+
+_SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
+
+
+def _surface_centre(meta: Any) -> NDArray[np.float64]:
+    """Return the middle of the surface as mris_convert read it; NaN if it is not told."""
+    try:
+        return np.array([float(meta.get(f"SurfaceCenter{axis}") or "nan") for axis in "XYZ"])
+    except ValueError:
+        return np.full(3, np.nan)
+
+
+def _volume_geometry(meta: Any) -> VolumeGeometry | None:
+    """Return the volume geometry that FreeSurfer wrote; of a conformed volume where only c_ras is told."""
+    c_ras = [float(meta.get(f"VolGeomC_{axis}") or 0) for axis in "RAS"]
+    if not any(f"VolGeomC_{axis}" in meta for axis in "RAS"):
+        return None
+    axes = [[meta.get(f"VolGeom{column}_{row}") for column in "XYZ"] for row in "RAS"]
+    if any(cosine is None for row in axes for cosine in row):
+        return VolumeGeometry.conformed(c_ras)
+    cosines = np.array([[float(cosine) for cosine in row] for row in axes])
+    shape = [int(meta.get(f"VolGeom{name}") or 256) for name in ("Width", "Height", "Depth")]
+    sizes = [float(meta.get(f"VolGeom{axis}size") or 1) for axis in "XYZ"]
+    return VolumeGeometry(cosines, np.array(c_ras), shape, sizes, meta.get("VolGeomFname") or "")
 
 
 def surface_bytes(
-    points: NDArray[np.float64], faces: NDArray[np.int64], structure: str | None, record: Record | None = None
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    structure: str | None,
+    *,
+    is_scanner: bool = False,
+    record: Record | None = None,
 ) -> bytes:
-    """Write a surface as Workbench expects one, with a record of what made it where Workbench keeps its own."""
+    """Write a surface as Workbench expects one: coordinates as they are, said to be scanner RAS if that is known.
+
+    A record of what made it stands where Workbench keeps its own.
+    """
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -196,10 +311,13 @@ def surface_bytes(
     arrays = [(points.astype("f4"), _POINTS, about), (faces.astype("i4"), _TRIANGLES, {"TopologicalType": topology})]
     gifti = nibabel.gifti
     image = gifti.GiftiImage(meta=gifti.GiftiMetaData({} if record is None else {"Provenance": as_text(record)}))
+    system = gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner and not is_flat else None
     for data, intent, meta in arrays:
-        image.add_gifti_data_array(
-            gifti.GiftiDataArray(data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta))
+        of_points = {"coordsys": system} if intent == _POINTS else {}
+        array = gifti.GiftiDataArray(
+            data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points
         )
+        image.add_gifti_data_array(array)
     return bytes(image.to_bytes())
 
 

@@ -18,10 +18,12 @@ from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
 from voxflat.io.provenance import Record
+from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
+from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["Mesh", "holds_mesh", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
+__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Mesh:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm; finite.
+        RAS+ mm, in `space`; finite.
     faces : ndarray of int64, shape (F, 3)
         Triangles, as rows of `points`. Points that no face uses are allowed: a flat map may have them.
     path : Path or None
@@ -40,10 +42,14 @@ class Mesh:
         What it is, as GIFTI's AnatomicalStructurePrimary says it: ``"CortexLeft"``, ``"CortexRight"``, ...
     point_data : dict of str to ndarray, shape (N,) or (N, K)
         Values at the points, by name.
+    face_data : dict of str to ndarray, shape (F,)
+        Values of the triangles, by name.
     texture_coordinates : ndarray of float64, shape (N, 2), or None
         Place of each point in a picture; NaN for points without one.
     remarks : tuple of str
         What the reader noticed or changed.
+    space : Space
+        Whose coordinates the points are: scanner RAS, FreeSurfer's tkRAS, or unknown.
     """
 
     points: NDArray[np.float64]
@@ -52,7 +58,9 @@ class Mesh:
     structure: str | None = None
     point_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     texture_coordinates: NDArray[np.float64] | None = None
+    face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    space: Space = UNKNOWN
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -78,6 +86,9 @@ class Mesh:
         for name, array in self.point_data.items():
             if len(array) != len(points):
                 raise InputError(f"point data {name!r} has {len(array)} values; the surface has {len(points)} points")
+        for name, array in self.face_data.items():
+            if len(array) != len(self.faces):
+                raise InputError(f"face data {name!r} has {len(array)} values; the surface has {len(self.faces)} faces")
 
 
 def suspicious_units(points: NDArray[np.float64]) -> str | None:
@@ -193,8 +204,8 @@ def parsed(path: Path, data: bytes) -> Mesh:
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
     remark = suspicious_units(mesh.points)
-    hemisphere = {"lh.": "CortexLeft", "rh.": "CortexRight"}.get(path.name[:3])
-    return replace(mesh, structure=mesh.structure or hemisphere, remarks=mesh.remarks + ((remark,) if remark else ()))
+    remarks = mesh.remarks + ((remark,) if remark else ())
+    return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
 
 
 _Parts: TypeAlias = dict[str, Any]
@@ -202,13 +213,13 @@ _Parts: TypeAlias = dict[str, Any]
 
 
 def _read_gifti(path: Path, data: bytes) -> _Parts:
-    points, faces, structure, remarks = gifti.surface(gifti.load(data))
-    return {"points": points, "faces": faces, "structure": structure, "remarks": remarks}
+    points, faces, structure, space, remarks = gifti.surface(gifti.load(data))
+    return {"points": points, "faces": faces, "structure": structure, "space": space, "remarks": remarks}
 
 
 def _read_freesurfer(path: Path, data: bytes) -> _Parts:
-    points, faces, remarks = freesurfer.read_geometry(path, data)
-    return {"points": points, "faces": faces, "remarks": remarks}
+    points, faces, space, remarks = freesurfer.read_geometry(path, data)
+    return {"points": points, "faces": faces, "space": space, "remarks": remarks}
 
 
 READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
@@ -232,10 +243,12 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     ----------
     path : path
         ``.surf.gii``, ``.vtp``, ``.ply``, ``.obj``, or a FreeSurfer name: without ending, or ``lh.white`` and the like.
+        FreeSurfer's files have tkRAS and the volume that says where that is, all others scanner RAS, as tools take them
+        with volumes: points are moved where it is known how. Points of an unknown space are written as they are.
     mesh : Mesh
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
-        ``.vtp`` its point data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are all 0 is
-        marked as flat in GIFTI.
+        ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
+        all 0 is marked as flat in GIFTI.
     record : dict, optional
         What made it, for GIFTI's metadata; no other format has a place for it.
 
@@ -266,25 +279,53 @@ def _writer(path: Path) -> _Write:
     return by_ending(path, _WRITERS, "written, and FreeSurfer surfaces such as lh.white")
 
 
+def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
+    """Carry points to where FreeSurfer's own surfaces lie.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        mm, in `space`; those of an unknown one are left as they are.
+    space : Space
+        Where it is scanner RAS and its volume is not known, a conformed one in its middle is taken.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (N, 3)
+        tkRAS, mm.
+    volume : VolumeGeometry or None
+        The volume of this tkRAS.
+    """
+    if space.name != "scanner":
+        return points, space.volume
+    volume = space.volume or VolumeGeometry.conformed()
+    return Space("tkRAS", volume).from_scanner(points), volume
+
+
 def _write_freesurfer(path: Path, mesh: Mesh, _: Record | None) -> None:
-    freesurfer.write_geometry(path, mesh.points, mesh.faces)
+    points, volume = in_tkras(mesh.points, mesh.space)
+    freesurfer.write_geometry(path, points, mesh.faces, volume)
 
 
 def _write_gifti(path: Path, mesh: Mesh, record: Record | None) -> None:
-    as_float32(mesh.points)
-    path.write_bytes(gifti.surface_bytes(mesh.points, mesh.faces, mesh.structure, record))
+    points = mesh.space.to_scanner(mesh.points)
+    as_float32(points)
+    path.write_bytes(
+        gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=mesh.space.is_known, record=record)
+    )
 
 
 def _write_vtp(path: Path, mesh: Mesh, _: Record | None) -> None:
-    vtk.write_vtp(path, mesh.points, mesh.faces, mesh.texture_coordinates, mesh.point_data)
+    points = mesh.space.to_scanner(mesh.points)
+    vtk.write_vtp(path, points, mesh.faces, mesh.texture_coordinates, mesh.point_data, mesh.face_data)
 
 
 def _write_ply(path: Path, mesh: Mesh, _: Record | None) -> None:
-    ply.write_ply(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    ply.write_ply(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
 def _write_obj(path: Path, mesh: Mesh, _: Record | None) -> None:
-    obj.write_obj(path, mesh.points, mesh.faces, mesh.texture_coordinates)
+    obj.write_obj(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
 _WRITERS: dict[str, _Write] = {

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io import formats, freesurfer, gifti
+from voxflat.io import formats, freesurfer, gifti, patches
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.meshes import READERS, parsed
 
@@ -85,7 +85,7 @@ def read_region(path: str | os.PathLike[str], points: int, *, name: str | None =
         if name is not None:
             raise InputError(f"has no named labels: leave out name={name!r}")
         if kind == formats.PATCH:
-            return _mask(freesurfer.parse_patch(path, data).vertex_ids, points)
+            return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
             return freesurfer.read_label(data, points)
         if kind in READERS and (image is None or gifti.has_triangles(image)):

@@ -158,6 +158,7 @@ def write_vtp(
     faces: NDArray[np.int64],
     texture: NDArray[np.float64] | None,
     point_data: Mapping[str, NDArray[Any]],
+    face_data: Mapping[str, NDArray[Any]],
 ) -> None:
     """Write a ``.vtp`` file."""
     pv = require("pyvista")
@@ -165,6 +166,8 @@ def write_vtp(
         polydata = pv.PolyData.from_regular_faces(points, faces)
         for name, array in point_data.items():
             polydata.point_data[name] = array
+        for name, array in face_data.items():
+            polydata.cell_data[name] = array
         if texture is not None:
             polydata.active_texture_coordinates = texture
         writer = importlib.import_module("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()

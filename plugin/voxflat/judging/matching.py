@@ -14,14 +14,14 @@ from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, contents, naming
-from voxflat.io.freesurfer import is_patch, read_patch
 from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
+from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.surface import Surface
 
-__all__ = ["Matched", "match"]
+__all__ = ["Matched", "loaded", "match", "vertices_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,22 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return faces[order], ids[order]
 
 
+def loaded(flat: object) -> object:
+    """Load a map of voxflat, if that is what a path names; everything else is returned as it is.
+
+    Parameters
+    ----------
+    flat : object
+        A map, as in `match`.
+
+    Returns
+    -------
+    object
+    """
+    is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(".npz")
+    return load(flat) if is_ours else flat  # type: ignore[arg-type]
+
+
 def match(whole: Surface, flat: object) -> Matched:
     """Match a map to its surface.
 
@@ -92,12 +108,9 @@ def match(whole: Surface, flat: object) -> Matched:
     InputError
         If the map does not belong to the surface, or is not flat.
     """
-    if isinstance(flat, str | os.PathLike):
-        name = os.fspath(flat).lower()
-        if name.endswith(".npz"):
-            flat = load(flat)
-        elif is_patch(flat):
-            return _of_patch(whole, flat)
+    flat = loaded(flat)
+    if isinstance(flat, str | os.PathLike) and is_patch(flat):
+        return _of_patch(whole, flat)
     if isinstance(flat, FlatMap):
         return _of_map(whole, flat)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
@@ -156,13 +169,31 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
 
 def _of_map(whole: Surface, flat: FlatMap) -> Matched:
     """Return the map's own triangles, cut as they are, on the surface."""
-    vertices = _vertices_of(whole, flat)
+    vertices = vertices_of(whole, flat)
     core, _, _ = _core.Surface.from_triangles(whole.points[vertices], flat.faces.astype(np.int64))
     return Matched(core, whole.vertices[vertices][core.ids], flat.uv[core.ids])
 
 
-def _vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
-    """Find the map's points; where a voxel has several vertices, one for each side of a sheet, the nearest."""
+def vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
+    """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    flat : FlatMap
+        A map of it.
+
+    Returns
+    -------
+    ndarray of int64, shape (N,)
+        A vertex of the surface for each point of the map.
+
+    Raises
+    ------
+    InputError
+        If the surface does not have one.
+    """
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, kind, counts = np.unique(whole.ids, axis=0, return_inverse=True, return_counts=True)
     kind = kind.ravel()

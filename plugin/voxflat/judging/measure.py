@@ -15,7 +15,8 @@ from voxflat.arguments import Progress, checked_seed, checked_threads, free_memo
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
-from voxflat.judging.matching import Matched, match
+from voxflat.judging.geometry import Geometry, geometry_of
+from voxflat.judging.matching import Matched, loaded, match
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
@@ -101,6 +102,7 @@ def measure(
     *,
     sources: int = 300,
     reference: str | None = None,
+    on_surface: bool = False,
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
@@ -127,6 +129,9 @@ def measure(
     reference : {"exact", "graph"}, optional
         How distances are measured, as in `geodesic`. By default "exact" for meshes, whatever their size, and "graph"
         for surfaces of voxels, whose triangles are an estimate themselves.
+    on_surface : bool
+        Judge on the given surface as it is. By default a map of voxflat is judged on the geometry that it was made on,
+        which it knows: one made midway to the pial surface is not measured on the white one. That is logged.
 
     Returns
     -------
@@ -140,8 +145,8 @@ def measure(
         If `progress` returned False.
     """
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed, "threads": threads}
-    return compare(surface, {"": flat}, **place, **how, progress=progress)[""]
+    how: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
+    return compare(surface, {"": flat}, **place, **how, threads=threads, progress=progress)[""]
 
 
 @telling
@@ -151,6 +156,7 @@ def compare(
     *,
     sources: int = 300,
     reference: str | None = None,
+    on_surface: bool = False,
     label: int | None = None,
     threshold: float | None = None,
     spacing: Sequence[float] | None = None,
@@ -168,8 +174,8 @@ def compare(
     ----------
     maps : dict of str to map
         The maps, each as in `measure`, by their names.
-    surface, sources, reference, label, threshold, spacing, affine, seed, threads, progress
-        As in `measure`.
+    surface, sources, reference, on_surface, label, threshold, spacing, affine, seed, threads, progress
+        As in `measure`. All maps are judged on one geometry.
 
     Returns
     -------
@@ -178,7 +184,7 @@ def compare(
     Raises
     ------
     InputError
-        As in `measure`, or if no vertex is in all maps.
+        As in `measure`, or if no vertex is in all maps, or maps were made on different geometries.
     Cancelled
         If `progress` returned False.
     """
@@ -191,7 +197,11 @@ def compare(
         raise InputError("there is no map to measure; give at least one")
     whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
-    matched = {name: match(whole, flat) for name, flat in maps.items()}
+    maps = {name: loaded(flat) for name, flat in maps.items()}
+    geometry = Geometry(whole) if on_surface else geometry_of(whole, maps)
+    matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
+    for name, one in matched.items():
+        geometry.check(name, one)
     topologies = {name: _topology(name, one) for name, one in matched.items()}
     groups = _grouped(list(matched.values()))
     distances: dict[int, dict[str, Any]] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,24 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
-from voxflat.io.freesurfer import Patch, patch_border, write_patch
 from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
 from voxflat.io.reading import note
+from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.texture import TexturedSurface
+from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
+from voxflat.surfaces.surface import patch_of
 
 __all__ = ["FlatMap", "load"]
 
-MAP_ENDINGS = (".npz", ".surf.gii", ".patch.flat", ".vtp", ".ply", ".obj")
+MAP_ENDINGS = (".npz", ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
-_FORMAT = 3
+_FORMAT = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class FlatMap(Planar):
     uv : ndarray of float64, shape (N, 2)
         The points' places in the plane, mm. The surface is seen from outside, superior up.
     points : ndarray of float64, shape (N, 3)
-        The points on the surface, RAS+ mm.
+        The points on the surface, RAS+ mm in `space`: of a mesh the coordinates of its file.
     normals : ndarray of float64, shape (N, 3)
         Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
@@ -65,6 +68,9 @@ class FlatMap(Planar):
     rows : ndarray of float32, shape (m, N), or None
         Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
         there: `save` leaves them out.
+    bridges : ndarray of int64, shape (B, 3)
+        Vertices of triangles that the mesh has and the map has not, though all their corners are in the map: a patch
+        file must not bring them back.
     """
 
     uv: NDArray[np.float64]
@@ -78,6 +84,7 @@ class FlatMap(Planar):
     distortion: Distortion
     metadata: dict[str, Any]
     rows: NDArray[np.float32] | None = None
+    bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -95,8 +102,13 @@ class FlatMap(Planar):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata)
+        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
+
+    @property
+    def space(self) -> Space:
+        """The space of its points, as `Surface.space`; `Space.to_scanner` carries them to where volumes lie."""
+        return Space.of(self.metadata)
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -187,7 +199,7 @@ class FlatMap(Planar):
         if texel_size is not None and not repeat:
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
-        return TexturedSurface(self.points, faces, coordinates, colours, repeat, source)
+        return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
 
     def paint(self, values: ArrayLike, background: float = 0) -> NDArray[Any]:
         """Put values of the points into a volume of the flattened volume's shape.
@@ -256,9 +268,12 @@ class FlatMap(Planar):
         ----------
         path : path
             Its ending says what is saved: .npz everything, to be loaded again; .vtp, .ply and .obj the triangles in the
-            plane; .surf.gii a flat surface for Connectome Workbench, and .patch.flat a FreeSurfer patch. The latter two
-            have the mesh's own vertex numbers, so where a cut doubles a vertex only one side of it is kept. .npz and
-            GIFTI hold `provenance`.
+            plane; .surf.gii a flat surface for Connectome Workbench; .patch.flat and .flat.patch.3d a FreeSurfer patch,
+            for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place for each: where a
+            cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are left out, so that
+            its readers find no triangle across the cut. How many triangles that costs is said, and so is how many are
+            left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``). .npz
+            and GIFTI hold `provenance`.
         sidecar : bool
             Write `provenance` to ``<path>.json``, too.
         overwrite : bool
@@ -280,15 +295,18 @@ class FlatMap(Planar):
         """Write the file that a name's ending says."""
         if name.endswith(".npz"):
             self._save_all(path)
-        elif name.endswith(".patch.flat"):
+        elif name.endswith(FLAT_PATCH_ENDINGS):
             write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            write_mesh(path, self._mesh(whole=not self.is_voxels), self.provenance)
-        elif name.endswith((".vtp", ".ply", ".obj")):
-            write_mesh(path, self._mesh(whole=False))
+            write_mesh(path, self._mesh() if self.is_voxels else self._mesh_of_vertices(), self.provenance)
+        elif name.endswith(".vtp"):
+            write_mesh(path, self._mesh(with_torn=True))
+        elif name.endswith((".ply", ".obj")):
+            write_mesh(path, self._mesh())
         else:
             endings = " or ".join(MAP_ENDINGS)
-            raise InputError(f"cannot save a map as {path.name}; give a name that ends in {endings}")
+            why = f": {PATCH_ENDING} alone is a patch in space" if name.endswith(PATCH_ENDING) else ""
+            raise InputError(f"cannot save a map as {path.name}{why}; give a name that ends in {endings}")
 
     def _save_all(self, path: Path) -> None:
         arrays: dict[str, Any] = {
@@ -302,6 +320,7 @@ class FlatMap(Planar):
             "eigenvalues": self.eigenvalues,
             "distortion_per_point": self.distortion.per_point,
             "distortion_scatter": self.distortion.scatter,
+            "bridges": self.bridges,
         }
         if self.distortion.triangles is not None:
             arrays["distortion_areal"] = self.distortion.triangles.areal
@@ -312,40 +331,46 @@ class FlatMap(Planar):
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)
 
-    def _mesh(self, *, whole: bool) -> Mesh:
-        """Return the map as a mesh in the plane z = 0; `whole` with the vertex numbers of the flattened mesh."""
-        points = np.column_stack([self.uv, np.zeros(len(self))])
-        structure = self.metadata.get("structure")
-        if not whole:
-            data = {"distortion": self.distortion.per_point}
-            return Mesh(points, self.faces.astype(np.int64), structure=structure, point_data=data)
-        first, faces = self._unique_vertices()
+    @property
+    def _places(self) -> NDArray[np.float64]:
+        """The points' places as points in space, z = 0."""
+        return np.column_stack([self.uv, np.zeros(len(self))])
+
+    def _mesh(self, *, with_torn: bool = False) -> Mesh:
+        """Return the map as a mesh in the plane; torn triangles are marked, or left out."""
+        faces, face_data = self.faces.astype(np.int64), {}
+        if with_torn and self.torn.any():
+            face_data["torn"] = self.torn.astype(np.uint8)
+        elif self.torn.any():
+            faces = faces[~self.torn]
+            log.warning(
+                "%d of %d triangles are torn: between their corners there is no surface; they are left out of the file "
+                "(a .vtp holds them, marked)",
+                len(self.torn) - len(faces),
+                len(self.torn),
+            )
+        structure, point_data = self.metadata.get("structure"), {"distortion": self.distortion.per_point}
+        return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
+
+    def _mesh_of_vertices(self) -> Mesh:
+        """Return the map as a mesh in the plane with the vertex numbers of the flattened mesh."""
+        rows = one_point_a_vertex(self.ids, self.faces)
+        is_kept = triangles_of(rows, self.faces)
+        if not is_kept.all():
+            log.warning(
+                "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+                len(self.faces) - int(is_kept.sum()),
+                len(self.faces),
+            )
         placed = np.zeros((self.metadata["vertices"], 3))
-        placed[self.ids[first]] = points[first]
-        return Mesh(placed, self.ids[faces], structure=structure)
+        placed[self.ids[rows]] = self._places[rows]
+        return Mesh(placed, self.ids[self.faces[is_kept]], structure=self.metadata.get("structure"))
 
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
-        first, faces = self._unique_vertices()
-        points = np.column_stack([self.uv, np.zeros(len(self))])[first]
-        border = patch_border(self.ids[faces], self.ids[first], self.metadata["vertices"])
-        return Patch(self.ids[first], points, border)
-
-    def _unique_vertices(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return one point for each vertex number, by ascending number, and the triangles among them."""
-        _, first = np.unique(self.ids, return_index=True)
-        is_first = np.zeros(len(self), dtype=np.bool_)
-        is_first[first] = True
-        faces = self.faces[is_first[self.faces].all(axis=1)].astype(np.int64)
-        if len(faces) < len(self.faces):
-            log.warning(
-                "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
-                len(self.faces) - len(faces),
-                len(self.faces),
-            )
-        return first, faces
+        return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"])
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:
@@ -382,4 +407,5 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        Space.of(metadata)  # a damaged one ends here
         return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)

@@ -25,7 +25,7 @@ class Places:
     weights : ndarray of float64, shape (..., 3)
         Barycentric coordinates there, by the triangle's corners; NaN for none.
     points : ndarray of float64, shape (..., 3)
-        The place in space, RAS+ mm; NaN for none.
+        The place on the surface, RAS+ mm in its `space`; NaN for none.
     piece_ids : ndarray of int64, shape (...)
         The piece of an atlas; 0 on a map, which has one; −1 for none.
     """

@@ -101,7 +101,7 @@ class Planar(ABC):
         ids : ndarray of int64, shape (H, W, 3) or (H, W)
             The nearest surface voxel or vertex; −1 where nothing is shown.
         points : ndarray of float64, shape (H, W, 3)
-            RAS+ mm, linear between surface voxels; NaN where nothing is shown.
+            RAS+ mm in the surface's `space`, linear between its vertices; NaN where nothing is shown.
         """
         return self._triangles.on_surface.locate(self.raster(pixel_size))
 

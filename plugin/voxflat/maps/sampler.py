@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,14 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number
+from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
 from voxflat.io.overlays import read_overlay
+from voxflat.io.spaces import Space
+from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
 from voxflat.maps.raster import FlatImage, Raster, sample, show
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
+
+_CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
 
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
@@ -52,24 +57,33 @@ class Sampler:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm.
+        RAS+ mm in `space`.
     normals : ndarray of float64, shape (N, 3)
         Unit vectors that point outside; NaN for a sheet, which has no outside.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices, or vertex numbers in the mesh.
     metadata : dict
-        What the surface was made of: its ``kind``, and of voxels ``affine`` and ``shape``, of a mesh ``vertices``.
+        What the surface was made of: its ``kind``, and of voxels ``affine`` and ``shape``, of a mesh ``vertices``; and
+        the ``space`` of the points.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of the points.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     ids: NDArray[np.int64]
     metadata: dict[str, Any]
+    faces: NDArray[Any]
 
     @property
     def is_voxels(self) -> bool:
         """Whether the surface was made of a volume."""
         return bool(self.metadata["kind"] == "voxels")
+
+    @property
+    def space(self) -> Space:
+        """The space of the points."""
+        return Space.of(self.metadata)
 
     @cached_property
     def affine(self) -> NDArray[np.float64]:
@@ -126,7 +140,7 @@ class Sampler:
             data = show(raster, overlay[self.ids], interpolation)
             return FlatImage(data, raster.pixel_size, raster.origin, title)
         placed = self._placed(volume)
-        data = sample(placed, self._at_depth(raster, depth), interpolation)
+        data = sample(placed, self._in_world(raster, depth), interpolation)
         return FlatImage(
             data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
         )
@@ -146,7 +160,10 @@ class Sampler:
         if isinstance(volume, str | os.PathLike):
             if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
                 return None
-            return read_overlay(volume, count)
+            refuse_other_side(volume, self.metadata.get("structure"))
+            values = read_overlay(volume, count)
+            self._doubt(Path(volume), values)
+            return values
         if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
             values = np.asarray(volume)
             if len(values) != count:
@@ -154,8 +171,46 @@ class Sampler:
             return values
         return None
 
+    def _doubt(self, path: Path, values: NDArray[Any]) -> None:
+        """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""
+        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata["input"] or "", path)]
+        if all(names) and names[0][-1] != names[1][-1]:
+            log.warning("%s is of %s, the surface of %s: is it meant?", path.name, names[1][-1], names[0][-1])
+        if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
+            r = self._correlation_with_curvature(values)
+            if abs(r) < _CURVED:
+                log.warning(
+                    "%s does not follow the folds of the surface (correlation with its curvature %.2f, where 0.6 to "
+                    "0.9 is usual): is it of this one?",
+                    path.name,
+                    r,
+                )
+
+    def _correlation_with_curvature(self, values: NDArray[Any]) -> float:
+        """Return how values at the mesh's vertices go with its mean curvature; NaN where either is constant."""
+        ends = np.concatenate([self.faces, self.faces[:, ::-1]])[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        steps = self.points[ends[:, 1]] - self.points[ends[:, 0]]
+        with np.errstate(all="ignore"):
+            bend = (self.normals[ends[:, 0]] * steps).sum(axis=1) / (steps**2).sum(axis=1)
+        vertices, is_known = self.ids[ends[:, 0]], np.isfinite(bend)
+        count = np.bincount(vertices[is_known], minlength=len(values))
+        seen = np.flatnonzero(count)
+        curvature = (np.bincount(vertices[is_known], bend[is_known], len(values)) / np.maximum(count, 1))[seen]
+        with np.errstate(all="ignore"):
+            return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
+
+    def _in_world(self, raster: Raster, depth: float) -> NDArray[np.float64]:
+        """Return where to sample for each pixel in the world of the volumes, shape (H, W, 3), scanner RAS, mm."""
+        if self.space.doubt:
+            log.warning(
+                "the volume may be sampled beside the surface: %s; give a file that says it: FreeSurfer's own with its "
+                "footer, such as lh.white, or what mris_convert --to-scanner of FreeSurfer 7.4 or later writes",
+                self.space.doubt,
+            )
+        return self.space.to_scanner(self._at_depth(raster, depth))
+
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm."""
+        """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm in the space of the points."""
         points = raster.interpolate(self.points)
         if depth == 0:
             return points

@@ -32,7 +32,7 @@ class TexturedSurface:
     Parameters
     ----------
     points : ndarray of float64, shape (N, 3)
-        RAS+ mm.
+        RAS+ mm, scanner RAS where it is known how to come there.
     faces : ndarray of int64, shape (F, 3)
         Triangles of points.
     texture_coordinates : ndarray of float64, shape (N, 2) or (P, 2)
@@ -185,7 +185,7 @@ def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
 
 def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     surface = surface.opened()
-    vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {})
+    vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {}, {})
     files[1].write_bytes(_png(surface))
 
 

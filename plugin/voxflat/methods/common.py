@@ -16,10 +16,18 @@ from voxflat.arguments import Progress, amount, check_memory, is_whole, log, wor
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.region import Cutout
+from voxflat.surfaces.surface import Surface
 
-__all__ = ["How", "map_over_triangles", "told"]
+__all__ = ["MUCH", "How", "error_of_distances", "map_over_triangles", "told"]
+
+MUCH = 0.01
+"""By which part of themselves distances may be off. Links usually are by 0.1 %."""
 
 _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
+_SPOTS = 2  # sources from which a solver's distances are compared with exact ones
+_JUDGING = 200  # reference sources, as many as the core's
+_JUDGING_FEW = 40  # exact ones, where links do not serve: a minute at 80,000 vertices
+_KEPT_BYTES = 256 << 20
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,25 @@ class How:
         return need
 
 
+def error_of_distances(part: Surface, geodesic: str, how: How) -> float:
+    """Return how far a solver's distances are from exact ones, from a sample of sources, relative to themselves."""
+    spots = _core.reference_sources(len(part), _SPOTS, how.seed)
+    return part.core.error_of_distances(spots, geodesic, how.threads, how.progress)
+
+
+def _judged(part: Surface, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+    """Return what the map does to distances: those along links, or exact ones where links are too long."""
+    reference, distances = "graph", result["distortion"]
+    if geodesic == "exact" or links_error > MUCH:
+        count = _JUDGING if geodesic == "exact" else _JUDGING_FEW
+        sources = _core.reference_sources(len(part), count, how.seed)
+        judge = part.core.judge
+        judged = judge([result["uv"]], sources, "exact", _KEPT_BYTES, how.seed, how.threads, how.progress)
+        reference, distances = "exact", judged[0]
+    of_triangles = part.core.measure(result["uv"], how.progress)
+    return Distortion.of(distances, of_triangles, reference, voxel_size=part.voxel_size)
+
+
 def map_over_triangles(
     method: str,
     cut: Cutout,
@@ -62,12 +89,14 @@ def map_over_triangles(
     rows: NDArray[np.float32] | None,
     more: dict[str, Any],
     doubts: Sequence[str] = (),
+    links_error: float | None = None,
 ) -> FlatMap:
     """Return the map of a surface of triangles, with what the user should know of it."""
     part, chosen = cut.part, result["sources"]
     warnings = [*cut.remarks, *doubts]
-    of_triangles = part.core.measure(result["uv"], how.progress)
-    distortion = Distortion.of(result["distortion"], of_triangles, "graph", voxel_size=part.voxel_size)
+    if links_error is None:
+        links_error = error_of_distances(part, "graph", how)
+    distortion = _judged(part, result, more.get("geodesic", "graph"), links_error, how)
     if not more.get("descent", {"converged": True})["converged"]:
         steps = len(more["descent"]["energies"])
         warnings.append(f"descent ended after {steps} steps, before it converged: a better map may exist")
@@ -75,7 +104,7 @@ def map_over_triangles(
     if error > _NO_GOOD_MAP:
         warnings.append(
             f"distances in the map are {100 * error:.0f} % wrong on average, at any scale: as it is, this surface has "
-            "no good map; relax=True cuts it where that helps, or give cuts, or a smaller patch"
+            "no good map; give cuts, relax=True, or a smaller patch"
         )
     if distortion.triangles is not None and distortion.triangles.crossings:
         warnings.append(f"the map lies on itself: its boundary crosses itself {distortion.triangles.crossings} times")
@@ -97,6 +126,7 @@ def map_over_triangles(
         distortion=distortion,
         metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
         rows=rows,
+        bridges=part.bridges(cut.faces),
     )
 
 

@@ -27,7 +27,7 @@ _OVER_TRIANGLES: dict[str, Any] = {
 }
 """Modules with two verbs: `checked` takes a method's own options before the long work, `flatten` what is to be flat."""
 
-_OWN = ("geodesic", "weighting", "neighbourhood", "starts", "bound")
+_OWN = ("geodesic", "weighting", "scale", "neighbourhood", "starts", "bound")
 
 
 @telling
@@ -51,6 +51,7 @@ def flatten(
     sampling: str | None = None,
     geodesic: str | None = None,
     weighting: float | None = None,
+    scale: str | None = None,
     link_lengths: str | None = None,
     neighbourhood: int | str | None = None,
     starts: int | None = None,
@@ -105,8 +106,10 @@ def flatten(
         open automatically, and that is said; ``[]`` forbids it.
     relax : bool or float, optional
         Cut the disk further, from its boundary inwards, where that relieves the map most: as long as it pays (True), or
-        up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default what was closed like a
-        sphere is cut as long as it pays, and nothing else.
+        up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default as long as it pays,
+        where nobody has said where to cut: no `cuts` are given, and no patch of triangles as `keep`. What was not
+        closed like a sphere is then cut only if that takes a tenth off the error of distances; and a disk that was
+        handed over as it is, a scan or a patch that someone has cut, only if distances would be 15 % off.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
         $sources, "grossmann2002": $sources_grossmann2002, "zigelman2002": $sources_zigelman2002, "schwartz1989":
@@ -120,11 +123,18 @@ def flatten(
         are sources, too); or the pixels on a grid over a `range_image`, between which the rest is placed by bilinear
         functions.
     geodesic : {"graph", "marching", "exact"}, optional
-        "voxflat" only. What measures the distances that the map keeps, as in `voxflat.geodesic`; by default
-        "$geodesic".
+        "voxflat" only. What measures the distances that the map keeps, as in `voxflat.geodesic`. By default "graph",
+        but where that is more than 1 % off exact distances from a sample of sources, which thin triangles can cause,
+        "marching", and "exact" where that is, too.
     weighting : float, optional
         "voxflat" only. From 0, local, where near distances and the shape of triangles count ten times as much as usual,
         to 1, global, where they count a tenth and far distances rule; by default $weighting.
+    scale : {"distances", "areas"}, optional
+        "voxflat" only. What the map's mm are right for. A surface that is not flat has no map in which both are: one
+        whose area is that of the surface has distances that are too long. By default "$scale": their mean relative
+        error is the least of any scale. With "areas" the map has the surface's area.
+        ``distortion.triangles.equal_area_scale`` is the factor from a map to the one with the surface's area,
+        ``distortion.best_scale.scale`` to the one with the best distances.
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
@@ -173,6 +183,7 @@ def flatten(
         sampling=sampling,
         geodesic=geodesic,
         weighting=weighting,
+        scale=scale,
         link_lengths=link_lengths,
         neighbourhood=neighbourhood,
         starts=starts,

@@ -30,7 +30,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "drop": dict.fromkeys(_OVER_TRIANGLES),
     "polygon": dict.fromkeys(_OVER_TRIANGLES),
     "cuts": dict.fromkeys(_OVER_TRIANGLES),
-    # None: as long as it pays, of what was closed like a sphere; gluing cuts where it must
+    # None: as long as it pays, unless someone has said where to cut; gluing cuts where it must
     "relax": {**dict.fromkeys(_OVER_TRIANGLES), "saucan2006": False},
     # voxflat: more change no map that was measured; the papers': 1,000; 25 x 25; fewer than 50 leave starts in a fold
     "sources": {"voxflat": 400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50},
@@ -40,8 +40,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "zigelman2002": "decimation",
         "schwartz1989": "farthest",
     },
-    "geodesic": {"voxflat": "graph"},
+    # None: links, or where they are more than 1 % off what is not
+    "geodesic": {"voxflat": None},
     "weighting": {"voxflat": 0.5},
+    "scale": {"voxflat": "distances"},
     "link_lengths": {"grossmann2002": LINK_LENGTHS},
     # None: as many rings as hold a tenth of the points
     "neighbourhood": {"schwartz1989": None},

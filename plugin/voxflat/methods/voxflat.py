@@ -11,26 +11,29 @@ from voxflat.distances.sources import choose_sources
 from voxflat.distances.store import prepare_store
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.common import How, map_over_triangles
+from voxflat.methods.common import MUCH, How, error_of_distances, map_over_triangles
 from voxflat.methods.options import default
 from voxflat.surfaces.region import Cutout
+from voxflat.surfaces.surface import Surface
 
-__all__ = ["checked", "flatten"]
+__all__ = ["SCALES", "checked", "flatten"]
 
-_SPOTS = 2  # sources from which distances along links are compared with exact ones
-_MUCH_TOO_LONG = 0.01  # 0.1 % is usual
+SCALES = ("distances", "areas")
+"""What a map's mm may be right for."""
 
 
-def checked(geodesic: str, weighting: float) -> dict[str, Any]:
-    """Return what measures distances, and the weighting, if they can be used."""
-    if geodesic not in SOLVERS:
+def checked(geodesic: str | None, weighting: float, scale: str) -> dict[str, Any]:
+    """Return what measures distances, None for what is usual, the weighting and the scale, if they can be used."""
+    if geodesic is not None and geodesic not in SOLVERS:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching' or 'exact'")
     if not (is_number(weighting) and 0 <= weighting <= 1):
         raise InputError(f"weighting is {weighting!r}; give a number from 0, local, to 1, global")
-    return {"geodesic": geodesic, "weighting": float(weighting)}
+    if scale not in SCALES:
+        raise InputError(f"scale is {scale!r}; give 'distances' or 'areas'")
+    return {"geodesic": geodesic, "weighting": float(weighting), "scale": scale}
 
 
-def flatten(cut: Cutout, how: How, *, geodesic: str, weighting: float) -> FlatMap:
+def flatten(cut: Cutout, how: How, *, geodesic: str | None, weighting: float, scale: str) -> FlatMap:
     """Flatten a disk of triangles."""
     part = cut.part
     chosen = choose_sources(
@@ -38,25 +41,41 @@ def flatten(cut: Cutout, how: How, *, geodesic: str, weighting: float) -> FlatMa
     )
     kept = "stored" if how.store is not None else "kept" if how.keep_rows else "dropped"
     need = how.check_memory(part.core.memory_need(len(chosen), how.workers, kept))
+    links_error = error_of_distances(part, "graph", how)
+    solver, error, doubts = _solver(part, geodesic, links_error, how)
     store = None
     if how.store is not None:
-        store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=geodesic, progress=how.progress)
+        store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=solver, progress=how.progress)
     key = None if store is None else store.key
-    result = part.core.voxflat(chosen, how.seed, geodesic, weighting, how.keep_rows, how.threads, how.progress, key)
+    result = part.core.voxflat(
+        chosen, how.seed, solver, weighting, scale, how.keep_rows, how.threads, how.progress, key
+    )
     if store is not None:
         store.tell(result["found"])
-    told: dict[str, Any] = {"geodesic": geodesic, "weighting": weighting}
+    told: dict[str, Any] = {"geodesic": solver, "distance_error": error, "weighting": weighting, "scale": scale}
     rows = result["rows"]
     if store is not None:
         told["store"], rows = str(store.path), open_rows(store.path).rows
     energies, converged = result["convergence"]
     told["descent"] = {"converged": converged, "energies": energies}
-    doubts = []
-    if geodesic == "graph":
-        told["distance_error"] = error = part.core.error_of_links(chosen[:_SPOTS], how.threads, how.progress)
-        if error > _MUCH_TOO_LONG:
-            doubts = [
-                f"distances along links are {100 * error:.1f} % too long here, which thin triangles can cause; "
-                "geodesic='exact' measures them exactly"
-            ]
-    return map_over_triangles("voxflat", cut, how, result, need, rows, told, doubts)
+    return map_over_triangles("voxflat", cut, how, result, need, rows, told, doubts, links_error)
+
+
+def _solver(part: Surface, asked: str | None, links_error: float, how: How) -> tuple[str, float, list[str]]:
+    """Return what measures the distances that are kept, how far it is off, and what the user should know of it."""
+    if asked == "exact":
+        return asked, 0.0, []
+    solver = "graph" if asked is None else asked
+    error = links_error if solver == "graph" else error_of_distances(part, solver, how)
+    if not error > MUCH:
+        return solver, error, []
+    told = f"distances by {_NAMES[solver]} are {100 * error:.1f} % off here, which thin triangles can cause"
+    if asked is not None:
+        return solver, error, [f"{told}; leave geodesic out, or give 'exact'"]
+    solver, error = "marching", error_of_distances(part, "marching", how)
+    if error > MUCH:
+        solver, error = "exact", 0.0
+    return solver, error, [f"{told}; they are measured by {_NAMES[solver]} instead"]
+
+
+_NAMES = {"graph": "links", "marching": "fast marching", "exact": "exact geodesics"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
+from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.making import surface as _surface
@@ -38,7 +39,8 @@ class Check:
     contents : dict
         What it holds. Of a volume ``shape``, ``dtype``, ``spacing`` (mm), ``orientation`` (such as "RAS"), ``affine``,
         ``labels`` (numbers of voxels by label; None for intensities), ``range``; of a mesh ``vertices``, ``triangles``,
-        ``size`` (mm) and ``structure``.
+        ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or "unknown") and ``to_scanner``, the
+        matrix from the coordinates to scanner RAS.
     defects : dict of str to list
         What keeps a mesh from being a surface, and where: numbers of triangles or vertices.
     foreground : int or None
@@ -112,6 +114,7 @@ class Check:
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
             rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"), ("size", f"{size} mm")]
+            rows.append(("coordinates", str(Space.of(of))))
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [
@@ -211,8 +214,9 @@ memory_limit, progress
             foreground(volume.data)
         except InputError as error:
             return _and(found, advice=(str(error),))
-    whole = _surface(volume, **place, memory_limit=memory_limit, threads=how.threads, progress=progress)
-    return _check_surface(whole, found, patch, how, volume)
+    making: dict[str, Any] = {**place, "memory_limit": memory_limit, "threads": how.threads, "progress": progress}
+    as_it_is = _surface(volume, **making, repair="none")
+    return _check_surface(as_it_is, found, patch, how, lambda: _surface(volume, **making))
 
 
 @dataclass(frozen=True)
@@ -239,17 +243,18 @@ def _volume_contents(volume: Volume) -> dict[str, Any]:
     }
 
 
-def _mesh_contents(points: Any, triangles: int, structure: str | None) -> dict[str, Any]:
+def _mesh_contents(points: Any, triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
     size = tuple(float(side) for side in np.ptp(points, axis=0))
-    return {"vertices": len(points), "triangles": triangles, "size": size, "structure": structure}
+    about = {"structure": structure, "space": space.described()}
+    return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
 def _of_surface(whole: Surface) -> tuple[str, dict[str, Any]]:
-    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"))
+    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"), whole.space)
 
 
 def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _How) -> Check:
-    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure)
+    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure, mesh.space)
     defects = _core.defects(mesh.points, mesh.faces)
     found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
     try:
@@ -260,7 +265,7 @@ def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _
 
 
 def _check_surface(
-    whole: Surface, found: Check, patch: dict[str, Any], how: _How, volume: Volume | None = None
+    whole: Surface, found: Check, patch: dict[str, Any], how: _How, repaired: Callable[[], Surface] | None = None
 ) -> Check:
     topology = whole.core.topology()
     found = _and(
@@ -280,10 +285,11 @@ def _check_surface(
     handles = tuple(cut.part.core.handles(how.threads, how.progress)) if part["handles"] else ()
     if handles:
         advice.append(_cutting_changes(handles))
-    if volume is not None and part["handles"] and not any(value is not None for value in patch.values()):
-        advice.append(_repair_changes(whole, volume, how.progress))
     try:
-        opened: Cutout | None = opened_to_disk(cut, None, how.threads, how.progress)
+        to_open = cut
+        if part["handles"] and repaired is not None:
+            to_open = cut_out(repaired(), **patch, threads=how.threads, progress=how.progress, to_disk=False)
+        opened: Cutout | None = opened_to_disk(to_open, None, how.threads, how.progress)
     except InputError as error:
         opened = None
         advice.append(str(error))
@@ -322,13 +328,3 @@ def _thin(part: Surface, how: _How) -> dict[str, Any]:
 def _cutting_changes(handles: Sequence[dict[str, Any]]) -> str:
     total = sum(handle["length"] for handle in handles)
     return f"repair='cuts' would cut {len(handles)} handle(s) open along {total:.0f} mm and change no voxel"
-
-
-def _repair_changes(whole: Surface, volume: Volume, progress: Progress | None) -> str:
-    """Say what the repair by voxels would change."""
-    given = {name: whole.metadata[name] for name in ("label", "threshold")}
-    mask = foreground(volume.data, **given)
-    _, report = _core.repair(mask, volume.spacing.tolist(), None, progress)
-    removed, added = (len(report[name]) for name in ("cut", "filled"))
-    share = 100 * (removed + added) / np.count_nonzero(mask)
-    return f"repair='voxels' would remove {removed} voxels and add {added} ({share:.2f} %), and leave no handle"

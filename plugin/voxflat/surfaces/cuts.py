@@ -20,6 +20,8 @@ from voxflat.surfaces.surface import Surface
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
 _SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels
+_LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
+_BEARABLE = 0.15  # error of distances up to which a disk is left as it was given
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
@@ -177,6 +179,8 @@ def opened(
     progress: Progress | None,
     *,
     is_fixed: bool = False,
+    is_cut: bool = False,
+    is_given: bool = False,
 ) -> tuple[Surface, list[dict[str, Any]], list[str]]:
     """Cut open what is no disk, and further where that relieves the map.
 
@@ -190,6 +194,10 @@ def opened(
         Length of the cuts that were given, mm, which count.
     is_fixed : bool
         Whether what is no disk is left as it is.
+    is_cut : bool
+        Whether someone has said where it is cut: then it is relaxed on demand only.
+    is_given : bool
+        Whether this is the surface that was handed over: if it is a disk, it is relaxed on demand or in need only.
 
     Returns
     -------
@@ -211,13 +219,20 @@ def opened(
         _name(part, cuts)
         part = part.with_core(core)
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
-    if relax is False or (relax is None and not was_closed):
+    if relax is False or (relax is None and is_cut and not was_closed):
         return part, cuts, remarks
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
-    core, further, _ = part.core.relax(length, threads, progress)
+    unasked = relax is None and not was_closed
+    least_relief = _LEAST_RELIEF if unasked else 0.0
+    bearable = _BEARABLE if unasked and is_given and topology["euler"] == 1 else 0.0
+    core, further, errors = part.core.relax(length, least_relief, bearable, threads, progress)
     if further:
         paths, total = _counted(further, "relaxation cut")
-        remarks.append(f"{paths}, {total:.0f} mm in all, relieve the map; relax=False leaves them out")
+        before, after = (100 * error for error in errors)
+        remarks.append(
+            f"{paths}, {total:.0f} mm in all, relieve the map: distances of a sketch are {after:.1f} instead of "
+            f"{before:.1f} % off; relax=False leaves them out"
+        )
     _name(part, further)
     return part.with_core(core), cuts + further, remarks
 

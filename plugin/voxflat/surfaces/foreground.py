@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import check_memory, checked_number, is_whole
 from voxflat.errors import InputError
+from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume, as_volume
 
 _SHOWN = 20  # labels named in a message
@@ -76,6 +77,7 @@ def foreground_of(
         "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
         "shape": [int(n) for n in volume.data.shape],
         "affine": volume.affine.tolist(),
+        "space": (Space("scanner") if volume.is_placed else UNKNOWN).described(),
         "label": None if label is None else int(label),
         "threshold": threshold,
         "foreground": int(np.count_nonzero(mask)),

@@ -58,8 +58,9 @@ def surface(
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
     repair : {"none", "voxels", "cuts"}, optional
-        Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave none
-        ("voxels"), or by cutting them open ("cuts", also of meshes).
+        Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave one sphere
+        ("voxels"), or by cutting them open ("cuts", also of meshes). By default handles of a volume's largest component
+        are closed or opened where that changes no more than 1 % of its voxels, and this is said.
     memory_limit : int, optional
         Bytes that may be used; by default what is free.
     threads : int, optional

@@ -12,6 +12,7 @@ import numpy as np
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
+from voxflat.surfaces.partners import check_pial, in_space_of
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["as_mesh", "of_mesh"]
@@ -96,8 +97,10 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
                 f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
                 "one subject and correspond vertex by vertex"
             )
-        thickness = np.linalg.norm(other.points - mesh.points, axis=1)
-        core = core.moved((mesh.points[core.ids] + other.points[core.ids]) / 2)
+        places = in_space_of(mesh, other)
+        remarks += check_pial(core, mesh, other, places)
+        thickness = np.linalg.norm(places - mesh.points, axis=1)
+        core = core.moved((mesh.points[core.ids] + places[core.ids]) / 2)
         measured_on = "midthickness: halfway to the pial surface"
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
     metadata = {
@@ -106,6 +109,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
         "input_sha256": digest.hexdigest(),
         "vertices": len(mesh.points),
         "structure": mesh.structure,
+        "space": mesh.space.described(),
         "measured_on": measured_on,
     }
-    return Surface(core, None, metadata, tuple(remarks), thickness)
+    return Surface(core, None, metadata, tuple(remarks), thickness, mesh.faces)

@@ -16,6 +16,7 @@ from voxflat.surfaces.surface import Surface
 
 __all__ = ["of_volume"]
 
+_MOST_REPAIRED = 0.01  # of the foreground's voxels, that are changed without being asked
 _SHARE_BETWEEN = 0.5  # of the border's voxels, for an image to be finer than its mask
 
 
@@ -52,6 +53,10 @@ def of_volume(
     remarks: list[str] = []
     if repair == "voxels":
         mask, metadata["repair"], remarks = _repaired(mask, volume, level, progress)
+    elif repair is None and not (_core.is_sheet(mask) if sheet is None else sheet):
+        mask, report, remarks = _without_handles(mask, volume, level, progress)
+        if report is not None:
+            metadata["repair"] = report
     core, voxels, made = _core.Surface.from_mask(mask, volume.affine.tolist(), level, sheet, threads, progress)
     metadata |= {**made, "placed_by": placed_by if made["kind"] == "solid" else "a fit to the middle of the sheet"}
     metadata["sheet"] = metadata.pop("kind") == "sheet"
@@ -118,10 +123,7 @@ def _repaired(
     progress: Progress | None,
 ) -> tuple[NDArray[np.bool_], dict[str, Any], list[str]]:
     """Make the foreground's surface a sphere; with what was done."""
-    likely = None
-    if level is not None and level[0].min() >= 0 and level[0].max() <= 1:
-        likely = level[0]
-    repaired, report = _core.repair(mask, volume.spacing.tolist(), likely, progress)
+    repaired, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
     told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
     removed, added, others = len(report["cut"]), len(report["filled"]), len(report["dropped"]) + len(report["cavities"])
     remarks: list[str] = []
@@ -136,3 +138,33 @@ def _repaired(
             "enclosed cavities added"
         )
     return repaired, told, remarks
+
+
+def _without_handles(
+    mask: NDArray[np.bool_],
+    volume: Volume,
+    level: tuple[NDArray[np.float32], float] | None,
+    progress: Progress | None,
+) -> tuple[NDArray[np.bool_], dict[str, Any] | None, list[str]]:
+    """Close or open the handles of the largest component, and change nothing else, if that takes few voxels."""
+    _, report = _core.repair(mask, volume.spacing.tolist(), _likely(level), progress)
+    if not report["handles"]:
+        return mask, None, []
+    removed, added = len(report["cut"]), len(report["filled"])
+    share = (removed + added) / np.count_nonzero(mask)
+    changes = f"{removed} voxels removed, {added} added ({100 * share:.2g} %)"
+    if share > _MOST_REPAIRED:
+        remark = f"{report['handles']} handle(s) are left: closing them takes much ({changes}); repair='voxels' does it"
+        return mask, None, [remark]
+    repaired = mask.copy()
+    repaired[tuple(report["cut"].T)] = False
+    repaired[tuple(report["filled"].T)] = True
+    told = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in report.items()}
+    told |= {"dropped": [], "cavities": []}
+    remark = f"{report['handles']} handle(s) were repaired: {changes}; repair='none' leaves them"
+    return repaired, told, [remark]
+
+
+def _likely(level: tuple[NDArray[np.float32], float] | None) -> NDArray[np.float32] | None:
+    """Return the image as probabilities, if it can be that."""
+    return level[0] if level is not None and level[0].min() >= 0 and level[0].max() <= 1 else None

@@ -12,14 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.freesurfer import Patch, is_patch, read_patch
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.overlays import read_region
+from voxflat.io.patches import Patch, is_patch, read_patch
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 from voxflat.surfaces.surface import Surface
 
@@ -36,6 +37,8 @@ class Cutout:
     metadata: dict[str, Any]
     remarks: tuple[str, ...]
     given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
+    is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
+    is_whole: bool  # whether nothing was left out of what was handed over
 
 
 def cut_out(
@@ -74,7 +77,10 @@ def cut_out(
     remarks = list(whole.remarks)
     part = whole
     paths, left_out = read_cuts(whole, cuts)
-    region = _region(whole, keep, drop, left_out)
+    region, by_triangles = _region(whole, keep, drop, left_out)
+    for given in (keep, drop):
+        if isinstance(given, str | os.PathLike):
+            remarks += check_region(whole, given)
     if region is not None:
         part = part.with_core(part.core.part_of_faces(region))
     seed_id = None
@@ -105,7 +111,10 @@ def cut_out(
         "surface_points": len(whole),
         "points": len(np.unique(part.vertices)),
     }
-    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), None if paths is None else length)
+    given = None if paths is None else length
+    is_whole = region is None and seed_id is None and polygon is None
+    is_cut = by_triangles or paths is not None
+    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole)
     return opened_to_disk(cut, relax, threads, progress) if to_disk else cut
 
 
@@ -129,7 +138,9 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
     is_fixed = cut.given_length is not None and not cut.metadata["cuts"]
     if relax or not is_fixed:
         given = cut.given_length or 0.0
-        part, automatic, told = opened(part, relax, given, threads, progress, is_fixed=is_fixed)
+        part, automatic, told = opened(
+            part, relax, given, threads, progress, is_fixed=is_fixed, is_cut=cut.is_cut, is_given=cut.is_whole
+        )
         faces = part.faces[: len(faces)]
         remarks += told
     metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
@@ -141,10 +152,11 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
 
 def _region(
     whole: Surface, keep: object | None, drop: object | None, left_out: NDArray[np.int64] | None
-) -> NDArray[np.bool_] | None:
-    """Return which triangles belong to the patch: those given, or those all of whose corners are to be kept."""
+) -> tuple[NDArray[np.bool_] | None, bool]:
+    """Return which triangles belong to the patch, and whether they were given, not their corners."""
     if keep is None and drop is None and left_out is None:
-        return None
+        return None, False
+    of_mesh = None
     for name, region in (("keep", keep), ("drop", drop)):
         is_name = name == "drop" and is_medial_wall(region)
         if not is_name and isinstance(region, str | os.PathLike) and not os.path.exists(region):
@@ -161,7 +173,7 @@ def _region(
         kept &= _all_corners(~_vertices(whole, left_out, "what the cuts leave out"), faces)
     if not kept.any():
         raise InputError(f"the patch holds no triangle of the surface ({len(whole)} vertices): does it belong to it?")
-    return kept
+    return kept, of_mesh is not None
 
 
 def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:

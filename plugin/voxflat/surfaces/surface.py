@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.freesurfer import Patch
-from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.meshes import Mesh, in_tkras, write_mesh
+from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.spaces import Space, VolumeGeometry
+from voxflat.surfaces.lips import listed_points, triangles_of
 
-__all__ = ["Surface"]
+__all__ = ["Surface", "patch_of", "triangle_keys"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +38,8 @@ class Surface:
         What the user should know of it.
     thickness : ndarray of float64, shape (V,), or None
         From white to pial surface at each vertex of the whole surface, mm, where both were given.
+    mesh_faces : ndarray of int64, shape (G, 3), or None
+        The triangles of the whole mesh as they were given, as vertex numbers; None if it was no mesh.
     """
 
     core: _core.Surface
@@ -42,6 +47,7 @@ class Surface:
     metadata: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     thickness: NDArray[np.float64] | None = None
+    mesh_faces: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -65,8 +71,13 @@ class Surface:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The vertices, RAS+ mm, shape (N, 3)."""
+        """The vertices, RAS+ mm in `space`, shape (N, 3)."""
         return self.core.points
+
+    @property
+    def space(self) -> Space:
+        """The space of its points: that of the volume, or what the mesh's file says."""
+        return Space.of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -170,10 +181,7 @@ class Surface:
         return found if found.sum() == len(np.unique(wanted)) else None
 
     def in_patch(self, patch: Patch) -> NDArray[np.bool_]:
-        """Find the triangles of a FreeSurfer patch.
-
-        A patch file lists vertices; its triangles are those of the surface with all corners in the patch, but for those
-        with all corners on its border, which only bridge the two lips of a cut.
+        """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed.
 
         Parameters
         ----------
@@ -189,15 +197,26 @@ class Surface:
         InputError
             If it names vertices that the surface does not have.
         """
-        if len(patch.vertex_ids) and patch.vertex_ids.max() >= self.count:
-            raise InputError(
-                f"the patch names vertex {patch.vertex_ids.max()}, but the surface has {self.count} vertices: is it of "
-                "this one?"
-            )
-        place = np.zeros(self.count, dtype=np.int8)  # 1 inside, 2 on the border
-        place[patch.vertex_ids] = np.where(patch.border, 2, 1)
-        corners = place[self.vertices[self.faces]]
-        return np.asarray((corners > 0).all(axis=1) & (corners == 1).any(axis=1))
+        return in_patch(self.vertices[self.faces], patch.vertex_ids, self.count)
+
+    def bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
+        """Find the triangles of the mesh that were left out although all their corners are there.
+
+        Parameters
+        ----------
+        faces : ndarray of int, shape (F, 3), optional
+            Triangles of this surface's vertices; by default all that it has.
+
+        Returns
+        -------
+        ndarray of int64, shape (B, 3)
+            As vertices of the whole surface; none where it was made of voxels.
+        """
+        if self.mesh_faces is None:
+            return np.zeros((0, 3), dtype=np.int64)
+        own = self.vertices[self.faces if faces is None else faces]
+        among = self.mesh_faces[triangles_of(np.unique(own), self.mesh_faces)]
+        return among[~np.isin(triangle_keys(among), triangle_keys(own))]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
         """Return which voxels the repair changed, as labels: 1 removed, 2 added.
@@ -260,7 +279,10 @@ class Surface:
         Parameters
         ----------
         path : path
-            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. GIFTI holds
+            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. FreeSurfer's
+            have tkRAS, the others scanner RAS, as `io.write_mesh` says. One that ends in .patch.3d is a FreeSurfer
+            patch of the mesh that this is a part of: what ``mris_flatten`` takes. It has the mesh's own vertex numbers
+            and one place for each, so vertices on the lips of cuts are left out, and it is said how many. GIFTI holds
             `provenance`.
         sidecar : bool
             Write `provenance` to ``<path>.json``, too.
@@ -274,15 +296,80 @@ class Surface:
         OSError
             If it cannot be written.
         """
-        mesh = Mesh(self.points, self.faces.astype(np.int64), structure=self.metadata.get("structure"))
+        space, structure = self.space, self.metadata.get("structure")
+        if space.name == "scanner" and self.is_voxels:
+            volume = VolumeGeometry.of_volume(
+                self.metadata["affine"], self.metadata["shape"], self.metadata["input"] or ""
+            )
+            space = Space("scanner", volume)
+        if space.doubt:
+            log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_mesh(path, mesh, self.provenance)
+            if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+                self._save_patch(path, space)
+            else:
+                mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
+                write_mesh(path, mesh, self.provenance)
+
+    def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
+        if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):
+            raise InputError(
+                f"cannot write {path}: a surface in space is no flat patch; end its name in {PATCH_ENDING}"
+            )
+        if self.is_voxels:
+            raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
+        points, _ = in_tkras(self.points, space)
+        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count))
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
     """Return one item a triangle that does not depend on where it begins or which way it runs."""
     rows = np.ascontiguousarray(np.sort(faces, axis=1))
     return rows.view([("", np.int64)] * 3).ravel()
+
+
+def patch_of(
+    points: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64], count: int
+) -> Patch:
+    """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        Places, mm.
+    ids : ndarray of int64, shape (N,)
+        The vertex of the mesh that each is; the sides of a cut share one.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of the points.
+    bridges : ndarray of int64, shape (B, 3)
+        As `Surface.bridges` finds them.
+    count : int
+        How many vertices the mesh has.
+
+    Returns
+    -------
+    Patch
+
+    Raises
+    ------
+    InputError
+        If it can hold no triangle.
+    """
+    rows = listed_points(ids, faces, bridges)
+    kept = faces[triangles_of(rows, faces)]
+    if len(kept) == 0:
+        raise InputError("each triangle lies at a cut: a patch cannot hold them; save as .vtp, .ply or .obj")
+    vertices = len(np.unique(ids))
+    if len(kept) < len(faces):
+        log.warning(
+            "a patch has one place for each vertex, and its readers take all triangles whose corners it lists: at cuts "
+            "%d of %d vertices and %d of %d triangles are left out",
+            vertices - len(rows),
+            vertices,
+            len(faces) - len(kept),
+            len(faces),
+        )
+    return Patch(ids[rows], points[rows], patch_border(ids[kept], ids[rows], count))
 
 
 def _key(item: Any) -> Any:

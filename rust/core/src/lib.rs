@@ -27,6 +27,7 @@
 //! A label of a half pipe, one voxel thick, to its flat map:
 //! ```
 //! use voxflat::control::Control;
+//! use voxflat::flatten::voxflat::Scale;
 //! use voxflat::geodesic::engine::Engine;
 //! use voxflat::geodesic::graph::GeodesicGraph;
 //! use voxflat::rows::DistanceRows;
@@ -44,7 +45,7 @@
 //! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
 //! let engine = Engine::new(&graph, sources.len(), &control)?;
 //! let rows = DistanceRows::by(&engine, &sources, &control)?;
-//! let map = flatten::voxflat(&surface, rows, 0.5, &engine, 0, &control)?;
+//! let map = flatten::voxflat(&surface, rows, 0.5, Scale::Distances, &engine, 0, &control)?;
 //! assert_eq!(map.uv.len(), surface.len());
 //! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
 //! # Ok::<(), voxflat::Error>(())

@@ -148,6 +148,9 @@ pub fn triangles_dict<'py>(
     let dict = PyDict::new(py);
     dict.set_item("areal_median", measured.areal.summary.median)?;
     dict.set_item("areal_p95", measured.areal.summary.p95)?;
+    dict.set_item("equal_area_scale", measured.equal_area_scale)?;
+    dict.set_item("equal_area_median", measured.equal_area.median)?;
+    dict.set_item("equal_area_p95", measured.equal_area.p95)?;
     dict.set_item("edge", measured.edge.mean)?;
     dict.set_item("angle", measured.angle.summary.mean)?;
     dict.set_item("quasi_conformal", measured.quasi_conformal.summary.median)?;

@@ -26,6 +26,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<voxels::VoxelSurface>()?;
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::is_sheet, module)?)?;
     module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
     module.add_function(wrap_pyfunction!(surface::measure::reference_sources, module)?)?;
     module.add_function(wrap_pyfunction!(surface::vertex_normals, module)?)?;

@@ -18,6 +18,7 @@ use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch;
 use voxflat::surface::Surface as CoreSurface;
 use voxflat::surface::mesh;
+use voxflat::surface::voxels;
 use voxflat::surface::voxels::repair::to_genus_zero;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
@@ -250,6 +251,13 @@ pub fn defects<'py>(
     dict.set_item("triangles turned over", found.turned)?;
     dict.set_item("vertices at the same place as another", found.coincident)?;
     Ok(dict)
+}
+
+/// Whether a mask is a sheet one voxel thick.
+#[pyfunction]
+pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bool> {
+    let mask = convert::mask(&mask)?;
+    Ok(py.detach(|| voxels::is_sheet(&mask)))
 }
 
 /// Makes a mask's surface a sphere: the mask, and what was changed.

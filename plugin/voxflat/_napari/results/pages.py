@@ -74,7 +74,7 @@ def _surface(atlas: Atlas, name: str) -> LayerData:
     ends = np.column_stack([np.repeat(atlas.patch_ids, 3), atlas.faces.reshape(-1)])
     (owner, rows), faces = _unique(ends)
     colours = label_colours(owner[:, None] + 1.0)[:, 0] / 255
-    vertices = from_ras(atlas.points, atlas.metadata["napari"]["world_axes"])[rows]
+    vertices = from_ras(atlas.space.to_scanner(atlas.points), atlas.metadata["napari"]["world_axes"])[rows]
     flat_units = units(atlas)
     keywords = {
         "name": f"{name} in patches",

@@ -1,7 +1,8 @@
 //! Distortion of triangles: what flattening did to areas, edges and shapes.
 //!
 //! Each triangle of the surface is mapped to the plane by an affine map; the singular values σ1 ≥ σ2 ≥ 0 of its Jacobian
-//! are the most and the least that it stretches. All measures are raw: a flat map is in mm, and σ1 = σ2 = 1 is perfect.
+//! are the most and the least that it stretches. Measures are raw: a flat map is in mm, and σ1 = σ2 = 1 is perfect. Only areas
+//! are also given at the scale that keeps the whole area.
 //! What is undefined (a triangle without area on the surface or in the plane, a vertex without place) is NaN, is left out
 //! of the summary, and is counted there.
 //!
@@ -28,6 +29,10 @@ pub struct FaceDistortion {
     /// they are computed from squared lengths, and the ratio is not checked: 0/0 and a vertex without faces are NaN, but a
     /// zero area on one side is ±∞. Here that is NaN.
     pub areal: Measure,
+    /// The factor on the map that makes its area that of the surface.
+    pub equal_area_scale: f64,
+    /// The summary of `areal` at that scale.
+    pub equal_area: Summary,
     /// |l_flat / l_surface − 1| over the edges, in which each edge counts once. (Workbench's `-edge-method` has for each
     /// vertex the mean of |log2(l_flat / l_surface)| over its edges.) Edges that are 0 mm long on the surface are undefined.
     pub edge: Summary,
@@ -137,6 +142,7 @@ pub fn measure_faces(
     let isometric = by_area(|t| t.stretch[0].max(t.stretch[1].recip()))?;
     let symmetric_dirichlet = by_area(|t| 0.5 * t.stretch.map(|s| s * s + (s * s).recip()).iter().sum::<f64>())?;
     let areal = areal(points.len(), faces, &triangles);
+    let scale = equal_area_scale(points, faces, uv);
     control.advance();
     let mut edges = sorted_edges(faces);
     edges.dedup();
@@ -148,6 +154,8 @@ pub fn measure_faces(
     let edge = Summary::of(&in_chunks(&edges, control, change)?, |_| 1.0);
     control.advance();
     Ok(FaceDistortion {
+        equal_area: Summary::of(&at_scale(&areal.values, scale), |_| 1.0),
+        equal_area_scale: scale,
         areal,
         edge,
         edges: edges.len(),
@@ -158,6 +166,34 @@ pub fn measure_faces(
         stretch: triangles.iter().map(|triangle| triangle.stretch).collect(),
         flipped: Flipped::of(&triangles),
     })
+}
+
+/// The factor on a map that makes its area that of the surface: √(Σ A_surface / Σ A_flat). NaN where the map has none.
+///
+/// # Panics
+/// If there is not one place a vertex.
+///
+/// # Examples
+/// ```
+/// use voxflat::distortion::faces::equal_area_scale;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
+/// assert!((equal_area_scale(sheet.points(), sheet.faces(), &twice) - 0.5).abs() < 1e-12);
+/// ```
+pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
+    assert_eq!(points.len(), uv.len(), "one place a vertex");
+    let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();
+    let place = |vertex: u32| Vector3::new(uv[vertex as usize][0], uv[vertex as usize][1], 0.0);
+    let on_surface: f64 = faces.iter().map(|face| doubled(face.map(|vertex| points[vertex as usize]))).sum();
+    let flat: f64 = faces.iter().map(|face| doubled(face.map(place))).sum();
+    if flat > 0.0 { (on_surface / flat).sqrt() } else { f64::NAN }
+}
+
+/// The absolute values of log2 of areas at a scale.
+fn at_scale(areal: &[f64], scale: f64) -> Vec<f64> {
+    areal.iter().map(|log| (log + 2.0 * scale.log2()).abs()).collect()
 }
 
 /// Are all corners among this many vertices?

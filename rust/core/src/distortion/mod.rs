@@ -8,10 +8,10 @@
 //! [sums](sums::Sums), from which the figures and, by the bootstrap over sources, their standard errors follow.
 
 pub mod bootstrap;
+pub mod distances;
 pub mod faces;
 mod figures;
 pub mod judge;
-pub mod links;
 pub mod overlap;
 mod scale;
 pub mod sums;
@@ -100,6 +100,39 @@ pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Con
     maps.into_iter().map(|map| map.distortion(seed, control)).collect()
 }
 
+/// The scale at which a map's distances are nearest to those of rows to all of its points: argmin mean |s·d − δ|/δ. NaN where
+/// all places are one.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`], and those of the rows.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::distortion::best_scale;
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::rows::DistanceRows;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let rows = DistanceRows::compute(&GeodesicGraph::new(&sheet, &control)?, &[0, 40, 80], &control)?;
+/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
+/// assert!((best_scale(&twice, &rows, &control)? - 0.5).abs() < 0.01);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Result<f64> {
+    let mut map = [Judged::new(uv, 0, 0)];
+    pass(&mut map, rows, control, |map, block, control| {
+        map.begin_ratios(block, control)?;
+        map.take_ratios(block, control)
+    })?;
+    while map[0].seeks_scale() {
+        pass(&mut map, rows, control, Judged::take_ratios)?;
+    }
+    Ok(map[0].scale.unwrap_or(f64::NAN))
+}
+
 /// Shows all rows to every map.
 fn pass<'a, R: Rows>(
     maps: &mut [Judged<'a>],
@@ -186,11 +219,17 @@ impl<'a> Judged<'a> {
         }
     }
 
-    fn take_raw(&mut self, block: &Block, control: &Control) -> Result<()> {
+    /// Begins to count ratios around those of the first source.
+    fn begin_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
         if block.first == 0 && !block.sources.is_empty() {
             let first = Block { sources: &block.sources[..1], ..*block };
             self.ratios = first.each_source(self.uv, control, |pairs| Ratios::around_median(pairs))?.remove(0);
         }
+        Ok(())
+    }
+
+    fn take_raw(&mut self, block: &Block, control: &Control) -> Result<()> {
+        self.begin_ratios(block, control)?;
         let ratios = &self.ratios;
         let sums = block.each_source(self.uv, control, |pairs| {
             let mut sums = Sums::default();

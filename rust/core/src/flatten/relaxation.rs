@@ -42,12 +42,16 @@ pub struct Relaxation {
     pub length: f64,
     /// For each length of √area that is cut, the energy falls by so much at least.
     pub least_gain: f64,
+    /// All cuts together take at least this share off the error of the coarse map's distances; else none is made.
+    pub least_relief: f64,
+    /// None is made, either, where without any that error is no more than this.
+    pub bearable: f64,
 }
 
 impl Default for Relaxation {
     /// As long as it pays: about 350 mm of a hemisphere without its medial wall.
     fn default() -> Self {
-        Self { length: f64::INFINITY, least_gain: 0.02 }
+        Self { length: f64::INFINITY, least_gain: 0.02, least_relief: 0.0, bearable: 0.0 }
     }
 }
 
@@ -62,6 +66,12 @@ impl Relaxation {
         if self.least_gain.is_nan() || self.least_gain < 0.0 {
             return refuse("least_gain", self.least_gain);
         }
+        if !(0.0..=1.0).contains(&self.least_relief) {
+            return refuse("least_relief", self.least_relief);
+        }
+        if self.bearable.is_nan() || self.bearable < 0.0 {
+            return refuse("bearable", self.bearable);
+        }
         Ok(())
     }
 }
@@ -75,6 +85,9 @@ pub struct Relaxed {
     pub cuts: Vec<Cut>,
     /// The energy of the coarse map at first and after each cut; empty where nothing was to be tried.
     pub energies: Vec<f64>,
+    /// The mean relative error of the coarse map's distances, at its best scale, without cuts and with all of them; the same
+    /// twice where none is made, NaN where nothing was to be tried.
+    pub errors: [f64; 2],
 }
 
 /// Cuts a disk open where that relieves its map most. The result is the same each time, for any number of threads.
@@ -98,19 +111,21 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     relaxation.validate()?;
     check_disk(surface)?;
     if relaxation.length == 0.0 {
-        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new() });
+        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
     }
     let mut open = surface.clone().into_input(false); // a vertex' id is now its number
     let coarse = decimate(&open, &[], &Options { vertices: COARSE, ..Options::default() }, control)?.surface;
     control.begin("cutting", MOST_CUTS as u64);
     if coarse.len() <= LANDMARKS {
-        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new() });
+        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
     }
     let unit = surface.areas().iter().sum::<f64>().sqrt();
     let mut trials = Trials::new(coarse, relaxation.least_gain / unit, control)?;
     let (mut cuts, mut energies) = (Vec::new(), vec![trials.sketch.energy]);
+    let error = trials.sketch.error(control)?;
     let mut left = relaxation.length;
     while cuts.len() < MOST_CUTS
+        && error > relaxation.bearable
         && let Some(trial) = trials.best(left, control)?
     {
         let path = Inward::of(&open, control)?.to(trial.slit.tip);
@@ -125,9 +140,14 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
         energies.push(trials.sketch.energy);
         control.advance();
     }
+    let relieved = if cuts.is_empty() { error } else { trials.sketch.error(control)? };
+    if relieved > (1.0 - relaxation.least_relief) * error {
+        energies.truncate(1);
+        return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies, errors: [error; 2] });
+    }
     let is_cut = |&h: &u32| surface.twins()[h as usize] != open.twins()[h as usize];
     let seam: Vec<u32> = (0..surface.twins().len() as u32).filter(is_cut).collect();
-    Ok(Relaxed { surface: surface.cut_open(seam), cuts, energies })
+    Ok(Relaxed { surface: surface.cut_open(seam), cuts, energies, errors: [error, relieved] })
 }
 
 /// A place into which a cut may lead.

@@ -3,6 +3,8 @@
 use super::check::check_disk;
 use super::map::{BASE_BYTES, FlatMap, PYTHON_BYTES};
 use crate::control::Control;
+use crate::distortion::best_scale;
+use crate::distortion::faces::equal_area_scale;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::levels;
@@ -19,7 +21,8 @@ use crate::surface::Surface;
 
 /// Flattens a connected surface by distance rows from sources on it, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
-/// shapes count most, to 1, where far distances do. The map is judged by the engine's distances. Who lends the rows has them
+/// shapes count most, to 1, where far distances do. In the end the map is brought to `scale`, and judged by the engine's
+/// distances. Who lends the rows has them
 /// afterwards; else they are dropped as soon as all points are placed.
 ///
 /// # Errors
@@ -29,6 +32,7 @@ use crate::surface::Surface;
 /// ```
 /// use voxflat::control::Control;
 /// use voxflat::flatten;
+/// use voxflat::flatten::voxflat::Scale;
 /// use voxflat::geodesic::engine::Engine;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::rows::DistanceRows;
@@ -41,7 +45,7 @@ use crate::surface::Surface;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
 /// let rows = DistanceRows::compute(&graph, &sources, &control)?;
 /// let engine = Engine::new(&graph, 20, &control)?;
-/// let map = flatten::voxflat(&sheet, rows, 0.5, &engine, 0, &control)?;
+/// let map = flatten::voxflat(&sheet, rows, 0.5, Scale::Distances, &engine, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
@@ -49,6 +53,7 @@ pub fn voxflat<R: Rows>(
     surface: &Surface,
     rows: R,
     weighting: f64,
+    scale: Scale,
     engine: &Engine<GeodesicGraph>,
     seed: u64,
     control: &Control,
@@ -65,11 +70,27 @@ pub fn voxflat<R: Rows>(
     drop(among);
     let (mut uv, convergence) = levels::flatten(surface, &rows, &scaling.places, weighting, control)?;
     let convergence = Some(convergence);
+    let factor = match scale {
+        Scale::Distances => best_scale(&uv, &rows, control)?,
+        Scale::Areas => equal_area_scale(surface.points(), surface.faces(), &uv),
+    };
+    if factor.is_finite() && factor > 0.0 {
+        uv.iter_mut().flatten().for_each(|coordinate| *coordinate *= factor);
+    }
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(engine, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
+}
+
+/// What a map's mm are: a surface that is not flat has none that are right for both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// Distances are right on average: the mean relative error of those from the sources is the least of any scale.
+    Distances,
+    /// The map's area is that of the surface.
+    Areas,
 }
 
 /// What becomes of the rows from the sources when all points are placed.

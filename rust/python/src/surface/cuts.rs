@@ -102,22 +102,25 @@ impl Surface {
         Ok((opened.surface.into(), list))
     }
 
-    /// A disk with relaxation cuts of a length in all, or as many as pay; the cuts, and the coarse map's energies.
-    #[pyo3(signature = (length=None, threads=None, progress=None))]
+    /// A disk with relaxation cuts of a length in all, or as many as pay, if the error of distances is more than what is bearable,
+    /// and they take a share off it; the cuts, and that error of a coarse map without and with them.
+    #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, threads=None, progress=None))]
     fn relax<'py>(
         &self,
         py: Python<'py>,
         length: Option<f64>,
+        least_relief: f64,
+        bearable: f64,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Self, Bound<'py, PyList>, Vec<f64>)> {
+    ) -> PyResult<(Self, Bound<'py, PyList>, [f64; 2])> {
         let inner = Arc::clone(&self.0);
         let relaxation = match length {
-            None => Relaxation::default(),
-            Some(length) => Relaxation { length, least_gain: 0.0 },
+            None => Relaxation { least_relief, bearable, ..Relaxation::default() },
+            Some(length) => Relaxation { length, least_gain: 0.0, least_relief, bearable },
         };
         let relaxed = run(py, threads, progress.as_ref(), move |control| relax(&inner.surface, relaxation, control))?;
-        Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.energies))
+        Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.errors))
     }
 
     /// The surface with its boundary loops up to a length (mm) filled, all but the longest; with the numbers of loops that

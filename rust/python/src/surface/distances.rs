@@ -6,7 +6,7 @@ use std::sync::Arc;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
-use voxflat::distortion::links::error_of_links;
+use voxflat::distortion::distances::error_of_distances;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::exact::Exact;
 use voxflat::geodesic::marching::{Marching, Wave};
@@ -112,20 +112,27 @@ impl Surface {
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
-    /// By which part of themselves distances along links from sources (vertices) are longer than exact ones, on average.
-    #[pyo3(signature = (sources, threads=None, progress=None))]
-    fn error_of_links(
+    /// By which part of themselves a solver's distances from sources (vertices) are off from exact ones, on average.
+    #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
+    fn error_of_distances(
         &self,
         py: Python<'_>,
         sources: PyReadonlyArray1<'_, u32>,
+        geodesic: &str,
         threads: Option<usize>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<f64> {
+        let geodesic = Geodesic::named(geodesic)?;
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         run(py, threads, progress.as_ref(), move |control| {
-            error_of_links(&inner.surface, &*inner.graph(control)?, &sources, control)
+            with_solver!(geodesic, inner, control, |solver| error_of_distances(
+                &inner.surface,
+                solver,
+                &sources,
+                control
+            ))
         })
     }
 

@@ -10,7 +10,7 @@ use voxflat::distortion::judge::REFERENCE_SOURCES;
 use voxflat::flatten;
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
-use voxflat::flatten::voxflat::AfterPlacing;
+use voxflat::flatten::voxflat::{AfterPlacing, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::geodesic::engine::Engine;
 use voxflat::rows::DistanceRows;
@@ -37,8 +37,8 @@ impl Surface {
     }
 
     /// Flattens from sources (vertices), by rows of a solver in memory, which may be kept, or in a store: its directory and
-    /// identity.
-    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, keep_rows=false, threads=None, progress=None, store=None))]
+    /// identity. `scale` is what the map's mm are right for: "distances" or "areas".
+    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None))]
     #[allow(clippy::too_many_arguments)] // Python's, by name
     fn voxflat<'py>(
         &self,
@@ -47,12 +47,18 @@ impl Surface {
         seed: u64,
         geodesic: &str,
         weighting: f64,
+        scale: &str,
         keep_rows: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
         store: Option<(PathBuf, String)>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let geodesic = Geodesic::named(geodesic)?;
+        let scale = match scale {
+            "distances" => Scale::Distances,
+            "areas" => Scale::Areas,
+            _ => return Err(InputError::new_err(format!("scale is {scale:?}; give 'distances' or 'areas'"))),
+        };
         let sources: Vec<u32> = sources.as_array().iter().copied().collect();
         convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
@@ -66,7 +72,7 @@ impl Surface {
                     let store = Store::compute(&directory, &identity, solver, &sources, control)?;
                     let found = Some(store.found());
                     let judge = engine(REFERENCE_SOURCES)?;
-                    Ok((flatten::voxflat(surface, store, weighting, &judge, seed, control)?, found))
+                    Ok((flatten::voxflat(surface, store, weighting, scale, &judge, seed, control)?, found))
                 });
             }
             let (rows, judge) = if let Geodesic::Graph = geodesic {
@@ -79,9 +85,9 @@ impl Surface {
                 (rows, engine(REFERENCE_SOURCES)?)
             };
             if !keep_rows {
-                return Ok((flatten::voxflat(surface, rows, weighting, &judge, seed, control)?, None));
+                return Ok((flatten::voxflat(surface, rows, weighting, scale, &judge, seed, control)?, None));
             }
-            let mut map = flatten::voxflat(surface, &rows, weighting, &judge, seed, control)?;
+            let mut map = flatten::voxflat(surface, &rows, weighting, scale, &judge, seed, control)?;
             map.rows = Some(if let Geodesic::Graph = geodesic { rows.as_computed(&judge, control)? } else { rows });
             Ok((map, None))
         })?;

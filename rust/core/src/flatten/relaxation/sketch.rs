@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use crate::control::Control;
+use crate::distortion::measure;
 use crate::embed::classical::classical_scaling;
 use crate::embed::stress::MapEnergy;
 use crate::embed::stress::descent::{Until, descend};
@@ -87,6 +88,18 @@ impl Sketch {
     /// As [`Sketch::with`].
     pub fn settle(&mut self, control: &Control) -> Result<()> {
         self.descend(SETTLED, control)
+    }
+
+    /// The mean relative error of its distances, as they are on this surface, at the best scale.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn error(&self, control: &Control) -> Result<f64> {
+        let quiet = control.part();
+        let graph = GeodesicGraph::crossing(&self.surface, CROSSED, &quiet)?;
+        let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
+        let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
+        Ok(measure(&[&uv], &rows, 0, &quiet)?.remove(0).best_scale.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::flatten::voxflat::Scale;
 use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::DistanceRows;
@@ -8,7 +9,7 @@ use crate::surface::mesh::shapes;
 use crate::surface::topology::Topology;
 
 fn relaxed(surface: &Surface, length: f64, least_gain: f64) -> Relaxed {
-    relax(surface, Relaxation { length, least_gain }, &Control::default()).unwrap()
+    relax(surface, Relaxation { length, least_gain, ..Relaxation::default() }, &Control::default()).unwrap()
 }
 
 /// Of a sphere what lies below a height: more than a half if it is positive.
@@ -52,12 +53,29 @@ fn a_cut_cap_has_a_better_map() {
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
         let engine = Engine::new(&graph, sources.len(), &control).unwrap();
         let rows = DistanceRows::by(&engine, &sources, &control).unwrap();
-        let map = crate::flatten::voxflat(surface, rows, 0.5, &engine, 0, &control).unwrap();
+        let map = crate::flatten::voxflat(surface, rows, 0.5, Scale::Distances, &engine, 0, &control).unwrap();
         map.distortion.best_scale.relative_error
     };
     let relaxed = relaxed(&cap, 3.0, 0.0);
     let [before, after] = [&cap, &relaxed.surface].map(error);
     assert!(after < 0.7 * before, "{before} {after}");
+}
+
+#[test]
+fn cuts_that_hardly_mend_distances_are_not_made() {
+    let cap = cap(0.5);
+    let all = relaxed(&cap, 3.0, 0.0);
+    let [before, after] = all.errors;
+    assert!(0.0 < after && after < 0.7 * before, "{before} {after}");
+    let least_relief = |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share, bearable: 0.0 };
+    let share = 1.0 - after / before;
+    let made = |share| relax(&cap, least_relief(share), &Control::default()).unwrap();
+    assert_eq!(made(share - 1e-9), all);
+    let none = made(share + 1e-9);
+    assert_eq!((none.cuts.len(), &none.surface, none.errors), (0, &cap, [before; 2]));
+    let bearable = |bearable| Relaxation { length: 3.0, least_gain: 0.0, least_relief: 0.0, bearable };
+    assert_eq!(relax(&cap, bearable(before * (1.0 - 1e-9)), &Control::default()).unwrap(), all);
+    assert_eq!(relax(&cap, bearable(before * (1.0 + 1e-9)), &Control::default()).unwrap(), none);
 }
 
 #[test]
@@ -105,7 +123,7 @@ fn what_is_too_small_or_no_disk_or_not_wanted() {
     let closed = relax(&shapes::surface(shapes::sphere(2)), Relaxation::default(), &control);
     assert!(matches!(closed, Err(Error::NotADisk { .. })));
     for (length, least_gain) in [(f64::NAN, 0.0), (-1.0, 0.0), (1.0, f64::NAN), (1.0, -1.0)] {
-        let refused = relax(&cap, Relaxation { length, least_gain }, &control);
+        let refused = relax(&cap, Relaxation { length, least_gain, ..Relaxation::default() }, &control);
         assert!(matches!(refused, Err(Error::RelaxationOption { .. })));
     }
     control.cancel();

@@ -13,6 +13,8 @@ mod sheets;
 pub mod surfels;
 pub mod voxelmesh;
 
+pub use sheets::is_sheet;
+
 use nalgebra::Vector3;
 
 use crate::control::Control;

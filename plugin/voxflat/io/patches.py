@@ -1,0 +1,257 @@
+"""FreeSurfer's patches (``lh.cortex.patch.3d``, ``lh.cortex.patch.flat``, ``lh.cortex.flat.patch.3d``).
+
+A patch lists some points of a surface with places of their own. Its faces are not in the file: they are those of the
+surface, all of whose corners are listed. This is the rule of FreeSurfer's MRISreadPatch (utils/mrisurf_io.cpp), and of
+pycortex and autoflatten; that a point lies at the border is for the eye. The format is big-endian: int32 −1, int32
+number of points, then for each an int32, v + 1 for point v inside and −(v + 1) for one at the border, and three
+float32.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path, check_size, contents, naming
+from voxflat.io.triangles import as_float32, check_faces
+
+_ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
+_REMEDY = "is it complete, and of this format?"
+
+FLAT_PATCH_ENDINGS = (".patch.flat", ".flat.patch.3d")
+"""How the names of patches end that are flat."""
+
+PATCH_ENDING = ".patch.3d"
+"""How the names of patches end that lie in space; so do those of some flat ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Some points of a surface, in places of their own. Making one checks it; a bad array is an `InputError`.
+
+    Parameters
+    ----------
+    vertex_ids : ndarray of int64, shape (k,)
+        Which points of the surface, each once.
+    points : ndarray of float64, shape (k, 3)
+        Their places, mm; in a flat patch z is 0.
+    border : ndarray of bool, shape (k,)
+        Which of them lie at the border of the patch; `patch_border` finds them.
+    path : Path or None
+        The file it came from.
+    """
+
+    vertex_ids: NDArray[np.int64]
+    points: NDArray[np.float64]
+    border: NDArray[np.bool_]
+    path: Path | None = None
+
+    def __repr__(self) -> str:
+        return f"<Patch: {len(self.vertex_ids)} points, {np.count_nonzero(self.border)} of them at the border>"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertex_ids", _check_vertices(self.vertex_ids))
+        object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
+        object.__setattr__(self, "border", np.ascontiguousarray(self.border, dtype=np.bool_))
+        k = len(self.vertex_ids)
+        if self.points.shape != (k, 3) or self.border.shape != (k,):
+            raise InputError(
+                f"a patch of {k} vertices has points of shape {self.points.shape} and a border of shape "
+                f"{self.border.shape}: give ({k}, 3) and ({k},)"
+            )
+        bad = np.flatnonzero(~np.isfinite(self.points).all(axis=1))
+        if len(bad):
+            raise InputError(f"entry {bad[0]} of the patch lies at {self.points[bad[0]].tolist()}: it must be finite")
+
+
+def read_patch(path: str | os.PathLike[str]) -> Patch:
+    """Read a FreeSurfer patch file.
+
+    Parameters
+    ----------
+    path : path
+        Such as ``lh.cortex.patch.3d`` or ``lh.cortex.patch.flat``.
+
+    Returns
+    -------
+    Patch
+        In the order of the file.
+
+    Raises
+    ------
+    InputError
+        The file is no patch, cut short, or names a point twice.
+    FileNotFoundError, PermissionError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, _REMEDY):
+        return parse_patch(path, contents(path))
+
+
+def parse_patch(path: Path, data: bytes) -> Patch:
+    """Return the patch that a file holds."""
+    header = np.frombuffer(data[:8], ">i4") if len(data) >= 8 else np.zeros(2, int)
+    if header[0] != -1:
+        raise InputError(f"begins with {data[:4].hex(' ')} instead of ff ff ff ff: it is no binary patch file")
+    check_size(data, 8 + _ENTRY.itemsize * int(header[1]), f"{header[1]} points", is_exact=True)
+    entries = np.frombuffer(data, _ENTRY, offset=8)
+    signed = entries["vertex"].astype(np.int64)
+    if not signed.all():
+        raise InputError(f"entry {np.flatnonzero(signed == 0)[0]} names vertex 0; patch files count from 1")
+    with np.errstate(invalid="ignore"):  # signalling NaN, refused as others
+        return Patch(np.abs(signed) - 1, entries["point"].astype(np.float64), signed < 0, path)
+
+
+def is_patch(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is a FreeSurfer patch.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+    """
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"\xff\xff\xff\xff"
+
+
+def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
+    """Write a FreeSurfer patch file, all of it or nothing.
+
+    Parameters
+    ----------
+    path : path
+        Such as ``lh.cortex.patch.flat``.
+    patch : Patch
+        Its points are rounded to float32.
+
+    Raises
+    ------
+    InputError
+        The file cannot hold the patch.
+    OSError
+        It cannot be written.
+    """
+    path = Path(path)
+    with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
+        entries = np.empty(len(patch.vertex_ids), _ENTRY)
+        one_based = patch.vertex_ids + 1
+        if one_based.max() > np.iinfo(np.int32).max:
+            raise InputError(f"vertex {patch.vertex_ids.max()} is above what the format can name, 2147483646")
+        entries["vertex"] = np.where(patch.border, -one_based, one_based)
+        entries["point"] = as_float32(patch.points)
+        temporary.write_bytes(np.array([-1, len(entries)], ">i4").tobytes() + entries.tobytes())
+
+
+def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
+    """Find the faces of a patch: those of the surface whose three corners are all listed.
+
+    Parameters
+    ----------
+    faces : array_like of int, shape (F, 3)
+        The surface's triangles.
+    vertices : array_like of int, shape (k,)
+        The patch's points, as numbers of the surface's.
+    n : int
+        Number of the surface's points.
+
+    Returns
+    -------
+    ndarray of bool, shape (F,)
+
+    Raises
+    ------
+    InputError
+        A vertex or a face names a point that the surface does not have.
+    """
+    triangles, rows = _rows(faces, vertices, n)
+    return np.asarray((rows[triangles] >= 0).all(axis=1))
+
+
+def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int64]:
+    """Return the faces of a patch.
+
+    Parameters
+    ----------
+    faces, vertices, n
+        As in `in_patch`.
+
+    Returns
+    -------
+    ndarray of int64, shape (G, 3)
+        As rows of the patch, 0 to k − 1: together with ``patch.points`` a mesh.
+
+    Raises
+    ------
+    InputError
+        As in `in_patch`.
+    """
+    triangles, rows = _rows(faces, vertices, n)
+    return rows[triangles[in_patch(faces, vertices, n)]]
+
+
+def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
+    """Find the border of a patch: points on an edge with a single face, or with a face or no face at all left out.
+
+    Parameters
+    ----------
+    faces, vertices, n
+        As in `in_patch`.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+
+    Raises
+    ------
+    InputError
+        As in `in_patch`.
+    """
+    triangles, rows = _rows(faces, vertices, n)
+    corners = rows[triangles]
+    is_inside = (corners >= 0).all(axis=1)
+    border = np.ones(len(np.asarray(vertices)), dtype=bool)
+    kept = corners[is_inside]
+    border[kept] = False  # a point without a face stays
+    cut = corners[~is_inside]
+    border[cut[cut >= 0]] = True
+    edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
+    pairs, counts = np.unique(edges, axis=0, return_counts=True)
+    border[pairs[counts == 1]] = True
+    return border
+
+
+def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the checked faces, and the row in the patch of each of the surface's points, −1 outside."""
+    triangles, chosen = check_faces(faces, n), _check_vertices(vertices)
+    if chosen.max() >= n:
+        entry = np.flatnonzero(chosen >= n)[0]
+        raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}; the surface has {n} points")
+    rows = np.full(n, -1, dtype=np.int64)
+    rows[chosen] = np.arange(len(chosen))
+    return triangles, rows
+
+
+def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
+    """Check that vertices are whole numbers from 0, each once."""
+    array = np.asarray(vertices)
+    if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
+        raise InputError(f"a patch has one whole number or more, not {array.dtype} of shape {array.shape}")
+    array = np.ascontiguousarray(array, dtype=np.int64)
+    if array.min() < 0:
+        entry = np.flatnonzero(array < 0)[0]
+        raise InputError(f"entry {entry} of the patch is vertex {array[entry]}: they count from 0")
+    order = np.argsort(array, kind="stable")
+    twice = order[1:][np.diff(array[order]) == 0]
+    if len(twice):
+        raise InputError(f"entry {twice.min()} of the patch is vertex {array[twice.min()]}, which it has already")
+    return array

@@ -1,0 +1,280 @@
+"""In which space coordinates are: scanner RAS, where volumes lie, or tkRAS, in which FreeSurfer keeps its surfaces.
+
+The origin of tkRAS (FreeSurfer's "surface RAS") is the centre of a volume, and its axes are the volume's as if it were
+conformed (voxels that run left, inferior, anterior). With D the direction cosines of the volume's axes, as columns
+xras, yras, zras, with L those of a conformed one, and c_ras the centre in scanner RAS,
+
+    scanner RAS = D Lᵀ tkRAS + c_ras
+
+which is vox2ras · inv(vox2ras_tkr) whatever the voxels' size and number; for a conformed volume D = L, and only c_ras
+is added. FreeSurfer writes D and c_ras into the surface's file: its volume geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.errors import InputError
+
+__all__ = ["UNKNOWN", "Space", "VolumeGeometry"]
+
+_CONFORMED = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # the columns are left, inferior, anterior
+_ROUNDING = 1e-3  # of direction cosines
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeGeometry:
+    """FreeSurfer's volume geometry: of the volume whose centre is the origin of tkRAS.
+
+    Parameters
+    ----------
+    cosines : ndarray, shape (3, 3)
+        The directions of the volume's axes in scanner RAS, as columns: xras, yras, zras. Orthonormal within 1e-3.
+    c_ras : ndarray, shape (3,)
+        The volume's centre, scanner RAS, mm.
+    shape : sequence of 3 ints
+        Numbers of voxels.
+    voxel_size : sequence of 3 floats
+        mm.
+    filename : str
+        The volume's file.
+    """
+
+    cosines: NDArray[np.float64]
+    c_ras: NDArray[np.float64]
+    shape: Sequence[int] = (256, 256, 256)
+    voxel_size: Sequence[float] = (1.0, 1.0, 1.0)
+    filename: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.shape) != 3 or len(self.voxel_size) != 3:
+            raise InputError(f"its volume has {list(self.shape)} voxels of {list(self.voxel_size)} mm: give 3 of both")
+        cosines, c_ras = (np.asarray(part, dtype=np.float64) for part in (self.cosines, self.c_ras))
+        if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
+            raise InputError(f"its volume's axes are {cosines.T.tolist()}: they must be orthonormal")
+        if not np.isfinite(c_ras).all():
+            raise InputError(f"its c_ras is {c_ras.tolist()}: it must be finite")
+        object.__setattr__(self, "cosines", cosines)
+        object.__setattr__(self, "c_ras", c_ras)
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "voxel_size", tuple(float(h) for h in self.voxel_size))
+
+    @classmethod
+    def conformed(cls, c_ras: ArrayLike = (0, 0, 0), filename: str = "") -> VolumeGeometry:
+        """Return the geometry of a conformed volume of 256³ voxels of 1 mm.
+
+        Parameters
+        ----------
+        c_ras : array_like, shape (3,)
+            Its centre, scanner RAS, mm.
+        filename : str
+            Its file.
+
+        Returns
+        -------
+        VolumeGeometry
+        """
+        return cls(_CONFORMED, np.asarray(c_ras, dtype=np.float64), filename=filename)
+
+    @classmethod
+    def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
+        """Return the geometry of a volume as FreeSurfer conforms it: about the same centre.
+
+        A volume of another orientation than a conformed one would have a tkRAS that is turned, or mirrored.
+
+        Parameters
+        ----------
+        affine : array_like, shape (4, 4)
+            From voxel indices to scanner RAS, mm.
+        shape : array_like, shape (3,)
+            Numbers of voxels.
+        filename : str
+            Its file.
+
+        Returns
+        -------
+        VolumeGeometry
+            Of the volume itself if it runs left, inferior, anterior.
+        """
+        matrix, counts = np.asarray(affine, dtype=np.float64), np.asarray(shape)
+        sizes = np.linalg.norm(matrix[:3, :3], axis=0)
+        c_ras = matrix[:3, :3] @ (counts / 2) + matrix[:3, 3]
+        if np.abs(matrix[:3, :3] / sizes - _CONFORMED).max() > 1e-6:
+            return cls.conformed(c_ras, filename)
+        return cls(_CONFORMED, c_ras, tuple(counts.tolist()), tuple(sizes.tolist()), filename)
+
+    @classmethod
+    def of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
+        """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS.
+
+        Parameters
+        ----------
+        matrix : array_like, shape (4, 4)
+            A rotation, perhaps with a mirroring, and a shift.
+
+        Returns
+        -------
+        VolumeGeometry
+
+        Raises
+        ------
+        InputError
+            If it is another kind of matrix.
+        """
+        whole = np.asarray(matrix, dtype=np.float64)
+        return cls(whole[:3, :3] @ _CONFORMED, whole[:3, 3])
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """From tkRAS to scanner RAS, shape (4, 4)."""
+        whole = np.eye(4)
+        whole[:3, :3] = self.cosines @ _CONFORMED.T
+        whole[:3, 3] = self.c_ras
+        return whole + 0.0  # no -0
+
+    def __repr__(self) -> str:
+        return f"<VolumeGeometry: c_ras {_numbers(self.c_ras)} mm>"
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The space of a surface's coordinates.
+
+    Parameters
+    ----------
+    name : {"scanner", "tkRAS", "unknown"}
+        "scanner": scanner RAS, the world of volumes' affines (also that of a template). "tkRAS": FreeSurfer's. Those of
+        an unknown space are taken as scanner RAS.
+    volume : VolumeGeometry or None
+        The volume that links scanner RAS and tkRAS; None if it is not known.
+    doubt : str
+        What speaks against the above, for messages: empty if nothing does.
+    """
+
+    name: str = "unknown"
+    volume: VolumeGeometry | None = None
+    doubt: str = ""
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, Any]) -> Space:
+        """Return the space that the metadata of a surface, a map or an atlas tell.
+
+        Parameters
+        ----------
+        metadata : mapping
+            With ``space``, as `described` gives it. Without one: scanner RAS if it was made of voxels.
+
+        Returns
+        -------
+        Space
+        """
+        told = metadata.get("space")
+        if told is None:
+            return cls("scanner") if metadata.get("kind") == "voxels" else UNKNOWN
+        volume = told["volume"]
+        if volume is not None:
+            cosines = np.column_stack([volume[axis] for axis in ("xras", "yras", "zras")])
+            volume = VolumeGeometry(cosines, volume["cras"], volume["volume"], volume["voxelsize"], volume["filename"])
+        return cls(told["name"], volume, told["doubt"])
+
+    def described(self) -> dict[str, Any]:
+        """Return what metadata tell of it, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``name``, ``to_scanner`` (the matrix of shape (4, 4), None if it is not known), ``volume`` (by the names of
+            FreeSurfer's footer, or None) and ``doubt``.
+        """
+        volume = self.volume
+        return {
+            "name": self.name,
+            "to_scanner": None if self._matrix is None else self._matrix.tolist(),
+            "volume": None
+            if volume is None
+            else {
+                "filename": volume.filename,
+                "volume": list(volume.shape),
+                "voxelsize": list(volume.voxel_size),
+                **{axis: volume.cosines[:, n].tolist() for n, axis in enumerate(("xras", "yras", "zras"))},
+                "cras": volume.c_ras.tolist(),
+            },
+            "doubt": self.doubt,
+        }
+
+    @property
+    def _matrix(self) -> NDArray[np.float64] | None:
+        if self.name == "scanner":
+            return np.eye(4)
+        return None if self.name != "tkRAS" or self.volume is None else self.volume.matrix
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is known how to come from here to scanner RAS."""
+        return self._matrix is not None
+
+    def to_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Carry points of this space to scanner RAS.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            mm.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 3)
+            As they are where the way is not known, or none.
+        """
+        return _carried(points, self._matrix)
+
+    def from_scanner(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Carry points of scanner RAS to this space.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            mm.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 3)
+            As they are where the way is not known, or none.
+        """
+        matrix = self._matrix
+        return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
+
+    def __str__(self) -> str:
+        if self.name == "scanner":
+            return "scanner RAS"
+        if self.name != "tkRAS":
+            return "unknown, taken as scanner RAS"
+        if self.volume is None:
+            return "tkRAS, c_ras unknown: taken as scanner RAS"
+        is_turned = not np.array_equal(self.volume.matrix[:3, :3], np.eye(3))
+        turned = ", after a rotation" if is_turned else ""
+        return f"tkRAS: for scanner RAS add c_ras {_numbers(self.volume.c_ras)} mm{turned}"
+
+    def __repr__(self) -> str:
+        return f"<Space: {self}>"
+
+
+UNKNOWN = Space()
+"""Nothing says where the points lie: they are taken as scanner RAS."""
+
+
+def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Carry points by a matrix; one that changes nothing leaves every bit as it is."""
+    places = np.asarray(points, dtype=np.float64)
+    if matrix is None or np.array_equal(matrix, np.eye(4)):
+        return places
+    return np.asarray(places @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"

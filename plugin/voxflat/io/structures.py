@@ -1,0 +1,65 @@
+"""Of which side of the brain a file is, by what it says or by its name."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from voxflat.errors import InputError
+from voxflat.io import formats, gifti
+from voxflat.io.files import REMEDY, contents, naming
+
+__all__ = ["named_structure", "refuse_other_side"]
+
+_LEFT, _RIGHT = "CortexLeft", "CortexRight"
+_NAMES = {
+    r"^lh\.|[._]lh[._]|(^|_)hemi-L[_.]|\.L\.": _LEFT,  # FreeSurfer, BIDS, HCP
+    r"^rh\.|[._]rh[._]|(^|_)hemi-R[_.]|\.R\.": _RIGHT,
+}
+
+
+def named_structure(path: str | os.PathLike[str]) -> str | None:
+    """Tell a side of the cortex by a file's name.
+
+    Parameters
+    ----------
+    path : path
+        Such as ``lh.thickness``, ``sub-01_hemi-L_curv.shape.gii`` or ``100307.L.sulc.32k_fs_LR.shape.gii``.
+
+    Returns
+    -------
+    {"CortexLeft", "CortexRight"} or None
+        None if the name says nothing, or both.
+    """
+    found = [structure for pattern, structure in _NAMES.items() if re.search(pattern, Path(path).name)]
+    return found[0] if len(found) == 1 else None
+
+
+def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> None:
+    """Refuse a file of the other side of the cortex than a surface's.
+
+    Parameters
+    ----------
+    path : path
+        A file of values or labels at vertices; what GIFTI says of itself counts more than its name.
+    structure : str or None
+        The surface's, as GIFTI's AnatomicalStructurePrimary says it.
+
+    Raises
+    ------
+    InputError
+        If it is of the other side.
+    """
+    if structure not in (_LEFT, _RIGHT):
+        return
+    path = Path(path)
+    own = named_structure(path)
+    if formats.by_name(path) == formats.GIFTI:
+        with naming(path, REMEDY):
+            own = gifti.first_metadata(contents(path)).get("AnatomicalStructurePrimary") or own
+    if own in (_LEFT, _RIGHT) and own != structure:
+        raise InputError(
+            f"{path}: is of {own}, the surface of {structure}: give the file of this side, or, if it is meant, its "
+            "values as an array"
+        )

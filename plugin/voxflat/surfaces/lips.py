@@ -1,0 +1,219 @@
+"""What files can hold in which a vertex has one place: which side of a cut they keep, and what they leave out.
+
+A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches number the vertices of the mesh and have
+one place for each, so that triangles on one of the lips are lost. A patch has no triangles of its own, either: whoever
+reads it takes those of the mesh whose corners are all listed (`io.patches.in_patch`), and among them would be some that
+bridge the cut. So vertices at the lips are left out, until none is.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+__all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
+
+
+def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Find the triangles among some of the points.
+
+    Parameters
+    ----------
+    points : ndarray of int64, shape (k,)
+        Numbers of points.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of points.
+
+    Returns
+    -------
+    ndarray of bool, shape (F,)
+        Those whose three corners are all among them.
+    """
+    is_there = np.zeros(max(faces.max(initial=0), points.max(initial=0)) + 1, dtype=np.bool_)
+    is_there[points] = True
+    return np.asarray(is_there[faces].all(axis=1))
+
+
+def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
+    """Choose one of the points that share a vertex, so that few triangles are lost.
+
+    Parameters
+    ----------
+    ids : ndarray of int64, shape (N,)
+        The vertex of the mesh that each point is; the sides of a cut share one.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of points.
+
+    Returns
+    -------
+    ndarray of int64, shape (V,)
+        A point of each vertex, by ascending vertex: first those of one lip, then others, one by one, while that keeps
+        more triangles.
+    """
+    vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
+    if counts.max(initial=1) == 1:
+        return first
+    is_doubled = np.isin(ids, vertices[counts > 1])
+    around: defaultdict[int, list[list[int]]] = defaultdict(list)
+    for triangle in faces[is_doubled[faces].any(axis=1)].tolist():
+        for point in triangle:
+            around[point].append(triangle)
+    vertex_of = ids.tolist()
+    chosen = dict(zip(vertices.tolist(), first.tolist(), strict=True))
+    points_of: defaultdict[int, list[int]] = defaultdict(list)
+    for point in np.flatnonzero(is_doubled).tolist():
+        points_of[vertex_of[point]].append(point)
+
+    def kept(point: int) -> int:
+        others = ([q for q in triangle if q != point] for triangle in around[point])
+        return sum(all(chosen[vertex_of[q]] == q for q in pair) for pair in others)
+
+    is_settled = False
+    while not is_settled:
+        is_settled = True
+        for vertex, points in sorted(points_of.items()):
+            best = max(points, key=kept)
+            if kept(best) > kept(chosen[vertex]):
+                chosen[vertex] = best
+                is_settled = False
+    return np.array([chosen[vertex] for vertex in vertices.tolist()], dtype=np.int64)
+
+
+def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Choose the points that a patch may list: the triangles of the mesh among them are triangles of these points.
+
+    Parameters
+    ----------
+    ids, faces
+        As in `one_point_a_vertex`.
+    bridges : ndarray of int64, shape (B, 3)
+        Vertices of the triangles of the mesh that are none of these, though all their corners are vertices of these.
+
+    Returns
+    -------
+    ndarray of int64, shape (k,)
+        By ascending vertex, at most one a vertex, each in a triangle of the others; all of them in one piece.
+    """
+    points = one_point_a_vertex(ids, faces)
+    is_wrong = ~triangles_of(points, faces)
+    suspects = np.union1d(ids[faces[is_wrong]], bridges)
+    if len(suspects):
+        points = _one_piece(_Corners(ids, faces, bridges, suspects).without_bridges(points), ids, faces)
+        points = _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
+    return _one_piece(points, ids, faces)
+
+
+class _Corners:
+    """The triangles at vertices that may have to be left out, or were.
+
+    Each is held as the point of each of its vertices; a bridge has none, −1.
+    """
+
+    def __init__(
+        self, ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64], suspects: NDArray[np.int64]
+    ) -> None:
+        self.ids, self.faces, self.suspects = ids, faces, suspects
+        near = faces[np.isin(ids[faces], suspects).any(axis=1)]
+        self.vertices = np.unique(ids[near])
+        triangles = [dict(zip(v, p, strict=True)) for v, p in zip(ids[near].tolist(), near.tolist(), strict=True)]
+        triangles += [dict.fromkeys(bridge, -1) for bridge in bridges.tolist()]
+        self.around: defaultdict[int, list[dict[int, int]]] = defaultdict(list)
+        for triangle in triangles:
+            for vertex in triangle:
+                self.around[vertex].append(triangle)
+
+    def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[dict[int, int], bool]]:
+        """Return the triangles at a vertex that a reader finds, and whether they are right."""
+        found = [triangle for triangle in self.around[vertex] if triangle.keys() <= listed.keys()]
+        return [(triangle, all(listed[v] == point for v, point in triangle.items())) for triangle in found]
+
+    def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Leave out vertices, always the one with the most wrong triangles, and of these the one with fewest others."""
+        listed = self._by_vertex(points)
+
+        def rank(vertex: int) -> tuple[int, int, int]:
+            is_right = [right for _, right in self.read(vertex, listed)]
+            return -is_right.count(False), is_right.count(True), vertex
+
+        heap = [rank(vertex) for vertex in self.suspects.tolist()]
+        heapq.heapify(heap)
+        while heap:
+            wrong, right, vertex = rank(heap[0][-1])
+            if wrong == 0 or (wrong, right, vertex) == heap[0]:
+                heapq.heappop(heap)
+                if wrong:
+                    del listed[vertex]
+            else:  # others have gone since
+                heapq.heapreplace(heap, (wrong, right, vertex))
+        return self._points(listed)
+
+    def taken_back(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Take vertices back, on any side of a cut, that bring right triangles alone, which share edges with others."""
+        listed = self._by_vertex(points)
+        kept = self.faces[triangles_of(points, self.faces)]
+        corners = self.ids[kept[np.isin(self.ids[kept], self.vertices).any(axis=1)]].tolist()
+        edges = {edge for triangle in corners for edge in _edges(triangle)}
+        places: defaultdict[int, list[int]] = defaultdict(list)
+        for point in np.flatnonzero(np.isin(self.ids, self.suspects)).tolist():
+            places[int(self.ids[point])].append(point)
+        is_settled = False
+        while not is_settled:
+            is_settled = True
+            for vertex in (vertex for vertex in sorted(places) if vertex not in listed):
+                for point in places[vertex]:
+                    listed[vertex] = point
+                    found = self.read(vertex, listed)
+                    if (
+                        found
+                        and all(right for _, right in found)
+                        and _hang_on([list(triangle) for triangle, _ in found], edges)
+                    ):
+                        edges.update(edge for triangle, _ in found for edge in _edges(list(triangle)))
+                        is_settled = False
+                        break
+                    del listed[vertex]
+        return self._points(listed)
+
+    def _by_vertex(self, points: NDArray[np.int64]) -> dict[int, int]:
+        return dict(zip(self.ids[points].tolist(), points.tolist(), strict=True))
+
+    @staticmethod
+    def _points(listed: dict[int, int]) -> NDArray[np.int64]:
+        return np.array([point for _, point in sorted(listed.items())], dtype=np.int64)
+
+
+def _edges(triangle: list[int]) -> list[frozenset[int]]:
+    a, b, c = triangle
+    return [frozenset((a, b)), frozenset((b, c)), frozenset((c, a))]
+
+
+def _hang_on(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
+    """Tell whether triangles hang together with edges, directly or through each other."""
+    rest, own = triangles, set[frozenset[int]]()
+    while rest:
+        is_far = [edges.isdisjoint(_edges(triangle)) and own.isdisjoint(_edges(triangle)) for triangle in rest]
+        if all(is_far):
+            return False
+        own.update(edge for triangle, far in zip(rest, is_far, strict=True) if not far for edge in _edges(triangle))
+        rest = [triangle for triangle, far in zip(rest, is_far, strict=True) if far]
+    return True
+
+
+def _one_piece(points: NDArray[np.int64], ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the points of the piece with the most triangles that hang together along edges."""
+    kept = faces[triangles_of(points, faces)].astype(np.int64)
+    if len(kept) == 0:
+        return points[:0]
+    edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
+    _, edge_ids = np.unique(edges, axis=0, return_inverse=True)
+    face_ids = np.tile(np.arange(len(kept)), 3)
+    of_edges = coo_matrix((np.ones(len(face_ids)), (face_ids, edge_ids.ravel()))).tocsr()
+    _, pieces = connected_components(of_edges @ of_edges.T, directed=False)
+    largest = np.unique(kept[pieces == np.bincount(pieces).argmax()])
+    return largest[np.argsort(ids[largest], kind="stable")]

@@ -1,0 +1,156 @@
+"""Whether files belong to a surface, which equal numbers of vertices do not say: its pial surface, regions of it.
+
+Both sides of fsaverage and of fs_LR have as many vertices, so that a file of the wrong side fits without a word. What
+geometry is sure of is refused, what it doubts is told.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.errors import InputError
+from voxflat.io.freesurfer import read_label_points
+from voxflat.io.meshes import Mesh
+from voxflat.io.spaces import Space
+from voxflat.io.structures import refuse_other_side
+from voxflat.surfaces.medial_wall import is_medial_wall
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["check_pial", "check_region", "in_space_of"]
+
+_OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
+_BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
+_SIDE = 5.0  # mm from the middle that a side is sure
+
+
+def in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
+    """Return the points of another mesh in the space of one, where both are known.
+
+    Parameters
+    ----------
+    mesh, other : Mesh
+        Of one brain.
+
+    Returns
+    -------
+    ndarray of float64, shape (N, 3)
+        As they are where the spaces are the same, or one is not known.
+    """
+    is_same = mesh.space.described()["to_scanner"] == other.space.described()["to_scanner"]
+    if is_same or not (mesh.space.is_known and other.space.is_known):
+        return other.points
+    return mesh.space.from_scanner(other.space.to_scanner(other.points))
+
+
+def check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
+    """Check that a pial surface lies outside a white one, vertex by vertex.
+
+    From vertex to vertex the way leads along the surface's normals. Its share outwards, the sum of the parts along the
+    normals over the sum of the lengths, needs no unit and no usual thickness.
+
+    Parameters
+    ----------
+    core : _core.Surface
+        The white surface, whose triangles face outside.
+    mesh, pial : Mesh
+        What was given, with as many vertices.
+    places : ndarray, shape (N, 3)
+        The pial surface's points in the space of the white one's.
+
+    Returns
+    -------
+    list of str
+        What the user should know.
+
+    Raises
+    ------
+    InputError
+        If they are of different structures, or the pial surface does not lie outside.
+    """
+    if mesh.structure and pial.structure and mesh.structure != pial.structure:
+        raise InputError(f"the surface is of {mesh.structure}, the pial one of {pial.structure}: give both of one side")
+    way = (places - mesh.points)[core.ids]
+    lengths = np.linalg.norm(way, axis=1)
+    if not lengths.any():
+        return ["the pial surface is the surface itself: distances are measured there, not midway"]
+    normals = np.nan_to_num(_core.vertex_normals(core.points, core.faces))
+    outward = float((normals * way).sum() / lengths.sum())
+    apart = (
+        f"on the way to the pial surface, {np.median(lengths):.3g} mm (median), {100 * outward:.0f} % leads outwards "
+        "(more than 90 % is usual)"
+    )
+    is_closed = not core.topology()["loops"]
+    if outward < -_OUTWARD[1] and is_closed:
+        raise InputError(f"the pial surface lies inside the surface: are they exchanged? {apart}")
+    if abs(outward) < _OUTWARD[0]:
+        raise InputError(
+            f"the pial surface does not belong to the surface: {apart}; is it of the other side, of another subject or "
+            "space, or inflated?"
+        )
+    if outward < _OUTWARD[1]:
+        return [f"the pial surface may not belong to the surface: {apart}"]
+    return []
+
+
+def check_region(whole: Surface, region: str | os.PathLike[str]) -> list[str]:
+    """Check that a region's file is of this side of the brain, and that the points of a FreeSurfer label lie on it.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    region : path
+        As `keep` and `drop` of `voxflat.flatten`, read without an error.
+
+    Returns
+    -------
+    list of str
+        What the user should know: that they lie elsewhere.
+
+    Raises
+    ------
+    InputError
+        If it is of the other side.
+    """
+    if whole.is_voxels or is_medial_wall(region):
+        return []
+    refuse_other_side(region, whole.metadata.get("structure"))
+    return _check_label(whole, Path(region)) if Path(region).name.lower().endswith(".label") else []
+
+
+def _check_label(whole: Surface, path: Path) -> list[str]:
+    """Compare the points that a label lists to the vertices that it names.
+
+    They are those of the surface that it was drawn on, often the white one; all of them 0 mean nothing.
+    """
+    vertices, points = read_label_points(path)
+    place = np.full((whole.count, 3), np.nan)
+    place[whole.vertices] = whole.points
+    there = place[vertices]
+    is_known = np.isfinite(there).all(axis=1) & np.isfinite(points).all(axis=1)
+    there, points = there[is_known], points[is_known]
+    if not points.any():
+        return []
+    space = whole.space
+    if space.name == "scanner" and space.volume is not None:
+        points = Space("tkRAS", space.volume).to_scanner(points)
+    elif space.name != "tkRAS":
+        points = points + (there.mean(axis=0) - points.mean(axis=0))  # c_ras is not known
+    far = float(np.median(np.linalg.norm(points - there, axis=1)))
+    if far <= _BESIDE:
+        return []
+    sides = points[:, 0].mean(), there[:, 0].mean()
+    if sides[0] * sides[1] < 0 and min(map(abs, sides)) > _SIDE:
+        raise InputError(
+            f"{path}: its points lie on the other side of the brain than the vertices that it names "
+            f"(x = {sides[0]:.0f} and {sides[1]:.0f} mm on average): give the label of this side"
+        )
+    return [
+        f"the points of {path.name} lie {far:.0f} mm (median) from the vertices that it names: is it of this surface, "
+        "and is this one white, pial or between?"
+    ]

@@ -1,0 +1,233 @@
+"""The spaces of surfaces in and out; nibabel reads what is written, and its matrices are those of FreeSurfer."""
+
+import re
+
+import nibabel as nib
+import numpy as np
+import pytest
+from brain_spaces import (
+    C_RAS,
+    CONFORMED,
+    WAYS,
+    ball,
+    footer,
+    header,
+    mris_convert,
+    oblique,
+    smriprep_old,
+    to_scanner,
+    volume_geometry,
+    write_freesurfer,
+    write_gifti,
+)
+
+import voxflat
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.spaces import Space, VolumeGeometry
+from voxflat.io.structures import named_structure
+
+IN_SCANNER = ["s.surf.gii", "s.vtp", "s.ply", "s.obj"]
+
+
+@pytest.mark.parametrize("axes", [CONFORMED, oblique()], ids=["conformed", "oblique"])
+@pytest.mark.parametrize("name", WAYS)
+def test_each_programs_space_is_known(tmp_path, name, axes):
+    (points, faces), of = ball(), header(axes)
+    mesh = read_mesh(WAYS[name](tmp_path / name, points, faces, of))
+    assert mesh.space.name == {"lh": "tkRAS", "mris_convert": "tkRAS", "mris_convert_old": "tkRAS"}.get(
+        name.split(".")[0], "unknown" if name.startswith("smriprep") else "scanner"
+    )
+    assert mesh.space.doubt == ""
+    assert mesh.remarks == ()
+    np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
+    np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
+    again = Space.of({"space": mesh.space.described()})
+    assert again.described() == mesh.space.described()
+
+
+@pytest.mark.parametrize("shape", [(256, 256, 256), (320, 300, 257)])
+@pytest.mark.parametrize("axes", [CONFORMED, oblique(), np.eye(3)], ids=["conformed", "oblique", "RAS"])
+def test_the_matrix_is_freesurfers(axes, shape):
+    of = header(axes, shape=shape, size=(1.0, 0.8, 1.2))
+    volume = VolumeGeometry(np.transpose(axes), np.array(C_RAS), shape, (1.0, 0.8, 1.2))
+    matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
+    np.testing.assert_allclose(volume.matrix, matrix, atol=1e-5)
+    np.testing.assert_allclose(VolumeGeometry.of_matrix(matrix).matrix, matrix, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name", ["lh.white", "mris_convert.surf.gii", "mris_convert_old.surf.gii", "to_scanner.surf.gii"]
+)
+@pytest.mark.parametrize("axes", [CONFORMED, oblique()], ids=["conformed", "oblique"])
+def test_freesurfers_files_get_tkras_and_a_footer(tmp_path, name, axes):
+    (points, faces), of = ball(), header(axes)
+    write_mesh(tmp_path / "lh.again", read_mesh(WAYS[name](tmp_path / name, points, faces, of)))
+    written, _, told = nib.freesurfer.read_geometry(tmp_path / "lh.again", read_metadata=True)
+    np.testing.assert_allclose(written, points, atol=1e-4)
+    for key, value in footer(of).items():
+        if key == "filename":
+            assert told[key].endswith("filled.mgz")
+        elif key == "valid":
+            assert told[key].startswith("1")
+        else:
+            np.testing.assert_allclose(told[key], value, atol=1e-6)
+    if name == "lh.white":  # not a bit is changed
+        np.testing.assert_array_equal(written, points)
+
+
+@pytest.mark.parametrize("name", IN_SCANNER)
+def test_all_others_are_in_scanner_ras(tmp_path, name):
+    """As tools take them with volumes; nothing is left that would make another tool move them again."""
+    (points, faces), of = ball(), header(oblique())
+    voxflat.surface(write_freesurfer(tmp_path / "lh.white", points, faces, of)).save(tmp_path / name)
+    read = read_mesh(tmp_path / name)
+    np.testing.assert_allclose(read.points, to_scanner(points, of), atol=1e-4)
+    if name.endswith(".gii"):
+        array = nib.load(tmp_path / name).darrays[0]
+        assert (array.coordsys.dataspace, array.coordsys.xformspace) == (1, 1)
+        np.testing.assert_array_equal(array.coordsys.xform, np.eye(4))
+        assert not [key for key in array.meta if key.startswith("VolGeom")]
+        assert read.space.name == "scanner"
+
+
+@pytest.mark.parametrize("kind", ["conformed", "other", "bare"])
+def test_a_surface_of_a_volume_as_freesurfers(tmp_path, kind):
+    """It lies at its place by its footer: that of the volume, or of the same conformed, about the same centre."""
+    mask = np.zeros((20, 22, 24), np.uint8)
+    mask[6:14, 5:15, 8:16] = 1
+    axes = CONFORMED if kind == "conformed" else oblique()
+    of = header(axes, shape=mask.shape, size=(2.0, 2.0, 2.0))
+    nib.save(nib.MGHImage(mask, None, of), tmp_path / "wm.mgz")
+    made = voxflat.surface(mask if kind == "bare" else tmp_path / "wm.mgz")
+    made.save(tmp_path / "lh.white")
+    points, _, told = nib.freesurfer.read_geometry(tmp_path / "lh.white", read_metadata=True)
+    if kind == "bare":  # nothing says where it lies
+        np.testing.assert_allclose(points, made.points, atol=1e-5)
+        assert told == {}
+        return
+    written = header([told[axis] for axis in ("xras", "yras", "zras")], told["cras"], told["volume"], told["voxelsize"])
+    np.testing.assert_allclose(to_scanner(points, written), made.points, atol=1e-4)
+    np.testing.assert_allclose(told["cras"], C_RAS, atol=1e-5)
+    np.testing.assert_array_equal(written["Mdc"], CONFORMED)
+    assert tuple(told["volume"]) == (mask.shape if kind == "conformed" else (256, 256, 256))
+    again = voxflat.surface(tmp_path / "lh.white")
+    np.testing.assert_allclose(again.space.to_scanner(again.points), made.points, atol=1e-4)
+
+
+def test_scanner_ras_without_a_volume_gets_a_footer_that_moves_nothing(tmp_path):
+    points, faces = ball()
+    write_mesh(tmp_path / "lh.white", read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, {}, (1, 1))))
+    written, _, told = nib.freesurfer.read_geometry(tmp_path / "lh.white", read_metadata=True)
+    np.testing.assert_array_equal(written, points)
+    np.testing.assert_array_equal(told["cras"], 0)
+    np.testing.assert_array_equal([told[axis] for axis in ("xras", "yras", "zras")], CONFORMED)
+
+
+def test_freesurfers_tag_of_scanner_ras(tmp_path):
+    """TAG_OLD_USEREALRAS is 1 where the file was written by mris_convert --to-scanner; nibabel does not read on."""
+    (points, faces), of = ball(), header()
+    path = write_freesurfer(tmp_path / "lh.white", points, faces, of)
+    data = path.read_bytes()
+    tag = np.array([2, 0, 20], ">i4").tobytes()
+    assert data.count(tag) == 1
+    path.write_bytes(data.replace(tag, np.array([2, 1, 20], ">i4").tobytes()))
+    assert read_mesh(path).space.name == "scanner"
+
+
+def test_a_footer_that_says_nothing(tmp_path, caplog):
+    (points, faces), of = ball(), header()
+    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", footer(of, "0  # volume info invalid"))
+    space = read_mesh(tmp_path / "lh.white").space
+    assert (space.name, space.is_known) == ("tkRAS", False)
+    assert "does not say where their volume lies (c_ras)" in space.doubt
+    voxflat.surface(tmp_path / "lh.white").save(tmp_path / "s.surf.gii")
+    assert re.search(r"s\.surf\.gii may lie elsewhere than volumes: .*c_ras", caplog.text)
+    assert read_mesh(tmp_path / "s.surf.gii").space.name == "unknown"
+    bad = footer(of) | {"xras": np.array([np.nan, 0, 0])}
+    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", bad)
+    assert "they must be orthonormal" in read_mesh(tmp_path / "lh.white").space.doubt
+    bad = footer(of) | {"cras": np.array([np.inf, 0, 0])}
+    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces, "me", bad)
+    assert "c_ras is [inf, 0.0, 0.0]" in read_mesh(tmp_path / "lh.white").space.doubt
+
+
+def test_the_middle_must_be_near_one_of_both_readings(tmp_path):
+    """Else the file says nothing: a surface that was cut or replaced keeps the metadata of the one before."""
+    (points, faces), of = ball(), header()
+    for moved, name in ((0, "tkRAS"), (1, "scanner"), (0.5, "tkRAS")):
+        meta = volume_geometry(of, points)
+        space = read_mesh(write_gifti(tmp_path / "s.surf.gii", points + moved * np.array(C_RAS), faces, meta)).space
+        assert space.name == name
+        assert bool(space.doubt) == (moved == 0.5)
+    for bad in ("x", "nan", "inf"):
+        meta = volume_geometry(of, points) | {"SurfaceCenterX": bad}
+        assert read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)).space.doubt
+        meta = volume_geometry(of, points) | {"VolGeomC_R": bad}
+        assert "damaged" in read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)).space.doubt
+
+
+def test_a_matrix_without_a_volume_is_enough(tmp_path):
+    (points, faces), of = ball(), header(oblique())
+    matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
+    mesh = read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, {}, (0, 1), matrix))
+    np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
+    bad = read_mesh(write_gifti(tmp_path / "s.surf.gii", points, faces, {}, (0, 1), np.diag([2.0, 1, 1, 1])))
+    assert (bad.space.name, bad.space.is_known) == ("unknown", False)
+    assert "orthonormal" in bad.space.doubt
+
+
+def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
+    (points, faces), of = ball(), header(oblique())
+    core = voxflat.surface((points, faces))
+    outside = (
+        points + 2.5 * (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0), axis=1)[:, None]
+    )
+    white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
+    both = []
+    for name in ("lh.white", "to_scanner.surf.gii"):
+        pial = WAYS[name](tmp_path / f"pial_{name}", outside, faces, of)
+        both.append(voxflat.surface(white, pial=pial).points)
+    np.testing.assert_allclose(both[0], both[1], atol=1e-4)
+    assert len(core) == len(both[0])
+
+
+def test_flat_maps_have_no_space(tmp_path):
+    (points, faces), of = ball(), header()
+    m = voxflat.flatten(
+        mris_convert(tmp_path / "lh.surf.gii", points, faces, of), seed_point=0, radius=25.0, sources=20
+    )
+    m.save(tmp_path / "flat.surf.gii")
+    array = nib.load(tmp_path / "flat.surf.gii").darrays[0]
+    assert (array.coordsys.dataspace, array.coordsys.xformspace) == (0, 0)
+    np.testing.assert_allclose(array.data[m.ids, :2], m.uv, atol=1e-4)
+    picture = np.zeros((8, 8, 3), np.uint8)
+    m.textured(picture).save(tmp_path / "t.ply")  # on the surface, in scanner RAS as all but FreeSurfer's
+    np.testing.assert_allclose(read_mesh(tmp_path / "t.ply").points, to_scanner(points, of)[m.ids], atol=1e-4)
+
+
+def test_unknown_points_are_written_as_they_are(tmp_path):
+    points, faces = ball()
+    for name in (*IN_SCANNER, "lh.white"):
+        write_mesh(tmp_path / name, Mesh(points, faces))
+        np.testing.assert_allclose(read_mesh(tmp_path / name).points, points, rtol=1e-6)
+    assert nib.freesurfer.read_geometry(tmp_path / "lh.white", read_metadata=True)[2] == {}
+    smriprep_old(tmp_path / "old.surf.gii", points, faces, header(c_ras=(0, 0, 0)))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "old.surf.gii").points, points)
+
+
+@pytest.mark.parametrize(
+    ("name", "structure"),
+    [
+        ("lh.thickness", "CortexLeft"),
+        ("rh.aparc.annot", "CortexRight"),
+        ("sub-01_hemi-L_curv.shape.gii", "CortexLeft"),
+        ("sub-01_ses-1_hemi-R_space-fsLR_den-91k_sulc.shape.gii", "CortexRight"),
+        ("100307.R.sulc.32k_fs_LR.shape.gii", "CortexRight"),
+        ("bert.lh.curv.mgz", "CortexLeft"),
+        ("lh.from.rh.label", None),
+        ("Left.txt", None),
+        ("hemi-Lx", None),
+    ],
+)
+def test_sides_by_names(name, structure):
+    assert named_structure(f"/rh.data/{name}") == structure

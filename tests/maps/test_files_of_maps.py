@@ -1,0 +1,184 @@
+"""What every format holds of every kind of map, as an independent reader of that format finds it.
+
+    | kind of map                  | .npz | .vtp | .ply .obj | .surf.gii | .patch.flat .flat.patch.3d |
+    | ---------------------------- | ---- | ---- | --------- | --------- | -------------------------- |
+    | mesh                         | all  | all  | all       | all       | all                        |
+    | mesh with cuts, also glued   | all  | all  | all       | cuts      | lips                       |
+    | surface or sheet of voxels   | all  | all  | all       | all       | refused                    |
+    | grossmann2002, where torn    | all  | all  | torn      | torn      | refused                    |
+
+all: every triangle comes back, with its corners where the map has them. cuts, lips, torn: those are left out that a cut
+doubles, that patches cannot hold at a cut, and that are torn; the message says how many, and that is what is missing.
+"""
+
+import logging
+import re
+import subprocess
+
+import freesurfer_rule
+import nibabel
+import numpy as np
+import pytest
+import pyvista as pv
+from mesh_files import needs_workbench
+from shapes import curled_sheet
+
+import voxflat
+from voxflat.io.meshes import Mesh, write_mesh
+
+FORMATS = ("map.npz", "map.vtp", "map.ply", "map.obj", "map.surf.gii", "lh.map.patch.flat", "lh.map.flat.patch.3d")
+CUT = np.arange(6, 6 + 13 * 8, 13)
+
+
+def bumps(size=13):
+    i, j = (part.ravel() for part in np.meshgrid(np.arange(size), np.arange(size), indexing="ij"))
+    a = np.arange(size * (size - 1)).reshape(-1, size)[:, :-1].ravel()
+    points = np.column_stack([2.0 * i, 2.0 * j, 2 * np.sin(i * 0.9) + np.cos(j * 0.8)])
+    faces = np.concatenate([np.column_stack([a, a + size, a + 1]), np.column_stack([a + 1, a + size, a + size + 1])])
+    return points, faces
+
+
+def ball():
+    grid = np.stack(np.meshgrid(*[np.arange(19.0)] * 3, indexing="ij"))
+    return (np.linalg.norm(grid - 9, axis=0) < 7).astype(np.uint8)
+
+
+def squeezed():
+    """Return a map over the 26-neighbour graph that is torn: of a whole ball's half, which cannot be flat."""
+    return voxflat.flatten(ball(), method="grossmann2002", seed_point=(9, 9, 16), radius=12.0, sources=60)
+
+
+KINDS = {
+    "mesh": lambda: voxflat.flatten(bumps(), sources=40),
+    "mesh with a cut": lambda: voxflat.flatten(bumps(), cuts=[CUT], sources=40),
+    "mesh without two triangles": lambda: voxflat.flatten(
+        voxflat.surface(bumps()), keep=(bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)), sources=40
+    ),
+    "glued": lambda: voxflat.flatten(bumps(), method="saucan2006", cuts=[CUT]),
+    "voxels": lambda: voxflat.flatten(ball(), seed_point=(9, 9, 16), radius=9.0, sources=40),
+    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), sources=40),
+    "torn": squeezed,
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def flat(request):
+    made = KINDS[request.param]()
+    doubled = len(made) - len(np.unique(made.ids, axis=0))
+    assert (doubled > 0) == (request.param in ("mesh with a cut", "glued"))
+    assert made.torn.any() == (request.param == "torn")
+    return made
+
+
+def from_npz(path, flat):
+    with np.load(path) as arrays:
+        return arrays["uv"][arrays["faces"]], None
+
+
+def from_vtk(path, flat):
+    mesh = pv.read(path)
+    return np.asarray(mesh.points)[mesh.regular_faces], mesh.cell_data.get("torn")
+
+
+def from_gifti(path, flat):
+    points, faces = (array.data for array in nibabel.load(path).darrays)
+    if not flat.is_voxels:
+        assert len(points) == flat.metadata["vertices"]
+    return points[faces], None
+
+
+def from_patch(path, flat):
+    places, _, triangles = freesurfer_rule.read_patch(path, bumps()[1])
+    return np.array([[places[vertex] for vertex in triangle] for triangle in triangles]), None
+
+
+READERS = {"npz": from_npz, "gii": from_gifti, "flat": from_patch, "3d": from_patch}
+
+
+def rows(corners):
+    """Return one row a triangle, from its first corner in the order of places, so that both sides compare as sets."""
+    corners = np.round(np.asarray(corners, dtype=np.float64)[..., :2], 3) + 0.0
+    first = np.lexsort((corners[..., 1], corners[..., 0]))[:, 0]
+    turned = np.stack(
+        [np.take_along_axis(corners, ((first + k) % 3)[:, None, None], axis=1)[:, 0] for k in range(3)], axis=1
+    )
+    return [tuple(row) for row in turned.reshape(-1, 6)]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_comes_back(flat, name, tmp_path, caplog):
+    path = tmp_path / name
+    caplog.clear()
+    with caplog.at_level(logging.WARNING, "voxflat"):
+        if flat.is_voxels and ".patch." in name:
+            with pytest.raises(voxflat.InputError, match="voxels have none; save as"):
+                flat.save(path)
+            assert not path.exists()
+            return
+        flat.save(path)
+    corners, torn = READERS.get(name.rsplit(".", 1)[1], from_vtk)(path, flat)
+    found = rows(corners)
+    own = rows(flat.uv[flat.faces])
+    assert len(set(found)) == len(found)
+    assert set(found) <= set(own)  # as the map has them, and turned as there
+    missing = len(own) - len(found)
+    numbers = [[int(n) for n in re.findall(r"\d+", record.getMessage())] for record in caplog.records]
+    if ".patch." in name:
+        assert [said[2:] for said in numbers] == ([[missing, len(own)]] if missing else [])
+    else:
+        assert [said[:2] for said in numbers] == ([[missing, len(own)]] if missing else [])
+    is_cut = not flat.is_voxels and (len(flat) > len(np.unique(flat.ids)) or len(flat.bridges) > 0)
+    is_doubled = not flat.is_voxels and len(flat) > len(np.unique(flat.ids))
+    expected = {"gii": is_doubled, "flat": is_cut, "3d": is_cut}.get(name.rsplit(".", 1)[1], False)
+    if name.endswith((".ply", ".obj", ".gii")):
+        expected = expected or flat.torn.any()
+    assert (missing > 0) == expected
+    if flat.torn.any():
+        kept = set(rows(flat.uv[flat.faces[~flat.torn]]))
+        if name.endswith(".vtp"):
+            assert {row for row, is_torn in zip(found, torn, strict=True) if not is_torn} == kept
+        elif not name.endswith(".npz"):
+            assert set(found) == kept
+
+
+@pytest.mark.slow
+@needs_workbench
+def test_workbench_finds_the_same_areas(flat, tmp_path):
+    flat.save(tmp_path / "lh.flat.surf.gii")
+    paths = [str(tmp_path / name) for name in ("lh.flat.surf.gii", "areas.func.gii")]
+    subprocess.run(["wb_command", "-surface-vertex-areas", *paths], check=True, capture_output=True)
+    corners, _ = from_gifti(paths[0], flat)
+    a, b = (corners[:, k, :2].astype(np.float64) - corners[:, 0, :2] for k in (1, 2))
+    areas = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    found = nibabel.load(paths[1]).darrays[0].data
+    assert found.sum(dtype=np.float64) == pytest.approx(areas.sum(), rel=1e-5)
+    information = subprocess.run(
+        ["wb_command", "-file-information", paths[0]], check=True, capture_output=True, text=True
+    )
+    assert re.search(rf"Number of Triangles: +{len(corners)}\b", information.stdout.replace(",", "")), (
+        information.stdout
+    )
+
+
+class TestSurfaces:
+    """The same for surfaces in space, whole and cut, and FreeSurfer's own geometry."""
+
+    @pytest.mark.parametrize("name", ["lh.white", "cut.surf.gii", "cut.vtp", "cut.ply", "cut.obj"])
+    @pytest.mark.parametrize("cuts", [(), (CUT,)])
+    def test_what_comes_back(self, name, cuts, tmp_path):
+        surface = voxflat.cut(bumps(), cuts=list(cuts), relax=False).surface
+        surface.save(tmp_path / name)
+        if name.startswith("lh."):
+            points, faces = nibabel.freesurfer.read_geometry(tmp_path / name)
+        elif name.endswith(".gii"):
+            points, faces = (array.data for array in nibabel.load(tmp_path / name).darrays)
+        else:
+            mesh = pv.read(tmp_path / name)
+            points, faces = np.asarray(mesh.points), mesh.regular_faces
+        np.testing.assert_array_equal(faces, surface.faces)
+        np.testing.assert_allclose(points, surface.points, rtol=1e-6, atol=1e-6)
+
+    def test_a_mesh_of_others_is_written_as_it_was_read(self, tmp_path):
+        write_mesh(tmp_path / "lh.white", Mesh(*bumps()))
+        voxflat.surface(tmp_path / "lh.white").save(tmp_path / "lh.again")
+        assert (tmp_path / "lh.again").read_bytes() == (tmp_path / "lh.white").read_bytes()

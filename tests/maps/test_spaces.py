@@ -1,0 +1,212 @@
+"""Volumes are sampled where they lie, whatever space the surface is in: tkRAS, scanner RAS, in each program's files."""
+
+import shutil
+import subprocess
+
+import nibabel as nib
+import numpy as np
+import pytest
+from brain_spaces import (
+    C_RAS,
+    CONFORMED,
+    WAYS,
+    ball,
+    header,
+    mris_convert_old,
+    oblique,
+    smriprep_old,
+    to_scanner,
+    volume_geometry,
+    write_freesurfer,
+    write_gifti,
+)
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.io.meshes import read_mesh
+from voxflat.maps.raster import Raster
+
+AFFINES = {
+    "RAS": np.array([[4.0, 0, 0, -120], [0, 4, 0, -140], [0, 0, 4, -80], [0, 0, 0, 1]]),
+    "LAS": np.array([[-3.5, 0, 0, 90], [0, 4, 0, -140], [0, 0, 4.5, -80], [0, 0, 0, 1]]),
+    "conformed": header(shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
+    "oblique": header(axes=oblique(), shape=(60, 60, 60), size=(4.0, 4.0, 4.0)).get_vox2ras(),
+}
+
+
+def coordinate_volume(path, affine, axis):
+    """Write a volume whose value is the x, y or z of scanner RAS: linear, so that interpolation gives it everywhere."""
+    ijk = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1)
+    values = nib.affines.apply_affine(affine, ijk)[..., axis].astype(np.float32)
+    nib.save(nib.MGHImage(values, affine), path)
+    return path
+
+
+def flat(path):
+    return voxflat.flatten(path, seed_point=0, radius=25.0, sources=20)
+
+
+@pytest.fixture(scope="module")
+def volumes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("volumes")
+    return {
+        name: [coordinate_volume(folder / f"{name}{axis}.mgz", affine, axis) for axis in range(3)]
+        for name, affine in AFFINES.items()
+    }
+
+
+def agrees(m, volumes, scanner, depth=0.0):
+    """Compare what a map shows of x, y and z to where its pixels lie in scanner RAS."""
+    raster = m.raster()
+    there = raster.interpolate(scanner[m.ids])
+    for axis in range(3):
+        shown = m.image(volumes[axis], depth=depth).data
+        np.testing.assert_allclose(shown, there[..., axis], atol=2e-4)
+    assert raster.inside.sum() > 100
+
+
+@pytest.mark.parametrize("axes", [CONFORMED, oblique()], ids=["conformed", "oblique"])
+@pytest.mark.parametrize("name", WAYS)
+def test_each_programs_surface_is_sampled_at_its_place(tmp_path, volumes, name, axes):
+    (points, faces), of = ball(), header(axes)
+    m = flat(WAYS[name](tmp_path / name, points, faces, of))
+    scanner = to_scanner(points.astype(np.float64), of)
+    agrees(m, volumes["RAS"], scanner)
+    stored = read_mesh(tmp_path / name).points
+    np.testing.assert_array_equal(m.points, stored[m.ids])  # points stay the file's
+    np.testing.assert_allclose(m.space.to_scanner(m.points), scanner[m.ids], atol=1e-4)
+    ids, places = m.locate()
+    np.testing.assert_allclose(
+        m.space.to_scanner(places[ids >= 0]), m.raster().interpolate(scanner[m.ids])[ids >= 0], atol=1e-4
+    )
+    matrix = np.array(m.metadata["space"]["to_scanner"] or np.eye(4))
+    np.testing.assert_allclose(nib.affines.apply_affine(matrix, m.points), scanner[m.ids], atol=1e-4)
+    assert m.metadata["warnings"] == []
+
+
+@pytest.mark.parametrize("kind", AFFINES)
+def test_each_affine(tmp_path, volumes, kind):
+    (points, faces), of = ball(), header()
+    m = flat(write_freesurfer(tmp_path / "lh.white", points, faces, of))
+    agrees(m, volumes[kind], points + np.array(C_RAS))
+    m.save(tmp_path / "map.npz")
+    agrees(voxflat.load(tmp_path / "map.npz"), volumes[kind], points + np.array(C_RAS))
+
+
+def test_freesurfers_own_volume_lies_with_its_surface(tmp_path):
+    """Of orig.mgz the voxel at a vertex is inv(vox2ras_tkr) of its place, as FreeSurfer's tools have it."""
+    (points, faces), of = ball(), header(oblique(), shape=(64, 64, 64), size=(4.0, 4.0, 4.0))
+    ijk = np.stack(np.meshgrid(*[np.arange(64, dtype=np.float32)] * 3, indexing="ij"), axis=-1)
+    m = flat(write_freesurfer(tmp_path / "lh.white", points, faces, of))
+    voxels = m.raster().interpolate(nib.affines.apply_affine(np.linalg.inv(of.get_vox2ras_tkr()), points)[m.ids])
+    for axis in range(3):
+        nib.save(nib.MGHImage(ijk[..., axis].copy(), None, of), tmp_path / "orig.mgz")
+        np.testing.assert_allclose(m.image(tmp_path / "orig.mgz").data, voxels[..., axis], atol=2e-4)
+
+
+def test_depth_and_pages(tmp_path, volumes):
+    (points, faces), of = ball(), header(oblique())
+    path = write_freesurfer(tmp_path / "lh.white", points, faces, of)
+    m = flat(path)
+    outside = m.points + 3.0 * m.normals
+    there = m.raster().interpolate(to_scanner(outside, of))
+    shown = m.image(volumes["RAS"][2], depth=3.0).data
+    assert np.nanmax(np.abs(shown - there[..., 2])) < 0.05  # normals between vertices are made unit vectors again
+    page = voxflat.patches(path, 20.0).page()
+    ids, places = page.locate()
+    shown = page.image(volumes["RAS"][0]).data
+    np.testing.assert_allclose(shown[ids >= 0], to_scanner(places[ids >= 0], of)[:, 0], atol=2e-4)
+
+
+def test_without_c_ras_nothing_changes(tmp_path, volumes, caplog):
+    """Bit for bit: a footer with c_ras 0, scanner RAS, or no word of a space."""
+    points, faces = ball()
+    bare = flat((points, faces))
+    images = [bare.image(path).data for path in volumes["oblique"]]
+    of = header(c_ras=(0, 0, 0))
+    paths = [
+        write_freesurfer(tmp_path / "lh.white", points, faces, of),
+        smriprep_old(tmp_path / "smriprep.surf.gii", points, faces, of),
+        write_gifti(tmp_path / "plain.surf.gii", points, faces, {}),
+        write_gifti(tmp_path / "scanner.surf.gii", points, faces, {}, (1, 1)),
+    ]
+    for path in paths:
+        for volume, image in zip(volumes["oblique"], images, strict=True):
+            np.testing.assert_array_equal(flat(path).image(volume).data, image)
+    assert caplog.messages == []
+
+
+def test_smriprep_of_old_set_the_centre_to_zero(tmp_path, volumes):
+    (points, faces), of = ball(), header()
+    agrees(flat(smriprep_old(tmp_path / "s.surf.gii", points, faces, of)), volumes["LAS"], to_scanner(points, of))
+
+
+def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
+    (points, faces), of = ball(), header()
+    nib.freesurfer.write_geometry(tmp_path / "lh.white", points, faces)
+    flat(tmp_path / "lh.white").image(volumes["RAS"][0])
+    assert "does not say where their volume lies (c_ras); give a file that says it" in caplog.text
+    caplog.clear()
+    meta = {name: value for name, value in volume_geometry(of, points).items() if "Center" not in name}
+    for spaces, moved, reading in (((0, 3), points + np.array(C_RAS), "(tkRAS)"), ((3, 3), points, "(scanner RAS)")):
+        m = flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta, spaces))
+        assert caplog.messages == []  # it does not matter yet
+        agrees(m, volumes["RAS"], moved)
+        assert "c_ras (3, -17, 22) mm and does not say whether its coordinates include it" in caplog.text
+        assert reading in caplog.text
+        caplog.clear()
+    meta |= {"VolGeomX_R": "-0.5"}
+    agrees(flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)), volumes["RAS"], points)
+    assert "its volume geometry (VolGeom...) is damaged" in caplog.text
+
+
+def test_the_command_line_tells_the_space(tmp_path, volumes):
+    (points, faces), of = ball(1), header()
+    path = str(write_freesurfer(tmp_path / "lh.white", points, faces, of))
+    told = CliRunner().invoke(cli.main, ["check", path]).output
+    assert "tkRAS: for scanner RAS add c_ras (3, -17, 22) mm" in told
+    (tmp_path / "out").mkdir()
+    made = str(tmp_path / "out" / "lh.surf.gii")
+    assert CliRunner().invoke(cli.main, ["surface", path, "-o", made]).exit_code == 0
+    assert "scanner RAS" in CliRunner().invoke(cli.main, ["check", made]).output
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing")
+@pytest.mark.parametrize("axes", [CONFORMED, oblique()], ids=["conformed", "oblique"])
+def test_workbench_samples_the_same(tmp_path, axes):
+    """Workbench takes coordinates as stored: it gets the surface as voxflat writes GIFTI, or as wb_command moves it."""
+    (points, faces), of = ball(4), header(axes)
+    rng = np.random.default_rng(0)
+    volume = tmp_path / "t1.nii.gz"
+    nib.save(nib.Nifti1Image(rng.normal(size=(60, 60, 60)).astype(np.float32), AFFINES["oblique"]), volume)
+    white = write_freesurfer(tmp_path / "lh.white", points, faces, of)
+    voxflat.surface(white).save(tmp_path / "ours.surf.gii")
+    mris_convert_old(tmp_path / "tk.surf.gii", points, faces, of)
+    matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
+    np.savetxt(tmp_path / "matrix.txt", matrix)
+    workbench("-surface-apply-affine", tmp_path / "tk.surf.gii", tmp_path / "matrix.txt", tmp_path / "theirs.surf.gii")
+    workbench("-set-structure", tmp_path / "tk.surf.gii", "CORTEX_LEFT")  # which writes a coordinate system of its own
+    m = voxflat.flatten(white, seed_point=0, radius=30.0, sources=20)
+    assert len(m) > 300
+    ours = at_vertices(m, volume)
+    for name in ("ours", "theirs"):
+        out = tmp_path / "out.shape.gii"
+        workbench("-volume-to-surface-mapping", volume, tmp_path / f"{name}.surf.gii", out, "-trilinear")
+        theirs = nib.load(out).darrays[0].data[m.ids]
+        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+    for name in ("tk", "ours", "theirs"):
+        again = voxflat.flatten(tmp_path / f"{name}.surf.gii", seed_point=0, radius=30.0, sources=20)
+        np.testing.assert_allclose(at_vertices(again, volume), ours, atol=1e-4)
+
+
+def at_vertices(m, volume):
+    """Sample as `FlatMap.image` does, by pixels that lie at the vertices."""
+    corners = np.repeat(np.arange(len(m), dtype=np.uint32), 3).reshape(1, -1, 3)
+    weights = np.broadcast_to(np.array([1, 0, 0], np.float32), corners.shape)
+    return m._triangles.on_surface.image(Raster(corners, weights, (0.0, 0.0), 1.0), volume).data[0]
+
+
+def workbench(*arguments):
+    subprocess.run(["wb_command", *map(str, arguments)], check=True, capture_output=True)

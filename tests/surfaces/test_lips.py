@@ -1,0 +1,248 @@
+"""What files of patches and of GIFTI surfaces can hold of a surface that is cut, judged by FreeSurfer's own rule."""
+
+import itertools
+import logging
+import re
+
+import freesurfer_rule
+import nibabel
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voxflat
+from voxflat import cli
+from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.patches import read_patch
+from voxflat.surfaces.lips import listed_points, one_point_a_vertex
+
+PATCH_NAMES = ("lh.cortex.patch.flat", "lh.full.flat.patch.3d", "rh.autoflatten.flat.patch.3d")
+
+
+def sheet(rows=8, columns=9):
+    """Return a bumpy sheet of triangles."""
+    i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    points = np.column_stack([2.0 * i.ravel(), 2.0 * j.ravel(), np.sin(i * 1.3 + j * 0.7).ravel()])
+    a = (columns * i + j)[:-1, :-1].ravel()
+    faces = np.concatenate(
+        [np.column_stack([a, a + columns, a + 1]), np.column_stack([a + 1, a + columns, a + columns + 1])]
+    )
+    return points, faces
+
+
+def keys(triangles):
+    return {tuple(sorted(triangle)) for triangle in triangles}
+
+
+def said(caplog):
+    """Return the numbers of the only warning."""
+    (record,) = caplog.records
+    caplog.clear()
+    return [int(number) for number in re.findall(r"\d+", record.getMessage())]
+
+
+def judge(path, mesh_faces, ids, faces, places):
+    """Assert that a reader of a patch finds triangles of the map alone, where the map has them; return both losses."""
+    found, _, triangles = freesurfer_rule.read_patch(path, mesh_faces)
+    own = {tuple(sorted(ids[face].tolist())): face for face in faces.astype(np.int64)}
+    points = np.array([own[tuple(sorted(triangle))] for triangle in triangles])  # a KeyError: it is none of the map's
+    listed = [[found[int(vertex)] for vertex in face] for face in ids[points]]
+    np.testing.assert_allclose(listed, places[points], rtol=1e-6, atol=1e-4)
+    assert {vertex for triangle in triangles for vertex in triangle} == set(found)
+    return len(np.unique(ids)) - len(found), len(faces) - len(triangles)
+
+
+def pieces_and_euler(triangles):
+    """Return how many pieces triangles form that touch along edges, and V − E + F."""
+    edges = {}
+    for number, triangle in enumerate(triangles):
+        for edge in itertools.combinations(sorted(triangle), 2):
+            edges.setdefault(edge, []).append(number)
+    group = list(range(len(triangles)))
+
+    def root(n):
+        while group[n] != n:
+            group[n] = group[group[n]]
+            n = group[n]
+        return n
+
+    for numbers in edges.values():
+        for other in numbers[1:]:
+            group[root(other)] = root(numbers[0])
+    vertices = {vertex for triangle in triangles for vertex in triangle}
+    return len({root(n) for n in group}), len(vertices) - len(edges) + len(triangles)
+
+
+class TestAnyCuts:
+    """Sheets with cuts and with triangles left out, wherever they are."""
+
+    @staticmethod
+    def cut_sheet(data):
+        points, faces = sheet()
+        surface = voxflat.surface((points, faces))
+        gone = data.draw(st.sets(st.integers(0, len(faces) - 1), max_size=6))
+        kept = np.ones(len(faces), dtype=bool)
+        kept[list(gone)] = False
+        core = surface.core.part_of_faces(kept).largest_piece()
+        paths = data.draw(st.lists(st.tuples(st.integers(0, 71), st.integers(0, 71)), max_size=3))
+        part = surface.with_core(core)
+        for a, b in paths:
+            if a != b and {a, b} <= set(part.vertices.tolist()):
+                try:
+                    path = voxflat.path(part, a, b, geodesic="edges").ids
+                    part = voxflat.cut(part, cuts=[path], relax=False).surface
+                except voxflat.InputError:  # a cut that would fall along another one, or into two pieces
+                    continue
+        return faces, part
+
+    @settings(max_examples=40)
+    @given(data=st.data())
+    def test_a_patch_holds_no_triangle_but_its_own(self, data):
+        faces, part = self.cut_sheet(data)
+        ids, own = part.vertices, part.faces.astype(np.int64)
+        rows = listed_points(ids, own, part.bridges())
+        listed = set(ids[rows].tolist())
+        assert len(listed) == len(rows)
+        read = [tuple(face) for face in faces.tolist() if set(face) <= listed]
+        of_points = keys(own.tolist())
+        point = dict(zip(ids[rows].tolist(), rows.tolist(), strict=True))
+        assert all(tuple(sorted(point[v] for v in triangle)) in of_points for triangle in read)
+        if read:
+            assert {v for triangle in read for v in triangle} == listed
+            assert pieces_and_euler(read)[0] == 1
+        left_out = sorted(set(ids.tolist()) - listed)
+        for vertex in left_out:  # none could be taken back and bring a triangle that hangs together with the others
+            for candidate in np.flatnonzero(ids == vertex).tolist():
+                more = {**point, vertex: candidate}
+                new = [tuple(face) for face in faces.tolist() if vertex in face and set(face) <= set(more)]
+                right = [tuple(sorted(more[v] for v in triangle)) in of_points for triangle in new]
+                assert not (new and all(right)) or pieces_and_euler(read + new)[0] > 1
+
+    @settings(max_examples=20)
+    @given(data=st.data())
+    def test_one_point_a_vertex_keeps_no_less_than_the_first_ones(self, data):
+        _, part = self.cut_sheet(data)
+        ids, own = part.vertices, part.faces.astype(np.int64)
+        rows = one_point_a_vertex(ids, own)
+        np.testing.assert_array_equal(ids[rows], np.unique(ids))
+        first = np.unique(ids, return_index=True)[1]
+        assert np.isin(own, rows).all(axis=1).sum() >= np.isin(own, first).all(axis=1).sum()
+
+
+def test_without_cuts_all_is_kept(tmp_path, caplog):
+    mesh = sheet()
+    flat = voxflat.flatten(mesh, sources=30)
+    with caplog.at_level(logging.WARNING, "voxflat"):
+        flat.save(tmp_path / "lh.patch.flat")
+    assert not caplog.records
+    assert judge(tmp_path / "lh.patch.flat", mesh[1], flat.ids, flat.faces, np.pad(flat.uv, ((0, 0), (0, 1)))) == (0, 0)
+
+
+def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
+    mesh = sheet(12, 13)
+    path = np.arange(6, 6 + 13 * 8, 13)
+    flat = voxflat.flatten(mesh, cuts=[path], sources=60)
+    with caplog.at_level(logging.WARNING, "voxflat"):
+        flat.save(tmp_path / PATCH_NAMES[0])
+        vertices, _, triangles, _ = said(caplog)
+    places = np.pad(flat.uv, ((0, 0), (0, 1)))
+    lost = judge(tmp_path / PATCH_NAMES[0], mesh[1], flat.ids, flat.faces, places)
+    assert lost == (vertices, triangles)
+    assert 0 < vertices <= len(path) - 1
+    assert triangles <= 6 * (len(path) - 1)
+    for name in PATCH_NAMES[1:]:
+        voxflat.flatten(mesh, cuts=[path], sources=60, threads=1).save(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
+    _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
+    again = voxflat.flatten(mesh, keep=tmp_path / PATCH_NAMES[0], sources=60)
+    assert keys(again.ids[again.faces].tolist()) == keys(read)
+    judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
+    assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
+
+
+def test_the_border_is_where_triangles_end(tmp_path):
+    mesh = sheet(12, 13)
+    flat = voxflat.flatten(mesh, cuts=[np.arange(6, 6 + 13 * 8, 13)], sources=60)
+    flat.save(tmp_path / "lh.patch.flat")
+    _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
+    edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
+    assert {vertex for edge in edges if edges.count(edge) == 1 for vertex in edge} == border
+
+
+def test_names(tmp_path):
+    mesh = sheet()
+    write_mesh(tmp_path / "lh.white", Mesh(*mesh))
+    flat = voxflat.flatten(mesh, sources=30)
+    with pytest.raises(
+        voxflat.InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"
+    ):
+        flat.save(tmp_path / "lh.cortex.patch.3d")
+    for command, name in itertools.product(("flatten", "cut"), ("lh.full.flat.patch.3d", "lh.cortex.patch.3d")):
+        arguments = [command, tmp_path / "lh.white", "-o", tmp_path / name]
+        result = CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+        assert (result.exit_code == 0) == (
+            (command, name[-14:]) in {("flatten", ".flat.patch.3d"), ("cut", "ortex.patch.3d")}
+        )
+    assert {path.name for path in tmp_path.iterdir()} == {"lh.white", "lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
+    for keep in ("lh.full.flat.patch.3d", "lh.cortex.patch.3d"):
+        assert len(voxflat.geodesic(tmp_path / "lh.white", 1, keep=tmp_path / keep).ids) == 72
+    arguments = ["measure", tmp_path / "lh.white", tmp_path / "lh.full.flat.patch.3d", "--sources", "5"]
+    assert CliRunner().invoke(cli.main, [str(argument) for argument in arguments]).exit_code == 0
+
+
+def test_a_patch_of_another_surface(tmp_path):
+    flat = voxflat.flatten(sheet(), sources=30)
+    flat.save(tmp_path / "lh.patch.flat")
+    with pytest.raises(voxflat.InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
+        voxflat.flatten(sheet(4, 6), keep=tmp_path / "lh.patch.flat")
+
+
+@pytest.mark.slow
+class TestHemisphere:
+    """fsaverage5, without its medial wall, cut open where that relieves the map: as labs do."""
+
+    @pytest.fixture(scope="class")
+    def cut(self, fsaverage):
+        surface = voxflat.surface(
+            (fsaverage["white"], fsaverage["faces"]), pial=(fsaverage["pial"], fsaverage["faces"])
+        )
+        return voxflat.cut(surface, drop="medial wall", relax=True).surface
+
+    def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
+        flat = voxflat.flatten(cut, method="zigelman2002", sources=100, relax=False)
+        assert len(flat.ids) > len(np.unique(flat.ids)) + 100
+        caplog.clear()
+        with caplog.at_level(logging.WARNING, "voxflat"):
+            flat.save(tmp_path / "lh.flat.patch.3d")
+            vertices, _, triangles, _ = said(caplog)
+            flat.save(tmp_path / "lh.flat.surf.gii")
+            lost, of = said(caplog)
+        places = np.pad(flat.uv, ((0, 0), (0, 1)))
+        found = judge(tmp_path / "lh.flat.patch.3d", fsaverage["faces"], flat.ids, flat.faces, places)
+        assert found == (vertices, triangles)
+        doubled = np.unique(flat.ids, return_counts=True)[1] > 1
+        assert vertices < doubled.sum()  # fewer than if all vertices on cuts were left out
+        assert triangles < 0.04 * of
+        read = freesurfer_rule.read_patch(tmp_path / "lh.flat.patch.3d", fsaverage["faces"])[2]
+        assert pieces_and_euler(read) == (1, 1)
+        faces = nibabel.load(tmp_path / "lh.flat.surf.gii").darrays[1].data
+        assert lost == of - len(faces) < triangles
+        flat.save(tmp_path / "map.npz")
+        voxflat.load(tmp_path / "map.npz").save(tmp_path / "lh.again.patch.flat")
+        assert (tmp_path / "lh.again.patch.flat").read_bytes() == (tmp_path / "lh.flat.patch.3d").read_bytes()
+
+    def test_the_patch_in_space(self, cut, fsaverage, tmp_path):
+        cut.save(tmp_path / "lh.cortex.patch.3d")
+        judge(tmp_path / "lh.cortex.patch.3d", fsaverage["faces"], cut.vertices, cut.faces, cut.points)
+        _, _, read = freesurfer_rule.read_patch(tmp_path / "lh.cortex.patch.3d", fsaverage["faces"])
+        assert pieces_and_euler(read) == (1, 1)
+
+    def test_cuts_that_leave_triangles_out(self, flat_map, fsaverage, tmp_path):
+        assert len(flat_map.bridges) == 94  # as there are in the shipped map
+        flat_map.save(tmp_path / "lh.patch.flat")
+        places = np.pad(flat_map.uv, ((0, 0), (0, 1)))
+        lost = judge(tmp_path / "lh.patch.flat", fsaverage["faces"], flat_map.ids, flat_map.faces, places)
+        assert 0 < lost[0] < 94
+        assert len(read_patch(tmp_path / "lh.patch.flat").vertex_ids) == len(flat_map.ids) - lost[0]

@@ -1,0 +1,235 @@
+"""Files that fit by their number of vertices and belong to another surface: both sides of fsaverage5 have 10,242."""
+
+import logging
+
+import nibabel as nib
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mesh_files import fsaverage5, gifti
+
+import voxflat
+from voxflat import cli
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+
+
+@pytest.fixture(scope="module")
+def brain(tmp_path_factory):
+    """Return a folder as FreeSurfer's: lh.white, rh.pial, lh.curv, ... of fsaverage5."""
+    folder = tmp_path_factory.mktemp("fsaverage5")
+    for side, h in (("left", "lh"), ("right", "rh")):
+        for name, of in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere")):
+            mesh = read_mesh(fsaverage5(f"{name}_{side}"))
+            nib.freesurfer.write_geometry(folder / f"{h}.{of}", mesh.points, mesh.faces, "me")
+        for name, of in (("curv", "curv"), ("sulc", "sulc"), ("thick", "thickness")):
+            values = nib.load(fsaverage5(f"{name}_{side}")).darrays[0].data
+            nib.freesurfer.write_morph_data(folder / f"{h}.{of}", values)
+    return folder
+
+
+def mesh(brain, name):
+    """Return points and triangles alone, without a name that tells the side."""
+    return tuple(nib.freesurfer.read_geometry(brain / name))
+
+
+class TestPial:
+    @pytest.mark.parametrize("h", ["lh", "rh"])
+    def test_the_right_one(self, brain, h):
+        for made in (
+            voxflat.surface(brain / f"{h}.white", pial=brain / f"{h}.pial"),
+            voxflat.surface(mesh(brain, f"{h}.white"), pial=mesh(brain, f"{h}.pial")),
+        ):
+            assert made.remarks == ()
+            thickness = nib.freesurfer.read_morph_data(brain / f"{h}.thickness")  # FreeSurfer's own
+            assert np.corrcoef(made.thickness, thickness)[0, 1] > 0.9
+            assert abs(np.median(made.thickness) - np.median(thickness)) < 0.25  # FreeSurfer's is to the nearest point
+
+    def test_the_other_side_by_its_name(self, brain):
+        with pytest.raises(InputError, match="the surface is of CortexLeft, the pial one of CortexRight"):
+            voxflat.surface(brain / "lh.white", pial=brain / "rh.pial")
+
+    @pytest.mark.parametrize(
+        ("white", "pial"),
+        [
+            ("lh.white", "rh.pial"),
+            ("rh.white", "lh.pial"),
+            ("lh.white", "rh.white"),
+            ("lh.white", "lh.inflated"),
+            ("lh.white", "lh.sphere"),
+            ("lh.pial", "lh.inflated"),
+        ],
+    )
+    def test_wrong_ones_by_geometry(self, brain, white, pial):
+        with pytest.raises(
+            InputError, match=r"does not belong to the surface: .* mm \(median\), -?\d+ % leads outward"
+        ):
+            voxflat.surface(mesh(brain, white), pial=mesh(brain, pial))
+
+    @pytest.mark.parametrize("unit", [1.0, 0.001, 1000.0])
+    def test_whatever_the_unit(self, brain, unit):
+        (white, faces), (pial, _), (other, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial", "rh.pial"))
+        assert not any(
+            "pial" in remark for remark in voxflat.surface((unit * white, faces), pial=(unit * pial, faces)).remarks
+        )
+        with pytest.raises(InputError, match="does not belong"):
+            voxflat.surface((unit * white, faces), pial=(unit * other, faces))
+
+    def test_exchanged(self, brain):
+        with pytest.raises(InputError, match="lies inside the surface: are they exchanged"):
+            voxflat.surface(brain / "lh.pial", pial=brain / "lh.white")
+
+    def test_shifted(self, brain):
+        """By an ordinary c_ras it is refused, by 2.4 mm doubted."""
+        (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
+        with pytest.raises(InputError, match=r"another subject or space"):
+            voxflat.surface((white, faces), pial=(pial + np.array([3, -17, 22]), faces))
+        (remark,) = voxflat.surface((white, faces), pial=(pial + np.array([1, -2, 1]), faces)).remarks
+        assert "may not belong to the surface" in remark
+
+    def test_itself(self, brain):
+        (remark,) = voxflat.surface(brain / "lh.white", pial=brain / "lh.white").remarks
+        assert "the pial surface is the surface itself" in remark
+
+    def test_a_patch_that_faces_inwards_is_no_error(self, brain):
+        """What has a boundary has no outside that could be known."""
+        (white, faces), (pial, _) = (mesh(brain, name) for name in ("lh.white", "lh.pial"))
+        part = faces[(white[faces][:, :, 2] > 40).all(axis=1)][:, ::-1]
+        (remark,) = [told for told in voxflat.surface((white, part), pial=(pial, part)).remarks if "pial" in told]
+        assert "may not belong" in remark
+
+    def test_by_the_command_line(self, brain, tmp_path):
+        arguments = [
+            "surface",
+            str(brain / "lh.white"),
+            "--pial",
+            str(brain / "rh.pial"),
+            "-o",
+            str(tmp_path / "s.ply"),
+        ]
+        result = CliRunner().invoke(cli.main, arguments)
+        assert result.exit_code == 1
+        assert "CortexRight" in result.output
+        assert not (tmp_path / "s.ply").exists()
+
+
+def write_label(path, vertices, points):
+    rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000" for v, (x, y, z) in zip(vertices, points, strict=True)]
+    header = "#!ascii label  , from subject fsaverage5 vox2ras=TkReg"
+    path.write_text("\n".join([header, str(len(rows)), *rows]) + "\n")
+    return path
+
+
+class TestLabels:
+    def cut(self, brain, label, white="lh.white"):
+        return voxflat.cut(brain / white if isinstance(white, str) else white, keep=label, relax=False)
+
+    def chosen(self, brain, name):
+        """Return the vertices within 25 mm of a place, and their places on a surface."""
+        points = mesh(brain, name)[0]
+        vertices = np.flatnonzero(np.linalg.norm(points - points[2000], axis=1) < 25)
+        return vertices, points
+
+    @pytest.mark.parametrize("drawn_on", ["lh.white", "lh.pial", "nothing", "no columns"])
+    def test_its_own(self, brain, tmp_path, drawn_on):
+        vertices, white = self.chosen(brain, "lh.white")
+        points = 0 * white if "." not in drawn_on else mesh(brain, drawn_on)[0]
+        path = write_label(tmp_path / "lh.V1.label", vertices, points[vertices])
+        if drawn_on == "no columns":
+            path.write_text("\n".join(["#!ascii label", str(len(vertices)), *map(str, vertices)]))
+        assert not any("label" in remark for remark in self.cut(brain, path).remarks)
+
+    def test_the_other_sides(self, brain, tmp_path):
+        vertices, white = self.chosen(brain, "rh.white")
+        path = write_label(tmp_path / "rh.V1.label", vertices, white[vertices])
+        with pytest.raises(InputError, match=r"rh\.V1\.label: is of CortexRight, the surface of CortexLeft"):
+            self.cut(brain, path)
+        path = path.rename(tmp_path / "V1.label")  # now only its points tell
+        with pytest.raises(
+            InputError, match=r"V1\.label: its points lie on the other side of the brain .*x = \d+ and -\d+"
+        ):
+            self.cut(brain, path)
+
+    def test_of_another_surface(self, brain, tmp_path):
+        """Whose numbers are others': only a doubt, for it may be an inflated surface that is flattened."""
+        vertices, white = self.chosen(brain, "lh.white")
+        path = write_label(tmp_path / "V1.label", vertices, white[::-1][vertices])
+        remarks = [remark for remark in self.cut(brain, path).remarks if "V1.label" in remark]
+        assert len(remarks) == 1
+        assert "mm (median) from the vertices that it names" in remarks[0]
+
+    def test_on_a_surface_in_scanner_ras(self, brain, tmp_path):
+        """The label's points are tkRAS all the same, c_ras not known."""
+        vertices, white = self.chosen(brain, "lh.white")
+        path = write_label(tmp_path / "V1.label", vertices, white[vertices])
+        points, faces = mesh(brain, "lh.white")
+        remarks = self.cut(brain, path, (points + np.array([3, -17, 22]), faces)).remarks
+        assert not any("label" in remark for remark in remarks)
+
+
+class TestOverlays:
+    @pytest.fixture(scope="class")
+    def flat(self, brain):
+        return voxflat.flatten(brain / "lh.white", seed_point=2000, radius=60.0, sources=30)
+
+    @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
+    def test_its_own(self, flat, brain, caplog, name):
+        with caplog.at_level(logging.WARNING, logger="voxflat"):
+            image = flat.image(brain / f"lh.{name}")
+        assert caplog.messages == []
+        assert np.isfinite(image.data).any()
+
+    @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
+    def test_the_other_sides(self, flat, brain, name):
+        with pytest.raises(
+            InputError, match=rf"rh\.{name}: is of CortexRight, the surface of CortexLeft: give .* array"
+        ):
+            flat.image(brain / f"rh.{name}")
+        values = nib.freesurfer.read_morph_data(brain / f"rh.{name}")
+        assert np.isfinite(flat.image(values).data).any()  # what is meant is taken
+
+    def test_gifti_says_it_itself(self, flat, tmp_path):
+        values = [(np.zeros(10242, "f4"), "shape")]
+
+        def right(image):
+            image.meta["AnatomicalStructurePrimary"] = "CortexRight"
+
+        with pytest.raises(InputError, match="is of CortexRight"):
+            flat.image(gifti(tmp_path / "lh.shape.gii", values, right))
+        right_array = gifti(
+            tmp_path / "x.shape.gii",
+            values,
+            lambda image: image.darrays[0].meta.update(AnatomicalStructurePrimary="CortexRight"),
+        )
+        with pytest.raises(InputError, match="is of CortexRight"):
+            flat.image(right_array)
+        gifti(tmp_path / "x.shape.gii", values)
+        flat.image(tmp_path / "x.shape.gii")
+
+    @pytest.mark.parametrize("name", ["curv", "sulc"])
+    def test_another_surfaces_folds(self, flat, brain, tmp_path, caplog, name):
+        """Of as many vertices, and of no name that tells: those of the other side."""
+        other = tmp_path / f"bert.{name}"
+        other.write_bytes((brain / f"rh.{name}").read_bytes())
+        flat.image(other)
+        assert f"bert.{name} does not follow the folds of the surface (correlation with its curvature" in caplog.text
+        caplog.clear()
+        page = voxflat.patches(brain / "lh.white", 30.0).page()
+        page.image(other)
+        assert "does not follow the folds" in caplog.text
+        caplog.clear()
+        page.image(brain / f"lh.{name}")
+        assert caplog.messages == []
+
+    def test_another_subjects_by_its_name(self, brain, tmp_path, caplog):
+        (tmp_path / "sub-01").mkdir()
+        points, faces = mesh(brain, "lh.white")
+        write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
+        m = voxflat.flatten(tmp_path / "sub-01" / "lh.white", seed_point=2000, radius=20.0, sources=20)
+        for name in ("sub-01_thickness.txt", "sub-02_thickness.txt", "thickness.txt"):
+            np.savetxt(tmp_path / name, np.zeros(len(points)))
+        m.image(tmp_path / "sub-01_thickness.txt")
+        m.image(tmp_path / "thickness.txt")
+        assert caplog.messages == []
+        m.image(tmp_path / "sub-02_thickness.txt")
+        assert caplog.messages == ["sub-02_thickness.txt is of sub-02, the surface of sub-01: is it meant?"]
