@@ -15,6 +15,7 @@ from triangle_meshes import bump, square
 
 import voxflat
 from voxflat import cli
+from voxflat.io.provenance import described
 from voxflat.io.volumes import write_volume
 
 nib = pytest.importorskip("nibabel")
@@ -302,6 +303,33 @@ def test_arrays_are_told_by_their_hash(folder):
         "sha256": hashlib.sha256(keep.tobytes()).hexdigest(),
     }
     assert record["files"] == {}
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (np.float32(0.5), 0.5),
+        (np.int64(3), 3),
+        (np.bool_(True), True),
+        (float("nan"), "nan"),
+        (Path("a/b.nii"), "a/b.nii"),
+        ({"a": (1, None)}, {"a": [1, None]}),
+        (np.eye(2), [[1.0, 0.0], [0.0, 1.0]]),
+        (np.array([object()]), "ndarray"),
+        (object(), "object"),
+    ],
+)
+def test_what_json_can_hold_of_a_parameter(value, told):
+    assert described(value) == told
+
+
+def test_long_lists_are_told_by_their_hash():
+    ragged = [[0, 1], np.arange(3), *([1],) * 40]
+    assert described(ragged) == described([list(map(int, path)) for path in ragged])
+    assert described(ragged)["length"] == 42
+    assert described(ragged) != described(ragged[::-1])
+    assert described(np.arange(99.0))["sha256"] == described(np.arange(99.0).astype(">f8"))["sha256"]
+    assert described(np.arange(99.0))["sha256"] == hashlib.sha256(np.arange(99.0).tobytes()).hexdigest()
 
 
 def test_the_same_call_writes_the_same_bytes(folder):

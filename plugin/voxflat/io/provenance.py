@@ -141,22 +141,22 @@ def described(value: object) -> Any:
         return record
     if isinstance(value, list | tuple) and len(value) <= _SHOWN:
         return [described(item) for item in value]
-    if isinstance(value, np.ndarray | list | tuple):
-        return _digest(np.asarray(value))
+    if isinstance(value, list | tuple):
+        text = json.dumps([described(item) for item in value])
+        return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return _digest(value)
     if isinstance(path := getattr(value, "path", None), os.PathLike):  # of a Mesh or Volume that was read
         return os.fspath(path)
     return type(value).__name__
 
 
 def _digest(array: np.ndarray[Any, Any]) -> Any:
-    if array.size <= _SHOWN and array.dtype.kind in "biuf":
+    if array.size <= _SHOWN:
         return described(array.tolist())
     values = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    return {
-        "dtype": str(array.dtype),
-        "shape": list(array.shape),
-        "sha256": hashlib.sha256(values.tobytes()).hexdigest(),
-    }
+    digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
+    return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
 
 
 def as_text(record: Record) -> str:
