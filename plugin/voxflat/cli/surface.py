@@ -42,7 +42,8 @@ Examples:
 def command(input_: Path, output: Path, repaired: Path | None, **given: Any) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
-    Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
+    Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
+    in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
     """
     check_output(output, (), (input_,))
     with bars() as shown:
