@@ -20,6 +20,8 @@ from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
+from voxflat.io.provenance import Record, saving
+from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 
 __all__ = ["Atlas"]
@@ -270,18 +272,28 @@ class Atlas(FlatPieces, ABC):
 
     # --------------------------------------------------------------------------------------- files
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, the files that were read, warnings, and figures."""
+        told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
+        return {**super().provenance, **told, "figures": self.figures()}
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the atlas to a file, all of it or nothing.
 
         Parameters
         ----------
         path : path
-            Ends in .npz.
+            Ends in .npz, which holds `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending.
+            If the path has another ending, or is a file that the atlas was made of.
         OSError
             If it cannot be written.
         """
@@ -290,7 +302,11 @@ class Atlas(FlatPieces, ABC):
             raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
+        with (
+            saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
+            atomic_path(path) as temporary,
+            temporary.open("wb") as file,
+        ):
             np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
 
     @abstractmethod
@@ -325,6 +341,7 @@ class Atlas(FlatPieces, ABC):
         """
         with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
             text = json.loads(str(file["text"]))
+            note(path)
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
             return cls._of_file(text, {name: file[name] for name in cls._arrays})

@@ -12,13 +12,14 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
-from voxflat.cli.options import FILE
-from voxflat.cli.output import check_output
+from voxflat.cli.options import FILE, OUT
+from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
+from voxflat.io.provenance import saving
+from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
-from voxflat.maps.raster import FlatStack
 
 
 @click.command(
@@ -27,7 +28,7 @@ from voxflat.maps.raster import FlatStack
 Examples:
   voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
-  voxflat image map.npz --volume face.obj -o face.png
+  voxflat image map.npz --volume face.obj -o face_flat.png
   voxflat image map.npz --heat-map -o distortion.png
   voxflat image atlas.npz --volume lh.sulc -o page.png
   voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
@@ -46,7 +47,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
@@ -68,6 +69,8 @@ Examples:
     type=click.Choice(["linear", "nearest"]),
     help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
 )
+@options.beside
+@options.as_json
 @options.debug
 def command(
     map_: Path,
@@ -78,6 +81,9 @@ def command(
     pixel_size: float | None,
     depth: float | None,
     interpolation: str | None,
+    sidecar: bool,
+    overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
@@ -90,38 +96,41 @@ def command(
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or channel is not None or depth is not None):
         raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
-    check_output(output, IMAGE_ENDINGS, (map_, volume))
-    flat_map = _load(map_)
-    if volume is None:
-        picture = flat_map.heat_map(pixel_size)
-    else:
-        stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
-        if channel is None and len(stack) > 1:
-            _save_all(stack, volume, output)
-            return
-        with naming(volume, REMEDY):
-            picture = stack[stack.channels.find(channel)]
+    check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
+    with reading() as files:
+        flat_map = _load(map_)
+        if volume is None:
+            picture = flat_map.heat_map(pixel_size)
+        else:
+            stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+            with naming(volume, REMEDY):
+                picture = stack[0 if channel is None and len(stack) > 1 else stack.channels.find(channel)]
+    picture = picture.with_provenance({**picture.provenance, "files": files})
+    count = 1
+    if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
-    if heat_map and output.suffix.lower() == ".png":
+    if volume is not None and channel is None and len(stack) > 1:
+        count = len(stack)
+        stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved)
+    elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
         if isinstance(flat_map, FlatMap):
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        figures.save(drawn, output)
+        with saving(output, picture.provenance, **saved):
+            figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output)
+        picture.save(output, **saved)
     height, width = picture.data.shape[:2]
-    click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
-
-
-def _save_all(stack: FlatStack, volume: Path, output: Path) -> None:
-    first = stack[0]
-    _check_overlap(~np.isnan(first.data), volume)
-    stack.save(output)
-    height, width = first.data.shape
-    click.echo(f"{len(stack)} images of {width} x {height} pixels of {first.pixel_size:g} mm\nsaved as {output}")
+    if as_json:
+        size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
+        print_json({"output": str(output), **size, "provenance": picture.provenance})
+    else:
+        images = "" if count == 1 else f"{count} images of "
+        click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

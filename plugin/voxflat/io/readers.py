@@ -1,8 +1,9 @@
 """Files and images of other packages as arrays of voxels and affines.
 
-Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where ITK refuses them or would change them; the affine is read here, so it
-is the same (nibabel's: sform, else qform, else pixdim) whichever package is installed. Neither package notices every
-damaged file, so the checks of completeness are made here, too.
+Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where
+ITK refuses them or would change them; the affine is read here, so it is the same (nibabel's: sform, else qform, else
+pixdim) whichever package is installed. Neither package notices every damaged file, so the checks of completeness are
+made here, too.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -373,29 +375,32 @@ def _load_itk(path: Path) -> Any:
     """Read an image by ITK, without its warnings on NIfTI placements, which are not taken from it."""
     itk = require("itk")
     check_room(_size_by_itk(path))
-    before = itk.Object.GetGlobalWarningDisplay()
-    itk.Object.SetGlobalWarningDisplay(False)
-    try:
-        return itk.imread(str(path))
-    except TypeError as error:  # 30 lines on templates, of which the first names the type
-        known = ", ".join(ITK_TYPES)
-        raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
-    finally:
-        itk.Object.SetGlobalWarningDisplay(before)
+    with _quiet(itk):
+        try:
+            return itk.imread(str(path))
+        except TypeError as error:  # 30 lines on templates, of which the first names the type
+            known = ", ".join(ITK_TYPES)
+            raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
 
 
 def _size_by_itk(path: Path) -> int:
     """Return how many bytes the voxels take, by their header."""
     itk = require("itk")
-    before = itk.Object.GetGlobalWarningDisplay()
-    itk.Object.SetGlobalWarningDisplay(False)
-    try:
+    with _quiet(itk):
         header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
         if header is None:
             return 0  # ITK says why, when it reads
         header.SetFileName(str(path))
         header.ReadImageInformation()
         return int(header.GetImageSizeInBytes())
+
+
+@contextmanager
+def _quiet(itk: Any) -> Iterator[None]:
+    before = itk.Object.GetGlobalWarningDisplay()
+    itk.Object.SetGlobalWarningDisplay(False)
+    try:
+        yield
     finally:
         itk.Object.SetGlobalWarningDisplay(before)
 

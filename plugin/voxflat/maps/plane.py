@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_number
+from voxflat.io.provenance import Record, telling
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
@@ -127,6 +128,12 @@ class Planar(ABC):
         of = self._triangles
         return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
 
+    @property
+    @abstractmethod
+    def provenance(self) -> Record:
+        """What made it."""
+
+    @telling
     def image(
         self,
         volume: object,
@@ -174,6 +181,7 @@ class Planar(ABC):
         how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
+    @telling
     def images(
         self,
         volume: object,

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.io.provenance import telling
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.of_mesh import as_mesh, of_mesh
 from voxflat.surfaces.of_volume import of_volume
@@ -19,6 +20,7 @@ __all__ = ["surface"]
 _REPAIRS = ("none", "voxels", "cuts")
 
 
+@telling
 def surface(
     source: object,
     *,
