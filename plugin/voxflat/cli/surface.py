@@ -47,7 +47,8 @@ def command(
 ) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
-    Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
+    Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
+    in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
     """
     check_output(output, sidecar=sidecar, overwrite=overwrite)
     if repaired is not None:
