@@ -96,7 +96,7 @@ _OWN_CGROUPS = Path("/proc/self/cgroup")
 
 
 def free_memory() -> int:
-    """Return how many bytes this process may still take: of the machine, its limit (`ulimit -v`), and its containers."""
+    """Return how many bytes this process may take: of the machine, of its limit (`ulimit -v`), of its containers."""
     return int(max(0, min(psutil.virtual_memory().available, _free_addresses(), _free_in_cgroups())))
 
 
@@ -145,9 +145,11 @@ def _free_in(group: Path, limit: str, usage: str, reclaimable: str) -> float:
 
 def checked_limit(limit: int | None) -> int | None:
     """Return a limit of memory that is a number of bytes; None for none."""
-    if limit is not None and not is_number(limit):
+    if limit is None:
+        return None
+    if not is_number(limit):
         raise InputError(f"the memory limit is {limit!r}; give a number")
-    return limit
+    return int(limit)
 
 
 def check_memory(need: int, limit: int | None, remedy: str) -> None:

@@ -539,7 +539,7 @@ def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
 
     monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
-    assert (result.exit_code, result.stderr) == (1, "voxflat: cancelled\n")
+    assert (result.exit_code, result.stderr) == (130, "voxflat: cancelled\n")
 
 
 def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
@@ -549,7 +549,7 @@ def test_ctrl_c_while_saving_leaves_nothing(shared, tmp_path, monkeypatch):
 
     monkeypatch.setattr(np, "savez_compressed", savez)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20)
-    assert (result.exit_code, result.stderr.splitlines()[-1]) == (1, "voxflat: cancelled")
+    assert (result.exit_code, result.stderr.splitlines()[-1]) == (130, "voxflat: cancelled")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -581,7 +581,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
             process.kill()
             os.close(terminal)
         assert process.stdout.read() == b""
-    assert status == 1
+    assert status == 130
     assert seconds < 5  # half a second where the machine has nothing else to do
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.npy"]
     last = shown.decode().rsplit("\r", 2)[-2]  # bars are drawn over by spaces

@@ -21,7 +21,7 @@ from voxflat.distances import store as _store
 
 fcntl = pytest.importorskip("fcntl")
 
-FILES = ["ids.npy", "journal.jsonl", "lock", "points.npy", "rows.npy", "sources.npy", "store.json"]
+FILES = ["ids.npy", "journal.jsonl", "lock", "points.npy", "provenance.json", "rows.npy", "sources.npy", "store.json"]
 SOURCES = 40
 HEIGHT = 3  # rows of a block; the fourteenth has one only
 SHEET = np.ones((30, 20, 1), dtype=np.uint8)
@@ -466,7 +466,9 @@ def test_the_command_measures_and_goes_on(tmp_path):
     expected = voxflat.geodesic(tmp_path / "sheet.npy", SOURCES, spacing=(1, 1, 2))
     np.testing.assert_array_equal(voxflat.open_rows(tmp_path / "store"), expected)
     again = run(*command, "--json")
-    assert json.loads(again.stdout) == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
+    told = json.loads(again.stdout)
+    assert told.pop("provenance") == voxflat.open_rows(tmp_path / "store").provenance
+    assert told == {"store": str(tmp_path / "store"), "shape": [40, 600], "bytes": 96000}
     assert "40 rows were in the store" in again.stderr
     assert run(*command, "--quiet").output == ""
     refused = run(*command, "--radius", 9, "--seed-point", "9,9,1")

@@ -124,7 +124,7 @@ class TestFiles:
         monkeypatch.setattr("voxflat.maps.texture._png", fails)
         for name in ("face.obj", "face.vtp", "face.glb"):
             with pytest.raises(OSError, match="the disk is full") as told:
-                textured.save(tmp_path / name)
+                textured.save(tmp_path / name, overwrite=True)
             assert told.value.filename == str(tmp_path / name)
         assert {file.name: file.read_text() for file in tmp_path.iterdir()} == dict.fromkeys(
             ("face.obj", "face.mtl", "face.png"), "old"
@@ -136,8 +136,10 @@ class TestFiles:
         with pytest.raises(FileNotFoundError, match=r"face\.obj"):
             textured.save(tmp_path / "missing" / "face.obj")
         (tmp_path / "face.png").mkdir()
-        with pytest.raises(IsADirectoryError, match=r"face\.png"):
+        with pytest.raises(InputError, match=r"face\.png beside it is there already"):
             textured.save(tmp_path / "face.obj")
+        with pytest.raises(IsADirectoryError, match=r"face\.png"):
+            textured.save(tmp_path / "face.obj", overwrite=True)
         assert [file.name for file in tmp_path.iterdir()] == ["face.png"]
         Image.fromarray(chessboard()).save(tmp_path / "chess.png")
         before = (tmp_path / "chess.png").read_bytes()
@@ -167,13 +169,14 @@ class TestCommand:
             textured = textured.subdivided()
         assert f"{len(textured.points)} points, {len(textured.faces)} triangles" in result.output
         (tmp_path / "python").mkdir()
-        textured.save(tmp_path / "python" / f"cli{ending}")
+        made = json.loads(run("-o", tmp_path / f"again{ending}", "--texel-size", 0.25, "--repeat", "--json").stdout)
+        textured.with_provenance(made["provenance"]).save(tmp_path / "python" / f"cli{ending}")
         for file in (tmp_path / "python").iterdir():
             assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
     def test_refusals(self, run, tmp_path):
         for options, told in (
-            (["-o", tmp_path / "chess.obj"], "chess.png is the picture itself; choose another name"),
+            (["-o", tmp_path / "chess.obj"], "chess.png: it is an input; choose another name"),
             (["-o", tmp_path / "face.stl"], "its name must end in .obj or .vtp or .glb or .ply"),
             (["--texel-size", 0.1, "-o", tmp_path / "face.obj"], "does not cover the map; give repeat"),
         ):

@@ -20,7 +20,9 @@ from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
-from voxflat.maps.raster import FlatImage
+from voxflat.io.provenance import Record, saving
+from voxflat.io.reading import note
+from voxflat.maps.raster import FlatImage, FlatStack
 
 __all__ = ["Atlas"]
 
@@ -166,6 +168,7 @@ class Atlas(FlatPieces, ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
+        channel: int | str | None = None,
         depth: float = 0.0,
         interpolation: str | None = None,
         name: str = "",
@@ -174,7 +177,7 @@ class Atlas(FlatPieces, ABC):
 
         Parameters
         ----------
-        volume, pixel_size, depth, interpolation, name
+        volume, pixel_size, channel, depth, interpolation, name
             As in `FlatMap.image`.
 
         Returns
@@ -182,7 +185,30 @@ class Atlas(FlatPieces, ABC):
         FlatImage
             NaN (colours: alpha 0) beside the pieces and where the volume has no value.
         """
-        return self.page().image(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
+        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        return self.page().image(volume, pixel_size, channel=channel, **how)
+
+    def images(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatStack:
+        """Sample all maps of a file, or a series of volumes, onto the page.
+
+        Parameters
+        ----------
+        volume, pixel_size, depth, interpolation, name
+            As in `FlatMap.images`.
+
+        Returns
+        -------
+        FlatStack
+        """
+        return self.page().images(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.
@@ -246,18 +272,28 @@ class Atlas(FlatPieces, ABC):
 
     # --------------------------------------------------------------------------------------- files
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, the files that were read, warnings, and figures."""
+        told: Record = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
+        return {**super().provenance, **told, "figures": self.figures()}
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the atlas to a file, all of it or nothing.
 
         Parameters
         ----------
         path : path
-            Ends in .npz.
+            Ends in .npz, which holds `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending.
+            If the path has another ending, or is a file that the atlas was made of.
         OSError
             If it cannot be written.
         """
@@ -266,7 +302,11 @@ class Atlas(FlatPieces, ABC):
             raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
+        with (
+            saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite),
+            atomic_path(path) as temporary,
+            temporary.open("wb") as file,
+        ):
             np.savez_compressed(file, text=np.array(json.dumps(text, allow_nan=False)), **arrays)
 
     @abstractmethod
@@ -301,6 +341,7 @@ class Atlas(FlatPieces, ABC):
         """
         with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
             text = json.loads(str(file["text"]))
+            note(path)
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
             return cls._of_file(text, {name: file[name] for name in cls._arrays})

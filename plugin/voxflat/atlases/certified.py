@@ -17,6 +17,7 @@ from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
 from voxflat.io.files import holding
+from voxflat.io.provenance import telling
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas"]
 
@@ -203,6 +204,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         ]
         return "\n".join(lines)
 
+    @telling
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
         """Close the seams between the patches, as far as that is possible within a bound on C.
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import Progress, checked_seed, checked_threads, is_number, is_whole, log
 from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
+from voxflat.io.provenance import telling
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["MAX_ANGLE", "SEEDS", "patches"]
@@ -22,6 +23,7 @@ SEEDS = ("curvature", "flattest", "random")
 """Where patches may begin."""
 
 
+@telling
 def patches(
     surface: object,
     max_angle: float | None = None,

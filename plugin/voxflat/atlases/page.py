@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
+from voxflat.io.provenance import Record, telling
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
@@ -43,6 +44,11 @@ class FlatPage(Planar):
         width, height = self.uv.max(axis=0)
         used = 100 * self.used_share
         return f"<FlatPage: {len(self.atlas)} pieces, {width:.0f} x {height:.0f} mm, {used:.0f} % of it used>"
+
+    @property
+    def provenance(self) -> Record:
+        """What made the atlas."""
+        return self.atlas.provenance
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -91,6 +97,7 @@ class FlatPage(Planar):
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
 
+    @telling
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle as an image on the same pixels as `image`.
 
@@ -115,6 +122,7 @@ class FlatPage(Planar):
             raise InputError(f"there is no figure {of!r}; give one of {', '.join(map(repr, FIGURES))}")
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
+    @telling
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
         """Return the number of the patch at each pixel, from 1 on, as an image on the same pixels as `image`.
 
@@ -164,6 +172,7 @@ class FlatPage(Planar):
             raise InputError("the image is none of this page")
         return np.asarray(coordinates)
 
+    @telling
     def textured(
         self,
         image: FlatImage | None = None,

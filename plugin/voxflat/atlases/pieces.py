@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
+from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 
 __all__ = ["FIGURES", "FlatPieces", "Piece", "isometric", "quasi_conformal"]
@@ -55,6 +56,9 @@ class Piece:
         return f"<{name}: {len(self.faces)} triangles, {self.area:.4g} mm², C = {self.isometric:.4f}>"
 
 
+Own = TypeVar("Own", bound="FlatPieces")
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPieces:
     """A surface as flat pieces: every triangle lies in one of them. `Atlas` says what its arrays are."""
@@ -79,6 +83,26 @@ class FlatPieces:
     def space(self) -> Space:
         """The space of its points, as `Surface.space`."""
         return Space.of(self.metadata)
+
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, and the files that were read."""
+        return dict(self.metadata.get("provenance", {}))
+
+    def with_provenance(self: Own, record: Record) -> Own:
+        """Return the same with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        FlatPieces
+            Of the same class.
+        """
+        return replace(self, metadata={**self.metadata, "provenance": record})
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import os
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, TextIO
 
 import click
 from tqdm import tqdm
@@ -15,35 +17,80 @@ from tqdm import tqdm
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled, VoxflatError
 
-__all__ = ["DEBUG", "Bars", "Failure", "Program", "bars"]
+__all__ = ["Bars", "Program", "bars"]
 
-DEBUG = "voxflat.debug"
-"""Under this key of a command's context stands whether tracebacks are shown."""
-
-
-class Failure(click.ClickException):
-    """Ends the program with one line on stderr and exit status 1."""
-
-    def show(self, file: Any = None) -> None:
-        """Write the line."""
-        click.echo(f"voxflat: {self.message}", file=file, err=True)
+CANCELLED = 130  # as of a program that SIGINT ended
 
 
 class Program(click.Group):
-    """A group of commands that turns whatever goes wrong into a `Failure`."""
+    """A group of commands that turns whatever goes wrong into one line on stderr, or one JSON object, and a status.
+
+    1 for an input that cannot be used and work that failed, 2 for wrong usage, 130 where the user stopped it.
+    """
+
+    def main(self, args: Sequence[str] | None = None, *further: Any, **more: Any) -> Any:
+        """Run the program."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        more["standalone_mode"] = False  # errors are shown here
+        _hold_standard_files()
+        try:
+            status = super().main(arguments, *further, **more)
+        except click.ClickException as error:
+            _showing(error.show)
+            status = _failed(arguments, error.format_message(), error.exit_code)
+        except (Cancelled, click.Abort):
+            _say("voxflat: cancelled")
+            status = _failed(arguments, "cancelled", CANCELLED)
+        except Exception as error:
+            if "--debug" in arguments:
+                _say(traceback.format_exc().rstrip())
+            text = _one_line(error)
+            _say(f"voxflat: error: {text}")
+            status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
+        sys.exit(status if isinstance(status, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
         try:
             return super().invoke(ctx)
-        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
-            raise  # click deals with these
-        except (KeyboardInterrupt, Cancelled):
-            raise Failure("cancelled") from None
-        except Exception as error:
-            if ctx.meta.get(DEBUG):
-                traceback.print_exc()
-            raise Failure(f"error: {_one_line(error)}") from error
+        except KeyboardInterrupt:
+            raise Cancelled("cancelled") from None
+
+
+def _hold_standard_files() -> None:
+    """Put something in place of standard files that are closed, whose numbers a result's file would get otherwise."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
+
+
+def _nowhere() -> TextIO:
+    return open(os.devnull, "w")
+
+
+def _failed(arguments: list[str], text: str, status: int, remedy: str = "") -> int:
+    """Return the exit status; with ``--json`` what went wrong is the object on stdout, too."""
+    if "--json" in arguments:
+        with suppress(OSError):
+            click.echo(json.dumps({"error": text, "remedy": remedy or None, "exit_code": status}))
+    return status
+
+
+def _say(text: str) -> None:
+    """Print a line on stderr."""
+    _showing(lambda: click.echo(text, err=True))
+
+
+def _showing(show: Callable[[], None]) -> None:
+    """Show something on stderr, if that takes it: what is told there is never worth a result."""
+    try:
+        show()
+    except (OSError, ValueError):  # it is full, or closed
+        sys.stderr = _nowhere()  # or Python's own end would fail, too
 
 
 def _one_line(error: Exception) -> str:
@@ -58,6 +105,22 @@ def _one_line(error: Exception) -> str:
     return " ".join(text.split())
 
 
+class _Stderr:
+    """Stderr, but what it does not take is left out."""
+
+    def write(self, text: str) -> None:
+        _showing(lambda: print(end=text, file=sys.stderr))
+
+    def flush(self) -> None:
+        _showing(sys.stderr.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
+
+
+_STDERR = _Stderr()
+
+
 class Bars:
     """Progress on stderr, one bar a stage; it disappears when its stage is over."""
 
@@ -69,7 +132,7 @@ class Bars:
             bar_format="{l_bar}{bar}| {elapsed}<{remaining}",
             leave=False,
             dynamic_ncols=True,
-            file=sys.stderr,
+            file=_STDERR,
             disable=hidden,
         )
         self._stage = ""
@@ -94,7 +157,7 @@ class _Notes(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = "warning: " if record.levelno >= logging.WARNING else ""
-        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=sys.stderr)
+        tqdm.write(f"voxflat: {kind}{record.getMessage()}", file=_STDERR)
 
 
 @contextmanager

@@ -31,7 +31,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=options.OUT,
     required=True,
     metavar="OUT",
     help="The cuts' file (.json), for --cut; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
@@ -43,20 +43,23 @@ Examples:
 @options.relax
 @options.threads
 @options.memory_limit
+@options.beside
 @options.as_json
 @options.debug
-def command(input_: Path, output: Path, as_json: bool, **given: Any) -> None:
+def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, **given: Any) -> None:
     """Cut a surface open, as voxflat flatten would.
 
     What is no disk becomes one; further cuts relieve the map where that pays.
     """
-    check_output(output, _ENDINGS, (input_, given["keep"], given["drop"]))
+    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
     with bars() as shown:
         made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
-    (made if output.suffix.lower() == ".json" else made.surface).save(output)
+    result = made if output.suffix.lower() == ".json" else made.surface
+    result.save(output, sidecar=sidecar, overwrite=overwrite)
     if as_json:
         cuts = [{"ids": one.ids.tolist(), "length": one.length, "reason": one.reason} for one in made.cuts]
-        print_json({"output": str(output), "vertices": len(made.surface), "cuts": cuts})
+        told = {"output": str(output), "vertices": len(made.surface), "cuts": cuts, "warnings": list(made.remarks)}
+        print_json({**told, "provenance": made.provenance})
         return
     for number, one in enumerate(made.cuts):
         length = "" if one.length is None else f", {one.length:.1f} mm"

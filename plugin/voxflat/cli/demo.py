@@ -8,7 +8,8 @@ import click
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.options import FILE
+from voxflat.cli.options import OUT
+from voxflat.cli.output import print_json
 from voxflat.errors import InputError
 
 
@@ -16,13 +17,14 @@ from voxflat.errors import InputError
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     default=Path("voxflat-demo"),
     metavar="DIR",
     help="A directory for the results; made if it is missing.",
 )
+@options.as_json
 @options.debug
-def command(output: Path) -> None:
+def command(output: Path, as_json: bool) -> None:
     """Flatten a patch of human cortex.
 
     The cortex is the MNI152 template, which comes with nilearn: nothing is downloaded. The map, its figures and the
@@ -32,8 +34,10 @@ def command(output: Path) -> None:
         from voxflat.demo import run
 
         with bars() as shown:
-            run(output, progress=shown.progress, tell=shown.tell)
+            flat_map = run(output, progress=shown.progress, tell=(lambda _: None) if as_json else shown.tell)
     except ImportError as error:
         if error.name and error.name.startswith("voxflat"):
             raise
         raise InputError(f"the demo needs {error.name}: pip install 'voxflat[demo]'") from error
+    if as_json:
+        print_json({"output": str(output), **flat_map.description()})

@@ -11,7 +11,7 @@ import numpy as np
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
-from voxflat.cli.options import FILE
+from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
@@ -35,7 +35,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj the flat "
@@ -109,10 +109,13 @@ Examples:
 @options.threads
 @click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
 @options.store(required=False)
+@options.beside
 @options.as_json
 @options.quiet
 @options.debug
-def command(input_: Path, output: Path, as_json: bool, quiet: bool, **given: Any) -> None:
+def command(
+    input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, quiet: bool, **given: Any
+) -> None:
     """Flatten a surface.
 
     INPUT is a label or intensity volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .npy, .npz), or a mesh
@@ -120,10 +123,10 @@ def command(input_: Path, output: Path, as_json: bool, quiet: bool, **given: Any
     volume must have a single label. Without a patch the largest component is flattened; what is no disk is cut open,
     and that is said.
     """
-    check_output(output, MAP_ENDINGS, (input_, given["keep"], given["drop"]))
+    check_output(output, MAP_ENDINGS, sidecar=sidecar, overwrite=overwrite)
     with bars(quiet) as shown:
         flat_map = flatten(source_of(input_, given, shown), progress=shown.progress, **given)
-    flat_map.save(output)
+    flat_map.save(output, sidecar=sidecar, overwrite=overwrite)
     if as_json:
         print_json({"output": str(output), **flat_map.description()})
     elif not quiet:

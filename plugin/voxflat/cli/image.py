@@ -12,9 +12,12 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
-from voxflat.cli.options import FILE
-from voxflat.cli.output import check_output
+from voxflat.cli.options import FILE, OUT
+from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.provenance import saving
+from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
 
@@ -25,18 +28,26 @@ from voxflat.maps.image_files import IMAGE_ENDINGS
 Examples:
   voxflat image map.npz --volume t1.nii.gz --interpolation linear --depth 2 -o t1.png
   voxflat image map.npz --volume areas.nii.gz --pixel-size 0.5 -o areas.nii.gz
-  voxflat image map.npz --volume face.obj -o face.png
+  voxflat image map.npz --volume face.obj -o face_flat.png
   voxflat image map.npz --heat-map -o distortion.png
   voxflat image atlas.npz --volume lh.sulc -o page.png
+  voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
+  voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
 """,
 )
 @click.argument("map_", metavar="MAP", type=FILE)
 @click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option(
+    "--channel",
+    metavar="NAME|N",
+    help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
+    "from 0.  [default: all, one after the other; a .png holds one]",
+)
 @click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
@@ -58,15 +69,21 @@ Examples:
     type=click.Choice(["linear", "nearest"]),
     help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
 )
+@options.beside
+@options.as_json
 @options.debug
 def command(
     map_: Path,
     volume: Path | None,
+    channel: str | None,
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
     depth: float | None,
     interpolation: str | None,
+    sidecar: bool,
+    overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
@@ -77,27 +94,43 @@ def command(
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    if heat_map and (interpolation or depth is not None):
-        raise click.UsageError("--interpolation and --depth are for --volume.")
-    check_output(output, IMAGE_ENDINGS, (map_, volume))
-    flat_map = _load(map_)
-    if volume is None:
-        picture = flat_map.heat_map(pixel_size)
-    else:
-        picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+    if heat_map and (interpolation or channel is not None or depth is not None):
+        raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
+    check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
+    with reading() as files:
+        flat_map = _load(map_)
+        if volume is None:
+            picture = flat_map.heat_map(pixel_size)
+        else:
+            stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+            with naming(volume, REMEDY):
+                picture = stack[0 if channel is None and len(stack) > 1 else stack.channels.find(channel)]
+    picture = picture.with_provenance({**picture.provenance, "files": files})
+    count = 1
+    if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
-    if heat_map and output.suffix.lower() == ".png":
+    if volume is not None and channel is None and len(stack) > 1:
+        count = len(stack)
+        stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved)
+    elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
         if isinstance(flat_map, FlatMap):
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        figures.save(drawn, output)
+        with saving(output, picture.provenance, **saved):
+            figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output)
+        picture.save(output, **saved)
     height, width = picture.data.shape[:2]
-    click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+    if as_json:
+        size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
+        print_json({"output": str(output), **size, "provenance": picture.provenance})
+    else:
+        images = "" if count == 1 else f"{count} images of "
+        click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

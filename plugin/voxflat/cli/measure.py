@@ -11,7 +11,7 @@ import click
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
-from voxflat.cli.options import FILE
+from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.judging.measure import compare
 
@@ -48,7 +48,7 @@ Examples:
     help="Judge on SURFACE as it is, even if a map of voxflat was made on another geometry.",
 )
 @click.option(
-    "--heat-maps", type=FILE, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
+    "--heat-maps", type=OUT, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
 )
 @options.seed
 @options.threads
@@ -66,15 +66,15 @@ def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
     if heat_maps is not None:
         from voxflat import figures  # brings in matplotlib
 
-        check_output(heat_maps, FIGURE_ENDINGS, (surface_, *flat))
+        check_output(heat_maps, FIGURE_ENDINGS)
     with bars() as shown:
         source = source_of(surface_, given, shown)
         compared = compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
     if heat_maps is not None:
-        figures.save(figures.heat_maps(compared), heat_maps)
+        figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
     one = compared[names[0]] if len(names) == 1 else compared
     if as_json:
-        print_json(one.figures())
+        print_json({**one.figures(), "provenance": compared.provenance})
     else:
         click.echo(one.table())
 

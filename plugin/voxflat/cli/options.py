@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
-from voxflat.cli.console import DEBUG
+from voxflat.cli.output import READ, WRITTEN
 from voxflat.distances.geodesic import geodesic
 from voxflat.methods.flatten import flatten
 from voxflat.methods.options import OPTIONS
@@ -21,9 +21,11 @@ from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 __all__ = [
     "FILE",
     "MAKING",
+    "OUT",
     "SAMPLINGS",
     "VOLUME",
     "as_json",
+    "beside",
     "debug",
     "default_of",
     "input_",
@@ -125,8 +127,19 @@ def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) 
     return [_vertices(ctx, param, file) for file in value] or None
 
 
-def _set_debug(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    ctx.meta[DEBUG] = value
+class _File(click.Path):
+    """A path that is noted in the command's context, under a key that says what for."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(path_type=Path)
+        self._key = key
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = super().convert(value, param, ctx)
+        if ctx is not None:
+            name = param.name if param is not None and self._key == WRITTEN else path  # of what is written there is one
+            ctx.meta.setdefault(self._key, {})[name] = path
+        return path
 
 
 # ------------------------------------------------------------------------------------------ defaults
@@ -146,15 +159,17 @@ def telling_default(option: str, help_: str) -> str:
 
 # ------------------------------------------------------------------------------------------ options
 
-FILE = click.Path(path_type=Path)
+FILE = _File(READ)
+"""The type of options and arguments that name what is read."""
+
+OUT = _File(WRITTEN)
+"""The same of what is written."""
 
 SAMPLINGS = ("farthest", "curvature", "random")
 """How sources may be chosen on any surface."""
 
 input_ = click.argument("input_", metavar="INPUT", type=FILE)
-debug = click.option(
-    "--debug", is_flag=True, expose_value=False, callback=_set_debug, help="Show where in the program an error arose."
-)
+debug = click.option("--debug", is_flag=True, expose_value=False, help="Show where in the program an error arose.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
 threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
 quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
@@ -188,6 +203,14 @@ def _group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Co
 
     return decorate
 
+
+beside = _group(
+    click.option(
+        "--sidecar", is_flag=True, help="Write what made OUT beside it, as OUT.json: for formats that cannot hold it."
+    ),
+    click.option("--overwrite", is_flag=True, help="Replace files beside OUT that voxflat did not write."),
+)
+"""What is written beside the result."""
 
 VOLUME = ("label", "threshold", "spacing")
 """Names of the options of `volume`."""
@@ -295,7 +318,7 @@ def store(*, required: bool) -> Callable[[_Command], _Command]:
     """Return the option that names a store of distance rows."""
     return click.option(
         "--store",
-        type=FILE,
+        type=OUT,
         metavar="DIR",
         required=required,
         help="Keep the distances from all sources in this directory, new or of an interrupted run, which is resumed.",

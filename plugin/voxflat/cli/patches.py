@@ -14,9 +14,9 @@ from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE
+from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
-from voxflat.maps.texture import TEXTURED_ENDINGS
+from voxflat.maps.texture import TEXTURED_ENDINGS, TexturedSurface, files_beside
 
 
 @click.command(
@@ -34,7 +34,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The atlas's file: .npz holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and .ply the "
@@ -80,12 +80,13 @@ Examples:
 @click.option(
     "--pixel-size", type=float, metavar="MM", help="Side of the texture's pixels, mm.  [default: see voxflat image]"
 )
-@click.option("--page", type=FILE, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg.")
-@click.option("--picture", type=FILE, metavar="PNG", help="Draw the surface with its patches in colours.")
+@click.option("--page", type=OUT, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg.")
+@click.option("--picture", type=OUT, metavar="PNG", help="Draw the surface with its patches in colours.")
 @options.volume
 @options.making
 @options.memory_limit
 @options.threads
+@options.beside
 @options.as_json
 @options.quiet
 @options.debug
@@ -100,6 +101,8 @@ def command(
     heat_map: bool,
     depth: float | None,
     pixel_size: float | None,
+    sidecar: bool,
+    overwrite: bool,
     as_json: bool,
     quiet: bool,
     **given: Any,
@@ -112,20 +115,22 @@ def command(
 
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
-    check_output(output, (".npz", *TEXTURED_ENDINGS), (surface_, volume))
+    more = {"sidecar": sidecar, "overwrite": overwrite}
+    check_output(output, (".npz", *TEXTURED_ENDINGS), beside=files_beside(output), **more)
     is_textured = output.suffix.lower() != ".npz"
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)
     for path in (page, picture):
         if path is not None:
-            check_output(path, FIGURE_ENDINGS if path is page else (".png",), (surface_,))
+            check_output(path, FIGURE_ENDINGS if path is page else (".png",))
     with bars(quiet) as shown:
         certified = patches(surface_of(surface_, given, shown), progress=shown.progress, **given)
         told = {"threads": given["threads"], "progress": shown.progress}
         atlas = certified if glue is None else certified.glue(glue, **told)
     if is_textured:
-        _save_textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
+        textured = _textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
+        textured.save(output, **more)
     else:
-        atlas.save(output)
+        atlas.save(output, **more)
     if page is not None or picture is not None:
         _draw(atlas, page, picture, packing)
     if as_json:
@@ -148,24 +153,22 @@ def _check_texture(
         raise click.UsageError("--depth is for --volume.")
 
 
-def _save_textured(
+def _textured(
     page: FlatPage, output: Path, volume: Path | None, heat_map: bool, depth: float, pixel_size: float | None
-) -> None:
+) -> TexturedSurface:
     if heat_map:
         textured = page.textured(page.heat_map(pixel_size), colour_map="inferno")
     elif volume is not None:
         textured = page.textured(page.image(volume, pixel_size, depth=depth))
     else:
         textured = page.textured(page.label_image(pixel_size))
-    if output.suffix.lower() == ".ply":
-        textured = textured.subdivided()
-    textured.save(output)
+    return textured.subdivided() if output.suffix.lower() == ".ply" else textured
 
 
 def _draw(atlas: Atlas, page: Path | None, picture: Path | None, packing: str) -> None:
     from voxflat import figures  # brings in matplotlib
 
     if page is not None:
-        figures.save(figures.atlas_page(atlas, packing=packing), page)
+        figures.save(figures.atlas_page(atlas, packing=packing), page, atlas.provenance)
     if picture is not None:
-        figures.save_picture(figures.atlas_3d(atlas), picture)
+        figures.save_picture(figures.atlas_3d(atlas), picture, atlas.provenance)

@@ -1,6 +1,6 @@
 """The program `voxflat`, of all its commands.
 
-Exit status: 0 success; 1 the input cannot be used, the work failed or was cancelled, or `check` says no; 2 wrong usage.
+Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` says no; 2 wrong usage; 130 cancelled.
 """
 
 from __future__ import annotations

@@ -53,7 +53,8 @@ def command(input_: Path, sources: int, as_json: bool, quiet: bool, **given: Any
     with bars(quiet) as shown:
         measured = geodesic(source_of(input_, given, shown), sources, progress=shown.progress, **given)
     if as_json:
-        print_json({"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes})
+        told = {"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes}
+        print_json({**told, "provenance": measured.provenance})
     elif not quiet:
         size = f"{measured.nbytes / 2**20:.0f} MiB"
         click.echo(f"{measured.shape[0]} x {measured.shape[1]} distances, {size}\nsaved in {measured.store}")

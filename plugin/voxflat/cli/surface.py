@@ -11,8 +11,9 @@ from voxflat.arguments import log
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
-from voxflat.cli.options import FILE
-from voxflat.cli.output import check_output
+from voxflat.cli.options import OUT
+from voxflat.cli.output import check_output, print_json
+from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
 from voxflat.io.volumes import write_volume
 
@@ -29,30 +30,44 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OUT,
     required=True,
     metavar="OUT",
     help="The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
 )
 @options.volume
 @options.making
-@click.option("--repaired", type=FILE, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
+@click.option("--repaired", type=OUT, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
 @options.memory_limit
+@options.beside
+@options.as_json
 @options.debug
-def command(input_: Path, output: Path, repaired: Path | None, **given: Any) -> None:
+def command(
+    input_: Path, output: Path, repaired: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
+) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
-    Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
+    Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
+    in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
     """
-    check_output(output, (), (input_,))
+    check_output(output, sidecar=sidecar, overwrite=overwrite)
+    if repaired is not None:
+        check_output(repaired)
     with bars() as shown:
         made = surface_of(input_, given, shown)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        if "repair" not in made.metadata:
-            raise InputError(f"there are no changed voxels to write to {repaired}; give --repair voxels")
+        if given["repair"] in ("none", "cuts"):
+            raise InputError(
+                f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
+            )
         changed = made.changed_voxels()
-        write_volume(repaired, changed, made.metadata["affine"])
-    made.save(output)
-    click.echo(f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")
+        write_volume(repaired, changed, made.metadata["affine"], made.provenance)
+    made.save(output, sidecar=sidecar, overwrite=overwrite)
+    if as_json:
+        size = {"vertices": len(made), "triangles": len(made.faces)}
+        told = {"output": str(output), **size, "metadata": made.metadata, "warnings": list(made.remarks)}
+        print_json(json_ready(told))
+    else:
+        click.echo(f"{len(made)} vertices, {len(made.faces)} triangles\nsaved as {output}")

@@ -15,6 +15,7 @@ from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distances.sources import choose_sources
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
+from voxflat.io.provenance import telling
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
 from voxflat.surfaces.surface import Surface
@@ -25,6 +26,7 @@ SOLVERS = ("graph", "marching", "exact")
 __all__ = ["geodesic"]
 
 
+@telling
 def geodesic(
     surface: object,
     sources: int | ArrayLike,

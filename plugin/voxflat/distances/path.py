@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import voxel_indices
 from voxflat.errors import InputError
+from voxflat.io.provenance import Record, telling
 from voxflat.io.spaces import Space
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.voxel_graph import voxel_graph
@@ -33,17 +34,35 @@ class Path:
         Of the path over the surface, mm.
     space : Space
         The surface's.
+    provenance : dict
+        What made it.
     """
 
     ids: NDArray[np.int64]
     points: NDArray[np.float64]
     length: float
     space: Space
+    provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
 
+    def with_provenance(self, record: Record) -> Path:
+        """Return the same path with a record of what made it.
 
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        Path
+        """
+        return replace(self, provenance=record)
+
+
+@telling
 def path(
     surface: object,
     a: Sequence[int] | int,

@@ -10,15 +10,25 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.distances.store import ARRAYS, FINISH, OTHER, array_hash, mapped, read_description
+from voxflat.distances.store import (
+    ARRAYS,
+    FINISH,
+    OTHER,
+    array_hash,
+    mapped,
+    read_description,
+    read_provenance,
+    write_provenance,
+)
 from voxflat.errors import InputError
+from voxflat.io.provenance import Record
 
 __all__ = ["DistanceRows", "open_rows"]
 
@@ -43,6 +53,8 @@ class DistanceRows:
         The sources, as numbers into the points.
     store : Path, optional
         The store's directory.
+    provenance : dict
+        What made them; a store keeps it.
     """
 
     rows: NDArray[np.float32]
@@ -50,6 +62,23 @@ class DistanceRows:
     points: NDArray[np.float64]
     sources: NDArray[np.int64]
     store: Path | None = None
+    provenance: Record = field(default_factory=dict)
+
+    def with_provenance(self, record: Record) -> DistanceRows:
+        """Return the same rows with a record of what made them, which goes into their store, too.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        DistanceRows
+        """
+        if self.store is not None:
+            write_provenance(self.store, record)
+        return replace(self, provenance=record)
 
     def __repr__(self) -> str:
         place = "memory" if self.store is None else str(self.store)
@@ -147,7 +176,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
         raise InputError(
             f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
         )
-    return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path)
+    return DistanceRows(rows, arrays["ids"], arrays["points"], arrays["sources"], path, read_provenance(path))
 
 
 def _array(path: Path, expected: str) -> NDArray[Any]:

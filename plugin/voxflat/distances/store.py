@@ -20,6 +20,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, log
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, one_line, save_array
+from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 1"
 ARRAYS = ("points", "ids", "sources")
@@ -134,6 +135,20 @@ def read_description(path: Path) -> dict[str, Any]:
     if named != FORMAT:
         raise InputError(f"{file} has the format {named!r}, this version of voxflat has {FORMAT!r}; {OTHER}")
     return dict(described)
+
+
+def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
+    """Keep in a store what made its rows."""
+    with atomic_path(Path(path) / "provenance.json") as temporary:
+        temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_provenance(path: Path) -> Record:
+    """Return what made a store's rows; nothing if that is not known. Nothing depends on it."""
+    with suppress(OSError, ValueError):
+        record = json.loads((path / "provenance.json").read_text(encoding="utf-8"))
+        return record if isinstance(record, dict) else {}
+    return {}
 
 
 def mapped(path: Path) -> NDArray[Any]:

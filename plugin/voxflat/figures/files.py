@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
+from voxflat.io.provenance import Record, as_text
 
 __all__ = ["save", "save_picture"]
 
 _DPI = 200
 
 
-def save(figure: Figure, path: str | os.PathLike[str]) -> None:
+def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = None) -> None:
     """Write a figure to a file, all of it or nothing.
 
     Parameters
@@ -27,6 +29,8 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
         A figure.
     path : path
         Ends in ``.png``, ``.pdf``, ``.svg`` or another ending that matplotlib writes.
+    record : dict, optional
+        What made it, for PNG's text, PDF's subject, SVG's description.
 
     Raises
     ------
@@ -40,10 +44,17 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     if kind not in figure.canvas.get_supported_filetypes():
         raise InputError(f"cannot write a figure as {path.name}; give a name that ends in .png, .pdf or .svg")
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format=kind, dpi=_DPI)
+        figure.savefig(temporary, format=kind, dpi=_DPI, metadata=_metadata(kind, record))
 
 
-def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> None:
+def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:
+    """Return what a kind of file can hold of a record; and no date, so that equal figures are equal files."""
+    place = {"png": "Provenance", "pdf": "Subject", "svg": "Description"}.get(kind)
+    told = {} if place is None or record is None else {place: as_text(record)}
+    return {**told, **{"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind, {})} or None
+
+
+def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], record: Record | None = None) -> None:
     """Write a picture, such as `patch_3d` makes, to a file, all of it or nothing.
 
     Parameters
@@ -52,6 +63,8 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> No
         Colours.
     path : path
         Ends in ``.png``, ``.tif`` or another ending that Pillow writes.
+    record : dict, optional
+        What made it, for PNG's text.
 
     Raises
     ------
@@ -64,4 +77,8 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> No
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise InputError(f"cannot write a picture as {path.name}; give a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
-        Image.fromarray(picture).save(temporary)
+        more: dict[str, Any] = {}
+        if path.suffix.lower() == ".png" and record is not None:
+            more["pnginfo"] = PngImagePlugin.PngInfo()
+            more["pnginfo"].add_itxt("Provenance", as_text(record))
+        Image.fromarray(picture).save(temporary, **more)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import require
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import allowed_memory
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 
@@ -290,9 +291,17 @@ def _volume_geometry(meta: Any) -> VolumeGeometry | None:
 
 
 def surface_bytes(
-    points: NDArray[np.float64], faces: NDArray[np.int64], structure: str | None, *, is_scanner: bool = False
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    structure: str | None,
+    *,
+    is_scanner: bool = False,
+    record: Record | None = None,
 ) -> bytes:
-    """Write a surface as Workbench expects one: coordinates as they are, said to be scanner RAS if that is known."""
+    """Write a surface as Workbench expects one: coordinates as they are, said to be scanner RAS if that is known.
+
+    A record of what made it stands where Workbench keeps its own.
+    """
     nibabel = require("nibabel")
     is_flat = not points[:, 2].any()
     about = {"GeometricType": "Flat" if is_flat else "Anatomical"}
@@ -301,7 +310,7 @@ def surface_bytes(
     topology = "Closed" if _is_closed(faces) else "Cut" if is_flat else "Open"
     arrays = [(points.astype("f4"), _POINTS, about), (faces.astype("i4"), _TRIANGLES, {"TopologicalType": topology})]
     gifti = nibabel.gifti
-    image = gifti.GiftiImage()
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData({} if record is None else {"Provenance": as_text(record)}))
     system = gifti.GiftiCoordSystem(_SCANNER, _SCANNER) if is_scanner and not is_flat else None
     for data, intent, meta in arrays:
         of_points = {"coordsys": system} if intent == _POINTS else {}
@@ -324,8 +333,7 @@ def _is_closed(faces: NDArray[np.int64]) -> bool:
 
 def values(image: Any) -> NDArray[Any]:
     """Return the values at the points, shape (N,), or (N, K) of K maps."""
-    surface_intents = require("nibabel").nifti1.intent_codes.code[_POINTS], 1009
-    arrays = [array.data for array in image.darrays if array.intent not in surface_intents]
+    arrays = [array.data for array in _maps(image)]
     if not arrays:
         raise InputError("holds a surface, but no values at its points")
     lengths = {len(array) for array in arrays}
@@ -338,3 +346,17 @@ def values(image: Any) -> NDArray[Any]:
 def label_names(image: Any) -> dict[int, str]:
     """Return the names of the label table."""
     return {int(key): str(name) for key, name in image.labeltable.get_labels_as_dict().items()}
+
+
+def _maps(image: Any) -> list[Any]:
+    """Return the arrays that are no surface."""
+    surface_intents = require("nibabel").nifti1.intent_codes.code[_POINTS], 1009
+    return [array for array in image.darrays if array.intent not in surface_intents]
+
+
+def map_names(image: Any) -> tuple[str, ...]:
+    """Return the names of the maps, empty where there is none; a 2-D array has several maps."""
+    names: list[str] = []
+    for array in _maps(image):
+        names += [str(array.meta.get("Name", ""))] * (array.data.shape[1] if array.data.ndim > 1 else 1)
+    return tuple(names)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
@@ -244,7 +245,7 @@ READERS: dict[str, Callable[[Path, bytes], _Parts]] = {
 # ------------------------------------------------------------------------------------------ writing
 
 
-def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
+def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None = None) -> None:
     """Write a surface to a file, all of it or nothing.
 
     Parameters
@@ -257,6 +258,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         GIFTI and FreeSurfer round its points to float32, OBJ to 9 digits. Only ``.surf.gii`` keeps its structure, only
         ``.vtp`` its point and face data, and ``.vtp``, ``.ply``, ``.obj`` its texture coordinates. A mesh whose z are
         all 0 is marked as flat in GIFTI.
+    record : dict, optional
+        What made it, for GIFTI's metadata; no other format has a place for it.
 
     Raises
     ------
@@ -269,10 +272,13 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     with naming(path, "can this format hold it?"):
         write = _writer(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
-        write(temporary, mesh)
+        write(temporary, mesh, record)
 
 
-def _writer(path: Path) -> Callable[[Path, Mesh], None]:
+_Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
+
+
+def _writer(path: Path) -> _Write:
     name = path.name.lower()
     others = (*formats.ENDINGS, *_WRITERS, ".label", ".annot", ".mgh", ".mgz", ".npy", ".npz")
     if ".patch." in name:
@@ -305,31 +311,33 @@ def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.floa
     return Space("tkRAS", volume).from_scanner(points), volume
 
 
-def _write_freesurfer(path: Path, mesh: Mesh) -> None:
+def _write_freesurfer(path: Path, mesh: Mesh, _: Record | None) -> None:
     points, volume = in_tkras(mesh.points, mesh.space)
     freesurfer.write_geometry(path, points, mesh.faces, volume)
 
 
-def _write_gifti(path: Path, mesh: Mesh) -> None:
+def _write_gifti(path: Path, mesh: Mesh, record: Record | None) -> None:
     points = mesh.space.to_scanner(mesh.points)
     as_float32(points)
-    path.write_bytes(gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=mesh.space.is_known))
+    path.write_bytes(
+        gifti.surface_bytes(points, mesh.faces, mesh.structure, is_scanner=mesh.space.is_known, record=record)
+    )
 
 
-def _write_vtp(path: Path, mesh: Mesh) -> None:
+def _write_vtp(path: Path, mesh: Mesh, _: Record | None) -> None:
     points = mesh.space.to_scanner(mesh.points)
     vtk.write_vtp(path, points, mesh.faces, mesh.texture_coordinates, mesh.point_data, mesh.face_data)
 
 
-def _write_ply(path: Path, mesh: Mesh) -> None:
+def _write_ply(path: Path, mesh: Mesh, _: Record | None) -> None:
     ply.write_ply(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
-def _write_obj(path: Path, mesh: Mesh) -> None:
+def _write_obj(path: Path, mesh: Mesh, _: Record | None) -> None:
     obj.write_obj(path, mesh.space.to_scanner(mesh.points), mesh.faces, mesh.texture_coordinates)
 
 
-_WRITERS: dict[str, Callable[[Path, Mesh], None]] = {
+_WRITERS: dict[str, _Write] = {
     ".surf.gii": _write_gifti,
     ".vtp": _write_vtp,
     ".ply": _write_ply,

@@ -1,8 +1,9 @@
 """Files and images of other packages as arrays of voxels and affines.
 
-Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where ITK refuses them or would change them; the affine is read here, so it
-is the same (nibabel's: sform, else qform, else pixdim) whichever package is installed. Neither package notices every
-damaged file, so the checks of completeness are made here, too.
+Headers tell how much memory the voxels need, before any are read. NIfTI voxels come from ITK, or from nibabel where
+ITK refuses them or would change them; the affine is read here, so it is the same (nibabel's: sform, else qform, else
+pixdim) whichever package is installed. Neither package notices every damaged file, so the checks of completeness are
+made here, too.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -99,7 +101,7 @@ def _read_mgh(path: Path) -> Read:
 def _read_by_nibabel(path: Path) -> Read:
     image = require("nibabel").load(path, mmap=False)
     _check_proxy(image)
-    _check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
+    check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
     return from_nibabel(image)
 
 
@@ -115,7 +117,7 @@ def _read_nifti(path: Path) -> Read:
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
     # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
-    _check_length(path, needed)
+    check_length(path, needed)
     affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
     return _nifti_voxels(path, header, shape), affine
 
@@ -189,6 +191,20 @@ _NIFTI1 = np.dtype(
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 
+def has_place(path: Path) -> bool:
+    """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
+    name = path.name.lower()
+    if not name.endswith((".nii", ".nii.gz", ".mgh", ".mgz")):
+        return True
+    with _opened(path) as file:
+        head: bytes = file.read(544)
+    if name.endswith((".mgh", ".mgz")):
+        return head[28:30] == b"\0\x01"  # goodRASFlag
+    if head[4:8] == b"n+2\0":  # qform_code and sform_code
+        return any(head[344:352])
+    return any(head[252:256])
+
+
 def _nifti_header(head: bytes) -> np.void:
     """Return the fields of a NIfTI-1 header of either byte order."""
     for order in ("<", ">"):
@@ -196,7 +212,7 @@ def _nifti_header(head: bytes) -> np.void:
             break
         header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
-            _check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
+            check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
             return header
     raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
 
@@ -243,7 +259,7 @@ def _read_nrrd(path: Path) -> Read:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
     for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
         for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
-            _check_unit(unit)
+            check_unit(unit)
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
     return from_itk(_load_itk(path))
@@ -257,7 +273,7 @@ def _read_metaimage(path: Path) -> Read:
         raise InputError("is no MetaImage: does its ending name its format?")
     head = start[: end.start()]
     if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
-        _check_unit(unit[1].decode("latin1"))
+        check_unit(unit[1].decode("latin1"))
     separate = path.parent / end[1].decode("utf-8", "replace")
     is_separate = end[1] != b"LOCAL" and separate.is_file()
     size = _size_by_itk(path)
@@ -283,7 +299,7 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
         raise InputError("ends too early: copy or download it again")
 
 
-def _check_unit(unit: str) -> None:
+def check_unit(unit: str) -> None:
     """Refuse lengths that the header says are not mm."""
     if unit not in ("", "mm", "?", "???", "unknown"):
         raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
@@ -295,7 +311,7 @@ def _opened(path: Path) -> Any:
     return opener(path, "rb")
 
 
-def _check_length(path: Path, needed: int) -> None:
+def check_length(path: Path, needed: int) -> None:
     """Compare the length of a file that may be gzipped with what its header says.
 
     It is read to its end, so that the checksum is compared: nibabel stops before it.
@@ -322,7 +338,7 @@ def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     if hasattr(image.header, "get_xyzt_units"):
-        _check_unit(image.header.get_xyzt_units()[0])
+        check_unit(image.header.get_xyzt_units()[0])
     _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32
@@ -359,29 +375,32 @@ def _load_itk(path: Path) -> Any:
     """Read an image by ITK, without its warnings on NIfTI placements, which are not taken from it."""
     itk = require("itk")
     check_room(_size_by_itk(path))
-    before = itk.Object.GetGlobalWarningDisplay()
-    itk.Object.SetGlobalWarningDisplay(False)
-    try:
-        return itk.imread(str(path))
-    except TypeError as error:  # 30 lines on templates, of which the first names the type
-        known = ", ".join(ITK_TYPES)
-        raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
-    finally:
-        itk.Object.SetGlobalWarningDisplay(before)
+    with _quiet(itk):
+        try:
+            return itk.imread(str(path))
+        except TypeError as error:  # 30 lines on templates, of which the first names the type
+            known = ", ".join(ITK_TYPES)
+            raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
 
 
 def _size_by_itk(path: Path) -> int:
     """Return how many bytes the voxels take, by their header."""
     itk = require("itk")
-    before = itk.Object.GetGlobalWarningDisplay()
-    itk.Object.SetGlobalWarningDisplay(False)
-    try:
+    with _quiet(itk):
         header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
         if header is None:
             return 0  # ITK says why, when it reads
         header.SetFileName(str(path))
         header.ReadImageInformation()
         return int(header.GetImageSizeInBytes())
+
+
+@contextmanager
+def _quiet(itk: Any) -> Iterator[None]:
+    before = itk.Object.GetGlobalWarningDisplay()
+    itk.Object.SetGlobalWarningDisplay(False)
+    try:
+        yield
     finally:
         itk.Object.SetGlobalWarningDisplay(before)
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
+from voxflat.io.provenance import Record, as_text
 from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, as_array, from_itk, from_nibabel, read
 
 __all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "read_volume", "write_volume"]
@@ -133,7 +134,9 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
         return Volume(data, np.eye(4) if placed is None else placed, path, is_placed=placed is not None)
 
 
-def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLike) -> None:
+def write_volume(
+    path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLike, record: Record | None = None
+) -> None:
     """Write a volume to a file, all of it or nothing.
 
     Parameters
@@ -145,6 +148,8 @@ def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLik
         Values; the type is kept, except that bool becomes uint8 in image formats.
     affine : array_like, shape (4, 4)
         Voxel index to RAS+ mm.
+    record : dict, optional
+        What made it, for NIfTI's header: an extension of code 6, a comment. No other format has a place for it.
 
     Raises
     ------
@@ -156,7 +161,7 @@ def write_volume(path: str | os.PathLike[str], data: ArrayLike, affine: ArrayLik
     path = Path(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
-        write(temporary, Volume(np.asarray(data), check_affine(affine)))
+        write(temporary, Volume(np.asarray(data), check_affine(affine)), record)
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
@@ -186,17 +191,17 @@ def _parts(obj: object) -> tuple[NDArray[Any], NDArray[Any] | None, Path | None]
 # ------------------------------------------------------------------------------------------- writing
 
 
-def _write_npy(path: Path, volume: Volume) -> None:
+def _write_npy(path: Path, volume: Volume, _: Record | None) -> None:
     if not np.array_equal(volume.affine, np.eye(4)):
         raise InputError("a .npy file keeps no affine: use .npz or an image format")
     save_array(path, volume.data)
 
 
-def _write_npz(path: Path, volume: Volume) -> None:
+def _write_npz(path: Path, volume: Volume, _: Record | None) -> None:
     np.savez_compressed(path, data=volume.data, affine=volume.affine)
 
 
-def _write_mgh(path: Path, volume: Volume) -> None:
+def _write_mgh(path: Path, volume: Volume, _: Record | None) -> None:
     nibabel = require("nibabel")
     data = _storable(volume.data)
     if data.ndim != 3:
@@ -204,11 +209,11 @@ def _write_mgh(path: Path, volume: Volume) -> None:
     nibabel.save(nibabel.MGHImage(data, volume.affine), path)
 
 
-def _write_nifti(path: Path, volume: Volume) -> None:
+def _write_nifti(path: Path, volume: Volume, record: Record | None) -> None:
     try:
         nibabel = require("nibabel")
     except InputError:
-        return _write_itk(path, volume)
+        return _write_itk(path, volume, None)
     data = _storable(volume.data)
     if data.ndim == 4:
         colour = np.dtype([(name, "u1") for name in "RGBA"[: data.shape[3]]])
@@ -219,17 +224,19 @@ def _write_nifti(path: Path, volume: Volume) -> None:
     image.set_sform(volume.affine, "scanner")
     image.set_qform(volume.affine, "scanner")
     image.header.set_xyzt_units("mm")
+    if record is not None:
+        image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", as_text(record).encode()))
     nibabel.save(image, path)
     return None
 
 
-def _write_metaimage(path: Path, volume: Volume) -> None:
+def _write_metaimage(path: Path, volume: Volume, _: Record | None) -> None:
     if volume.data.ndim != 3:
         raise InputError("a MetaImage does not say that its channels are colours: use .nii.gz or .nrrd")
-    _write_itk(path, volume)
+    _write_itk(path, volume, None)
 
 
-def _write_itk(path: Path, volume: Volume) -> None:
+def _write_itk(path: Path, volume: Volume, _: Record | None) -> None:
     itk = require("itk")
     data = _storable(volume.data)
     if data.dtype.name not in ITK_TYPES:
@@ -250,7 +257,7 @@ def _storable(data: NDArray[Any]) -> NDArray[Any]:
     return data if wider is None else data.astype(wider)
 
 
-_WRITERS: dict[str, Callable[[Path, Volume], None]] = {
+_WRITERS: dict[str, Callable[[Path, Volume, Record | None], None]] = {
     ".nii": _write_nifti,
     ".nii.gz": _write_nifti,
     ".nrrd": _write_itk,

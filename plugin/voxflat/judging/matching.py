@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, naming
+from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
 from voxflat.io.patches import is_patch, read_patch
@@ -156,7 +156,7 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
     """Take an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
     _check_count(whole, len(mesh.points))
     with naming(path, REMEDY):
-        faces, coordinates, _ = read_obj_texture(path.read_bytes())
+        faces, coordinates, _ = read_obj_texture(contents(path))
     is_placed = np.isfinite(coordinates).all(axis=(1, 2))
     faces, coordinates = faces[is_placed], coordinates[is_placed]
     faces = whole.merged_in(faces)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_seed, checked_threads, free_memory, is_whole
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
+from voxflat.io.provenance import Record, telling
 from voxflat.judging.geometry import Geometry, geometry_of
 from voxflat.judging.matching import Matched, loaded, match
 from voxflat.surfaces.making import surface as _surface
@@ -57,9 +58,12 @@ class Comparison:
     ----------
     maps : dict of str to JudgedMap
         By the names that they were given.
+    provenance : dict
+        What made it.
     """
 
     maps: dict[str, JudgedMap]
+    provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
         names = textwrap.shorten(", ".join(self.maps), 200, placeholder=" ...")
@@ -68,6 +72,20 @@ class Comparison:
     def __getitem__(self, name: str) -> Distortion:
         """Return what a map does to the surface."""
         return self.maps[name].distortion
+
+    def with_provenance(self, record: Record) -> Comparison:
+        """Return the same with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        Comparison
+        """
+        return replace(self, provenance=record)
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of each map by its name, ready for JSON: undefined ones are None."""
@@ -131,6 +149,7 @@ def measure(
     return compare(surface, {"": flat}, **place, **how, threads=threads, progress=progress)[""]
 
 
+@telling
 def compare(
     surface: object,
     maps: Mapping[str, object],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import log
+from voxflat.distances.store import write_provenance
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
+from voxflat.io.provenance import Record, resolved, saving, telling
+from voxflat.io.reading import note
 from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.plane import FlatTriangles, Planar
@@ -128,6 +131,7 @@ class FlatMap(Planar):
         """Side of a pixel unless another is given, mm: half of `spacing`."""
         return self.spacing / 2
 
+    @telling
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distortion of each point as an image on the same pixels as `image`.
 
@@ -162,6 +166,7 @@ class FlatMap(Planar):
         found = values_at(values, place(self.uv, values.shape))
         return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
 
+    @telling
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
         """Map a picture onto the surface (Zigelman et al. 2002, section V).
 
@@ -234,7 +239,30 @@ class FlatMap(Planar):
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, the files that were read, warnings, and figures."""
+        told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
+        return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
+
+    def with_provenance(self, record: Record) -> FlatMap:
+        """Return the same map with a record of what made it; its store of rows gets the record, too.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        FlatMap
+        """
+        full = resolved(record, self.metadata)
+        if "store" in self.metadata:
+            write_provenance(self.metadata["store"], full)
+        return replace(self, metadata={**self.metadata, "provenance": full})
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the map to a file, all of it or nothing.
 
         Parameters
@@ -245,23 +273,33 @@ class FlatMap(Planar):
             for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place for each: where a
             cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are left out, so that
             its readers find no triangle across the cut. How many triangles that costs is said, and so is how many are
-            left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``).
+            left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``). .npz
+            and GIFTI hold `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending.
+            If the path has another ending, or is a file that the map was made of.
         OSError
             If it cannot be written.
         """
         path = Path(path)
         name = path.name.lower()
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            self._write(path, name)
+
+    def _write(self, path: Path, name: str) -> None:
+        """Write the file that a name's ending says."""
         if name.endswith(".npz"):
             self._save_all(path)
         elif name.endswith(FLAT_PATCH_ENDINGS):
             write_patch(path, self._patch())
         elif name.endswith(".surf.gii"):
-            write_mesh(path, self._mesh() if self.is_voxels else self._mesh_of_vertices())
+            write_mesh(path, self._mesh() if self.is_voxels else self._mesh_of_vertices(), self.provenance)
         elif name.endswith(".vtp"):
             write_mesh(path, self._mesh(with_torn=True))
         elif name.endswith((".ply", ".obj")):
@@ -362,6 +400,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         metadata = json.loads(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
+        note(path)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
         triangles = more.pop("triangles")

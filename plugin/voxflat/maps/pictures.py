@@ -16,6 +16,7 @@ from scipy.ndimage import map_coordinates
 
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
+from voxflat.io.reading import note
 
 __all__ = ["as_picture", "check_cover", "check_values", "place", "values_at"]
 
@@ -143,6 +144,7 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
 
         path = Path(picture)
         with naming(path, REMEDY), Image.open(path) as image:
+            note(path)
             return _of_pillow(image), path
     if hasattr(picture, "getbands") and hasattr(picture, "convert"):
         return _of_pillow(picture), None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io import meshes
-from voxflat.io.files import REMEDY, beside, naming
+from voxflat.io.files import REMEDY, beside, contents, naming
 from voxflat.io.obj import read_obj_texture
 from voxflat.maps.pictures import as_picture, values_at
 from voxflat.maps.raster import Raster
@@ -106,7 +106,7 @@ def _vertex_colours(mesh: meshes.Mesh) -> NDArray[np.uint8]:
 
 def _picture_beside(path: Path) -> Path | None:
     """Return the picture that belongs to a file: of its own name, or named by a PLY file's header."""
-    named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", path.read_bytes()[:4096])
+    named = re.search(rb"(?m)^comment TextureFile (.*?)\s*$", contents(path)[:4096])
     if named and path.suffix.lower() == ".ply":
         return path.with_name(named[1].decode("utf-8", "replace"))
     names = [path.with_suffix(ending) for ending in _PICTURES] + [beside(path, ending) for ending in _PICTURES]
@@ -114,7 +114,7 @@ def _picture_beside(path: Path) -> Path | None:
 
 
 def _obj_texture(path: Path) -> SurfaceTexture:
-    faces, coordinates, names = read_obj_texture(path.read_bytes())
+    faces, coordinates, names = read_obj_texture(contents(path))
     found: dict[str, str] = {}
     for library in sorted(names["mtllib"]):
         found |= _material_pictures(path.parent / library)
@@ -133,7 +133,7 @@ def _material_pictures(library: Path) -> dict[str, str]:
     """Return of each material of an .mtl file the picture of its colour."""
     found: dict[str, str] = {}
     material = ""
-    for line in library.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in contents(library).decode("utf-8", "replace").splitlines():
         key, _, rest = line.strip().partition(" ")
         if key == "newmtl":
             material = rest.strip()

@@ -9,7 +9,7 @@ import io
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io import gltf, obj, ply, vtk
 from voxflat.io.files import atomic_path, beside, by_ending, naming, naming_file
+from voxflat.io.provenance import Record, as_text, check_beside, check_not_read, saving
 from voxflat.maps.pictures import values_at
 from voxflat.maps.subdivision import subdivide
 
-__all__ = ["TEXTURED_ENDINGS", "TexturedSurface"]
+__all__ = ["TEXTURED_ENDINGS", "TexturedSurface", "files_beside"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,8 @@ class TexturedSurface:
     texture_faces : ndarray of int64, shape (F, 3), or None
         The corners of each triangle as rows of `texture_coordinates`, where these have seams, at which a point has
         several; None where they are those of `faces`.
+    provenance : dict
+        What made it.
     """
 
     points: NDArray[np.float64]
@@ -54,10 +57,25 @@ class TexturedSurface:
     repeat: bool = False
     source: Path | None = None
     texture_faces: NDArray[np.int64] | None = None
+    provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
         height, width = self.picture.shape[:2]
         return f"<TexturedSurface: {len(self.points)} points, {len(self.faces)} triangles, {width} x {height} texels>"
+
+    def with_provenance(self, record: Record) -> TexturedSurface:
+        """Return the same surface with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        TexturedSurface
+        """
+        return replace(self, provenance=record)
 
     @property
     def colours(self) -> NDArray[np.uint8]:
@@ -106,7 +124,7 @@ class TexturedSurface:
         )
         return replace(whole, points=points, faces=faces, texture_coordinates=coordinates)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Save the surface with its picture; all files are complete before the first takes its place.
 
         Parameters
@@ -115,25 +133,40 @@ class TexturedSurface:
             ``.obj`` (with an ``.mtl`` and a ``.png`` beside), ``.vtp`` (with a ``.png`` beside), ``.glb`` (one file of
             glTF 2.0, in metres with y up as it demands), or ``.ply`` with the colours at the points and no picture, for
             which `subdivided` is made. With seams, OBJ keeps the surface's points; the others double them there.
+            A ``.png`` beside holds `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace files beside that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the ending is another, or a file beside would replace the picture's own.
+            If the ending is another, a file would replace one that was read, or one beside is not of voxflat.
         OSError
             If a file cannot be written.
         """
         path = Path(path)
         with naming(path, "can this format hold it?"):
             write = by_ending(path, _WRITERS, "written")
-        names = [path, *(beside(path, ending) for ending in _BESIDE.get(path.suffix.lower(), ()))]
+        others = files_beside(path)
+        names = [path, *others]
         for name in names:
             if self.source is not None and name.exists() and self.source.exists() and name.samefile(self.source):
                 raise InputError(f"cannot write {path}: {name} is the picture itself; choose another name")
+            check_not_read(name, self.provenance)
+        for name in others:
+            check_beside(path, name, overwrite=overwrite)
         with ExitStack() as files:  # they take their places in reverse: the surface last, when what it names is there
+            files.enter_context(saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite))
             temporary = [files.enter_context(atomic_path(name)) for name in names]
             with naming_file(path), naming(path, "can this format hold it?"):
                 write(temporary, self, [name.name for name in names])
+
+
+def files_beside(path: Path) -> list[Path]:
+    """Return the files that are written beside a textured surface."""
+    return [beside(path, ending) for ending in _BESIDE.get(path.suffix.lower(), ())]
 
 
 _Files = list[Path]
@@ -142,18 +175,18 @@ _Files = list[Path]
 def _write_obj(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     _, library, picture = names
     # without -clamp on, which VTK takes for part of the file's name
-    lines = ["newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {picture}"]
+    lines = ["# voxflat", "newmtl texture", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 1", f"map_Kd {picture}"]
     if surface.picture.shape[2] == 4:
         lines.append(f"map_d {picture}")
     files[1].write_text("\n".join(lines) + "\n", encoding="utf-8")
     obj.write_obj(files[0], surface.points, surface.faces, surface.texture_coordinates, library, surface.texture_faces)
-    files[2].write_bytes(_png(surface.picture))
+    files[2].write_bytes(_png(surface))
 
 
 def _write_vtp(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
     surface = surface.opened()
     vtk.write_vtp(files[0], surface.points, surface.faces, surface.texture_coordinates, {}, {})
-    files[1].write_bytes(_png(surface.picture))
+    files[1].write_bytes(_png(surface))
 
 
 def _write_ply(files: _Files, surface: TexturedSurface, names: list[str]) -> None:
@@ -161,11 +194,13 @@ def _write_ply(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
     ply.write_ply(files[0], surface.points, surface.faces, None, surface.colours)
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
-    from PIL import Image
+def _png(surface: TexturedSurface) -> bytes:
+    from PIL import Image, PngImagePlugin
 
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG")
+    file, text = io.BytesIO(), PngImagePlugin.PngInfo()
+    for key, value in {"Software": "voxflat", "Provenance": as_text(surface.provenance)}.items():
+        text.add_itxt(key, value)
+    Image.fromarray(surface.picture).save(file, format="PNG", pnginfo=text)
     return file.getvalue()
 
 
@@ -176,7 +211,7 @@ def _write_glb(files: _Files, surface: TexturedSurface, names: list[str]) -> Non
         surface.points,
         surface.faces,
         surface.texture_coordinates,
-        _png(surface.picture),
+        _png(surface),
         repeat=surface.repeat,
         transparent=surface.picture.shape[2] == 4,
     )

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from voxflat.arguments import Progress, checked_seed, checked_threads
+from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import grossmann2002, options, saucan2006, schwartz1989, voxflat, zigelman2002
 from voxflat.methods.common import How
@@ -29,6 +30,7 @@ _OVER_TRIANGLES: dict[str, Any] = {
 _OWN = ("geodesic", "weighting", "scale", "neighbourhood", "starts", "bound")
 
 
+@telling
 @options.telling_defaults
 def flatten(
     surface: object,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_threads, log
 from voxflat.io.files import atomic_path
+from voxflat.io.provenance import Record, saving, telling
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
 from voxflat.surfaces.surface import Surface
@@ -57,31 +58,59 @@ class CutSurface:
         Vertices of the whole surface that it has not, or their voxels.
     remarks : tuple of str
         What the user should know of it.
+    provenance : dict
+        What made it.
     """
 
     surface: Surface
     cuts: tuple[Cut, ...]
     left_out: NDArray[np.int64]
     remarks: tuple[str, ...] = ()
+    provenance: Record = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return (
             f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def with_provenance(self, record: Record) -> CutSurface:
+        """Return the same with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        CutSurface
+        """
+        return replace(self, surface=self.surface.with_provenance(record), provenance=record)
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes.
 
         Parameters
         ----------
         path : path
-            A JSON file: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...]}``.
+            A JSON file: ``{"cuts": [[vertex, ...], ...], "drop": [vertex, ...], "provenance": {...}}``.
+        sidecar, overwrite
+            As in `Surface.save`.
+
+        Raises
+        ------
+        InputError
+            If it is a file that was read.
+        OSError
+            If it cannot be written.
         """
-        content = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
-        with atomic_path(path) as beside:
+        content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
+        content["provenance"] = self.provenance
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
+@telling
 def cut(
     surface: object,
     *,

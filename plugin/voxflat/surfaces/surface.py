@@ -15,6 +15,7 @@ from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
+from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.surfaces.lips import listed_points, triangles_of
 
@@ -300,7 +301,26 @@ class Surface:
         """
         return replace(self, core=core)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def provenance(self) -> Record:
+        """What made it: version, function, parameters, and the files that were read."""
+        return dict(self.metadata.get("provenance", {}))
+
+    def with_provenance(self, record: Record) -> Surface:
+        """Return the same surface with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        Surface
+        """
+        return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the surface to a file, all of it or nothing.
 
         Parameters
@@ -309,12 +329,17 @@ class Surface:
             Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.white. FreeSurfer's
             have tkRAS, the others scanner RAS, as `io.write_mesh` says. One that ends in .patch.3d is a FreeSurfer
             patch of the mesh that this is a part of: what ``mris_flatten`` takes. It has the mesh's own vertex numbers
-            and one place for each, so vertices on the lips of cuts are left out, and it is said how many.
+            and one place for each, so vertices on the lips of cuts are left out, and it is said how many. GIFTI holds
+            `provenance`.
+        sidecar : bool
+            Write `provenance` to ``<path>.json``, too.
+        overwrite : bool
+            Replace a file of that name that voxflat did not write.
 
         Raises
         ------
         InputError
-            If the path has another ending.
+            If the path has another ending, or is a file that the surface was made of.
         OSError
             If it cannot be written.
         """
@@ -326,10 +351,12 @@ class Surface:
             space = Space("scanner", volume)
         if space.doubt:
             log.warning("%s may lie elsewhere than volumes: %s", path, space.doubt)
-        if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
-            self._save_patch(path, space)
-        else:
-            write_mesh(path, Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space))
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            if os.fspath(path).lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):
+                self._save_patch(path, space)
+            else:
+                mesh = Mesh(self.points, self.faces.astype(np.int64), structure=structure, space=space)
+                write_mesh(path, mesh, self.provenance)
 
     def _save_patch(self, path: str | os.PathLike[str], space: Space) -> None:
         if os.fspath(path).lower().endswith(FLAT_PATCH_ENDINGS):

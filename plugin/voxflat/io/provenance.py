@@ -1,0 +1,270 @@
+"""What made a result: one record, the same in every kind of file.
+
+A record says the version, the function that made it with all its parameters, and which files were read, with their
+SHA-256. A parameter that is itself a result, as a surface of `flatten`, is told by its own record. There is no time in
+it and no name of a machine: the same call with the same files gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+import numpy as np
+
+from voxflat._core import __version__
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.io.reading import reading
+
+__all__ = [
+    "Record",
+    "as_text",
+    "check_beside",
+    "check_not_read",
+    "described",
+    "resolved",
+    "saving",
+    "sidecar_of",
+    "telling",
+]
+
+Record = dict[str, Any]
+"""``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
+
+_UNTOLD = ("progress", "threads", "memory_limit")  # what changes no bit of a result
+_MARKED = 4096  # bytes at the beginning of a file of ours, in which it says so
+_SHOWN = 32  # numbers of an array that are told one by one
+
+_Given = ParamSpec("_Given")
+
+
+class _Told(Protocol):
+    def with_provenance(self, record: Record) -> Any: ...
+
+
+_Made = TypeVar("_Made", bound=_Told)
+
+
+def telling(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+    """Let the result of a function say what made it.
+
+    Parameters
+    ----------
+    function : callable
+        Its ``memory_limit``, if it has one, holds for reading files, too.
+
+    Returns
+    -------
+    callable
+        The same, but the record is handed to the result's ``with_provenance``, whose result is returned.
+    """
+    signature = inspect.signature(function)
+
+    @wraps(function)
+    def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
+        bound = signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        given = bound.arguments
+        with reading(given.get("memory_limit")) as files:
+            made = function(*args, **kwargs)
+        if any(made is value for value in given.values()):  # nothing was made of it
+            return made
+        told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+        record = {
+            "voxflat": __version__,
+            "function": function.__name__,
+            "parameters": described(told),
+            "files": dict(sorted(files.items())),
+        }
+        found: _Made = made.with_provenance(record)
+        return found
+
+    return wrapped
+
+
+def resolved(record: Record, used: dict[str, Any]) -> Record:
+    """Return a record that says what was used for parameters that were not given.
+
+    Parameters
+    ----------
+    record : dict
+        A record.
+    used : dict
+        By their names; others are passed over.
+
+    Returns
+    -------
+    dict
+    """
+    parameters = dict(record["parameters"])
+    for name, value in parameters.items():
+        if value is None and used.get(name) is not False:
+            parameters[name] = described(used.get(name))
+    return {**record, "parameters": parameters}
+
+
+def described(value: object) -> Any:
+    """Return what JSON can hold of a parameter.
+
+    Parameters
+    ----------
+    value : object
+        Numbers, text, paths, lists and short arrays stay what they are. Of a result its record is told, of longer
+        arrays the SHA-256 of their values, of others the type.
+
+    Returns
+    -------
+    None, bool, int, float, str, list or dict
+    """
+    if value is None or isinstance(value, str | bool | np.bool_):
+        return bool(value) if isinstance(value, np.bool_) else value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value) if math.isfinite(value) else str(float(value))
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, dict):
+        return {str(key): described(item) for key, item in value.items()}
+    record = getattr(value, "provenance", None)
+    if isinstance(record, dict):
+        return record
+    if isinstance(value, list | tuple) and len(value) <= _SHOWN:
+        return [described(item) for item in value]
+    if isinstance(value, list | tuple):
+        text = json.dumps([described(item) for item in value])
+        return {"length": len(value), "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return _digest(value)
+    if isinstance(path := getattr(value, "path", None), os.PathLike):  # of a Mesh or Volume that was read
+        return os.fspath(path)
+    return type(value).__name__
+
+
+def _digest(array: np.ndarray[Any, Any]) -> Any:
+    if array.size <= _SHOWN:
+        return described(array.tolist())
+    values = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+    digest = hashlib.sha256(values.reshape(-1).view(np.uint8).data)
+    return {"dtype": array.dtype.name, "shape": list(array.shape), "sha256": digest.hexdigest()}
+
+
+def as_text(record: Record) -> str:
+    """Return a record as JSON, on one line."""
+    return json.dumps(record, allow_nan=False)
+
+
+def _files(record: object) -> Iterator[str]:
+    """Go through the paths of all files that a record, and the records in it, name."""
+    if isinstance(record, dict):
+        files = record.get("files")
+        yield from files if isinstance(files, dict) else ()
+        for value in record.values():
+            yield from _files(value)
+
+
+def check_not_read(path: Path, record: Record) -> None:
+    """Refuse to write over a file that a result was made of.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is to be written.
+    record : dict
+        The result's.
+
+    Raises
+    ------
+    InputError
+        If it is one of its files, by this name or another.
+    """
+    if path.exists():
+        for name in _files(record):
+            if os.path.exists(name) and path.samefile(name):
+                raise InputError(f"cannot write {path}: it is an input ({name}); choose another name")
+
+
+def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
+    """Refuse to replace what lies beside a result, unless voxflat wrote it.
+
+    Parameters
+    ----------
+    path : Path
+        The result's file.
+    beside : Path
+        What is written with it, whose name nobody gave.
+    overwrite : bool
+        Replace it nevertheless.
+
+    Raises
+    ------
+    InputError
+        If it is there already, and does not say that it is ours.
+    """
+    if overwrite or not beside.exists():
+        return
+    is_ours = False
+    if beside.is_file():
+        with beside.open("rb") as file:
+            is_ours = b"voxflat" in file.read(_MARKED)
+    if not is_ours:
+        raise InputError(
+            f"cannot write {path}: {beside} beside it is there already, and not of voxflat; choose another name, or "
+            "overwrite it (--overwrite, overwrite=True)"
+        )
+
+
+def sidecar_of(path: str | os.PathLike[str]) -> Path:
+    """Return the name of the JSON file beside a result."""
+    path = Path(path)
+    return path.with_name(f"{path.name}.json")
+
+
+@contextmanager
+def saving(
+    path: str | os.PathLike[str], record: Record, *, sidecar: bool = False, overwrite: bool = False
+) -> Iterator[Path]:
+    """Write a result, but not over a file that it was made of, and its record beside it where that is asked for.
+
+    Parameters
+    ----------
+    path : path
+        The result's file, which the block writes.
+    record : dict
+        Its record.
+    sidecar : bool
+        Write the record to ``<path>.json``, too, for formats that hold none.
+    overwrite : bool
+        Replace a file of that name that voxflat did not write.
+
+    Yields
+    ------
+    Path
+        The result's file.
+
+    Raises
+    ------
+    InputError
+        If either file is one that was read, or the one beside is there already and not of voxflat.
+    OSError
+        If the record cannot be written.
+    """
+    path = Path(path)
+    check_not_read(path, record)
+    if sidecar:
+        check_not_read(sidecar_of(path), record)
+        check_beside(path, sidecar_of(path), overwrite=overwrite)
+    yield path
+    if sidecar:
+        with atomic_path(sidecar_of(path)) as temporary:
+            temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")

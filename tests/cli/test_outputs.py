@@ -1,0 +1,343 @@
+"""What commands write: never over what they read, all of it whatever becomes of the terminal, and with a record."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+from triangle_meshes import bump, square
+
+import voxflat
+from voxflat import cli
+from voxflat.io.provenance import described
+from voxflat.io.volumes import write_volume
+
+nib = pytest.importorskip("nibabel")
+
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
+PROGRAM = Path(sys.executable).with_name("voxflat")
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+
+
+def sha256(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A directory to work in, with a white and a pial surface, a solid, an image of it, and pictures."""
+    monkeypatch.chdir(tmp_path)
+    points, faces = bump(12)
+    nib.freesurfer.write_geometry("lh.white", points, faces)
+    nib.freesurfer.write_geometry("lh.pial", points + np.array([0, 0, 2]), faces)
+    solid = np.zeros((12, 12, 12), np.uint8)
+    solid[3:9, 3:9, 3:9] = 1
+    write_volume("solid.nii.gz", solid, np.eye(4))
+    write_volume("p.nii.gz", solid.astype(np.float32), np.eye(4))
+    sheet = np.zeros((14, 14, 5), np.uint8)
+    sheet[2:12, 2:12, 2] = 1
+    np.save("sheet.npy", sheet)
+    Image.fromarray(np.full((9, 9, 3), 77, np.uint8)).save("bricks.png")
+    return tmp_path
+
+
+def everything():
+    return {path.name: path.read_bytes() for path in Path().iterdir() if path.is_file()}
+
+
+# ---------------------------------------------------------------------------------------- no input is written over
+
+
+OVER_INPUTS = {
+    "pial": "surface lh.white --pial lh.pial -o lh.pial",
+    "pial by another name": "surface lh.white --pial lh.pial -o ./lh.pial",
+    "hard link": "surface lh.white --pial lh.pial -o lh.hard",
+    "symbolic link": "surface lh.white --pial lh.pial -o lh.soft",
+    "volume": "surface solid.nii.gz --repair voxels --repaired solid.nii.gz -o s.ply",
+    "probability": "surface solid.nii.gz --probability p.nii.gz --repair voxels --repaired p.nii.gz -o s.ply",
+    "cuts": "cut lh.white --cut cuts.obj -o cuts.obj",
+    "file of cuts": "cut lh.white --cut cuts.json -o cuts.json",
+    "polygon": "flatten lh.white --polygon corners.obj -o corners.obj",
+    "sidecar": "flatten lh.white --drop drop.ply.json -o drop.ply --sidecar",
+    "texture": "texture map.npz t.png -o t.vtp",
+    "page": "patches lh.white --volume v.png --page v.png -o a.obj",
+    "heat maps": "measure lh.white flat.png --heat-maps flat.png",
+    "path": "path lh.white 0 5 --geodesic edges -o lh.white",
+    "image": "image map.npz --volume v.nii -o v.nii",
+}
+
+
+@pytest.mark.parametrize("case", OVER_INPUTS)
+def test_no_output_is_an_input(folder, case):
+    os.link("lh.pial", "lh.hard")
+    os.symlink("lh.pial", "lh.soft")
+    Path("cuts.obj").write_text("0\n1\n2\n")
+    Path("corners.obj").write_text("0\n5\n100\n")
+    for name in ("cuts.json", "drop.ply.json", "map.npz", "t.png", "v.png", "flat.png", "v.nii"):
+        Path(name).write_text("{}")
+    before = everything()
+    result = run(*OVER_INPUTS[case].split())
+    assert result.exit_code == 1
+    assert "it is an input; choose another name" in result.stderr
+    assert everything() == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "surface solid.nii.gz --repair voxels --repaired s.ply -o ./s.ply",
+        "patches lh.white -o page.vtp --page page.png",
+        "surface lh.white -o s.ply --sidecar --repaired s.ply.json",
+    ],
+)
+def test_no_output_is_written_twice(folder, command):
+    before = everything()
+    result = run(*command.split())
+    assert (result.exit_code, "twice; choose another name" in result.stderr) == (1, True)
+    assert everything() == before
+
+
+def test_files_beside_replace_only_what_is_ours(folder):
+    assert run("flatten", "sheet.npy", "-o", "map.npz", "--sources", 20).exit_code == 0
+    for beside, name in (("brick.png", "brick.obj"), ("brick.mtl", "brick.obj"), ("brick.png", "brick.vtp")):
+        Path(beside).write_bytes(b"another's")
+        refused = run("texture", "map.npz", "bricks.png", "-o", name)
+        assert refused.exit_code == 1
+        assert f"{beside} beside it is there already" in refused.stderr
+        assert "--overwrite" in refused.stderr
+        assert Path(beside).read_bytes() == b"another's"
+        assert not Path(name).exists()
+        with pytest.raises(voxflat.InputError, match="beside it is there already"):
+            voxflat.load("map.npz").textured("bricks.png").save(name)
+        assert run("texture", "map.npz", "bricks.png", "-o", name, "--overwrite").exit_code == 0
+        again = run("texture", "map.npz", "bricks.png", "-o", name)  # now they are ours
+        assert again.exit_code == 0
+        for path in ("brick.obj", "brick.mtl", "brick.png", "brick.vtp"):
+            Path(path).unlink(missing_ok=True)
+    Path("s.ply.json").write_text('{"another": "tool"}')
+    assert run("surface", "lh.white", "-o", "s.ply", "--sidecar").exit_code == 1
+    assert not Path("s.ply").exists()
+    for more in (["--overwrite"], []):
+        assert run("surface", "lh.white", "-o", "s.ply", "--sidecar", *more).exit_code == 0
+
+
+def test_python_writes_over_no_input_either(folder):
+    surface = voxflat.surface("lh.white", pial="lh.pial")
+    flat_map = voxflat.flatten(surface, sources=20)
+    before = everything()
+    for result, path in ((surface, "lh.pial"), (surface, folder / "lh.white"), (flat_map, "lh.pial")):
+        with pytest.raises(voxflat.InputError, match="it is an input"):
+            result.save(path)
+    assert everything() == before
+    flat_map.save("map.npz")
+    voxflat.load("map.npz").save("map.npz")  # of which it was not made
+
+
+def test_a_texture_found_beside_a_surface_is_an_input(folder):
+    voxflat.flatten("lh.white", sources=20).save("map.npz")
+    points, faces = bump(12)
+    lines = ["mtllib face.mtl", *("v {} {} {}".format(*point) for point in points)]
+    lines += [*("vt {} {}".format(*point[:2] / 12) for point in points), "usemtl skin"]
+    lines += ["f " + " ".join(f"{corner}/{corner}" for corner in face + 1) for face in faces]
+    Path("face.obj").write_text("\n".join(lines) + "\n")
+    Path("face.mtl").write_text("newmtl skin\nmap_Kd face.png\n")
+    Image.fromarray(np.full((9, 9, 3), 77, np.uint8)).save("face.png")
+    before = everything()
+    refused = run("image", "map.npz", "--volume", "face.obj", "-o", "face.png")
+    assert (refused.exit_code, "it is an input (face.png)" in refused.stderr) == (1, True)
+    assert everything() == before
+    done = run("image", "map.npz", "--volume", "face.obj", "-o", "flat.png", "--json")
+    files = json.loads(done.stdout)["provenance"]["files"]
+    assert files == {name: sha256(name) for name in ("map.npz", "face.obj", "face.mtl", "face.png")}
+
+
+# -------------------------------------------------------------------------------- whatever becomes of the terminal
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize(
+    ("where", "status"), [("2>&-", 0), ("2>/dev/full", 0), (">&-", 0), ("0<&- >&- 2>&-", 0), (">/dev/full", 1)]
+)
+def test_the_map_is_saved_whatever_becomes_of_the_terminal(folder, where, status):
+    command = f"{PROGRAM} flatten sheet.npy -o map.npz --sources 20 --json {where}"
+    done = subprocess.run(command, shell=True, check=False, capture_output=True, timeout=120)
+    assert done.returncode == status
+    assert len(voxflat.load("map.npz")) == 100
+
+
+# ---------------------------------------------------------------------------------------- for scripts
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "error", "remedy"),
+    [
+        ("flatten none.npy -o m.npz", 1, "none.npy: No such file or directory", None),
+        ("surface sheet.npy --label 7 -o s.ply", 1, "no voxel has label 7", "the volume has labels 1"),
+        ("image m.npz --heat-map -o m.bmp", 1, "cannot write m.bmp", "its name must end in"),
+        ("texture m.npz -o m.obj", 2, "Missing argument 'PICTURE'", None),
+        ("flatten lh.white --label 3 -o m.npz", 1, "label is given", "leave it out"),
+        ("path lh.white 0", 2, "Give at least two stops.", None),
+        ("demo -o lh.white", 1, "lh.white", None),
+    ],
+)
+def test_errors_are_json_too(folder, command, status, error, remedy):
+    result = run(*command.split(), "--json")
+    assert result.exit_code == status
+    told = json.loads(result.stdout)
+    assert set(told) == {"error", "remedy", "exit_code"}
+    assert told["exit_code"] == status
+    assert error in told["error"]
+    assert told["remedy"] is None if remedy is None else remedy in told["remedy"]
+    assert result.stderr  # where people look
+
+
+def test_every_command_has_json(folder):
+    for name, command in cli.main.commands.items():
+        assert "--json" in {option for param in command.params for option in param.opts}, name
+
+
+# ---------------------------------------------------------------------------------------- what made it
+
+
+def test_a_record_is_in_every_kind_of_file(folder):
+    np.savetxt("keep.txt", np.ones(169), fmt="%d")
+    arguments = ["flatten", "lh.white", "--pial", "lh.pial", "--keep", "keep.txt", "--sources", 20]
+    assert run(*arguments, "-o", "lh.flat.surf.gii", "--sidecar").exit_code == 0
+    assert run(*arguments, "-o", "map.npz").exit_code == 0
+    record = json.loads(nib.load("lh.flat.surf.gii").meta["Provenance"])
+    assert record == json.loads(Path("lh.flat.surf.gii.json").read_text())
+    with np.load("map.npz") as file:
+        kept = json.loads(str(file["metadata"]))["provenance"]
+    assert kept == {name: value for name, value in record.items() if name not in ("figures", "warnings", "space")}
+    assert (record["voxflat"], record["function"]) == (voxflat.__version__, "flatten")
+    surface = record["parameters"]["surface"]
+    assert (surface["parameters"]["source"], surface["parameters"]["pial"]) == ("lh.white", "lh.pial")
+    assert record["parameters"]["keep"] == "keep.txt"
+    used = {name: record["parameters"][name] for name in ("method", "sources", "sampling", "geodesic", "weighting")}
+    assert used == {
+        "method": "voxflat",
+        "sources": 20,
+        "sampling": "farthest",
+        "geodesic": "graph",
+        "weighting": 0.5,
+    }
+    assert record["parameters"]["seed"] == 0
+    assert record["files"] == {"keep.txt": sha256("keep.txt")}
+    assert surface["files"] == {name: sha256(name) for name in ("lh.white", "lh.pial")}
+    flat_map = voxflat.load("map.npz")
+    assert record["figures"] == flat_map.distortion.figures()
+
+    np.savetxt("values.txt", np.arange(169.0))
+    for name in ("image.png", "image.nii.gz", "image.tif", "image.npy"):
+        done = run("image", "map.npz", "--volume", "values.txt", "-o", name, "--json", "--sidecar")
+        told = json.loads(done.stdout)["provenance"]
+        assert told["files"] == {name: sha256(name) for name in ("map.npz", "values.txt")}
+        assert told["parameters"]["volume"] == "values.txt"
+        assert told["parameters"]["pixel_size"] == flat_map.pixel_size
+        assert told["parameters"]["of"] == record
+        assert json.loads(Path(f"{name}.json").read_text()) == told
+        if name == "image.png":
+            assert json.loads(Image.open(name).text["Provenance"]) == told
+        if name == "image.tif":
+            assert Image.open(name).tag_v2[270].endswith("Provenance: " + json.dumps(told))
+        if name == "image.nii.gz":
+            (extension,) = nib.load(name).header.extensions
+            assert (extension.get_code(), json.loads(extension.get_content())) == (6, told)
+    assert run("image", "map.npz", "--heat-map", "-o", "heat.png").exit_code == 0
+    heat = json.loads(Image.open("heat.png").text["Provenance"])
+    assert (heat["function"], heat["parameters"]["of"]) == ("heat_map", record)
+
+
+def test_other_results_have_records(folder):
+    files = {"lh.white": sha256("lh.white")}
+
+    def told(*command):
+        done = run(*command, "--json")
+        assert done.exit_code == 0, done.stderr
+        return json.loads(done.stdout)
+
+    assert run("cut", "lh.white", "-o", "cuts.json").exit_code == 0
+    record = json.loads(Path("cuts.json").read_text())["provenance"]
+    assert (record["function"], record["files"]) == ("cut", files)
+    assert run("flatten", "lh.white", "--cut", "cuts.json", "-o", "m.npz", "--sources", 20).exit_code == 0
+    assert voxflat.load("m.npz").provenance["files"] == {**files, "cuts.json": sha256("cuts.json")}
+    made = told("surface", "lh.white", "-o", "s.surf.gii")
+    assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])
+    judged = told("measure", "lh.white", "m.npz")
+    assert judged["provenance"]["files"] == {**files, "m.npz": sha256("m.npz")}
+    kept = told("rows", "lh.white", "--sources", 5, "--store", "rows")
+    assert kept["provenance"]["parameters"]["sources"] == 5
+    assert voxflat.open_rows("rows").provenance == kept["provenance"]
+    assert told("path", "lh.white", 0, 5)["provenance"]["files"] == files
+    assert told("patches", "lh.white", "-o", "a.npz", "--glue", 1.5, "--page", "page.png")["metadata"]["provenance"]
+    glued = json.loads(Image.open("page.png").text["Provenance"])
+    assert (glued["function"], glued["parameters"]["bound"]) == ("glue", 1.5)
+    assert glued["parameters"]["of"]["function"] == "patches"
+    assert glued["parameters"]["of"]["parameters"]["surface"]["files"] == files
+    assert run("surface", "solid.nii.gz", "--repair", "voxels", "--repaired", "r.nii", "-o", "r.ply").exit_code == 0
+    (extension,) = nib.load("r.nii").header.extensions
+    assert json.loads(extension.get_content())["files"] == {"solid.nii.gz": sha256("solid.nii.gz")}
+    textured = told("texture", "m.npz", "bricks.png", "-o", "t.obj")
+    assert json.loads(Image.open("t.png").text["Provenance"]) == textured["provenance"]
+    assert textured["provenance"]["files"] == {name: sha256(name) for name in ("m.npz", "bricks.png")}
+
+
+def test_arrays_are_told_by_their_hash(folder):
+    points, faces = square(6)
+    keep = np.arange(49) >= 0
+    record = voxflat.flatten((points, faces), keep=keep, sources=[0, 5, 48]).provenance
+    assert record["parameters"]["sources"] == [0, 5, 48]
+    assert record["parameters"]["keep"] == {
+        "dtype": "bool",
+        "shape": [49],
+        "sha256": hashlib.sha256(keep.tobytes()).hexdigest(),
+    }
+    assert record["files"] == {}
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (np.float32(0.5), 0.5),
+        (np.int64(3), 3),
+        (np.bool_(True), True),
+        (float("nan"), "nan"),
+        (Path("a/b.nii"), "a/b.nii"),
+        ({"a": (1, None)}, {"a": [1, None]}),
+        (np.eye(2), [[1.0, 0.0], [0.0, 1.0]]),
+        (np.array([object()]), "ndarray"),
+        (object(), "object"),
+    ],
+)
+def test_what_json_can_hold_of_a_parameter(value, told):
+    assert described(value) == told
+
+
+def test_long_lists_are_told_by_their_hash():
+    ragged = [[0, 1], np.arange(3), *([1],) * 40]
+    assert described(ragged) == described([list(map(int, path)) for path in ragged])
+    assert described(ragged)["length"] == 42
+    assert described(ragged) != described(ragged[::-1])
+    assert described(np.arange(99.0))["sha256"] == described(np.arange(99.0).astype(">f8"))["sha256"]
+    assert described(np.arange(99.0))["sha256"] == hashlib.sha256(np.arange(99.0).tobytes()).hexdigest()
+
+
+def test_the_same_call_writes_the_same_bytes(folder):
+    for name in ("a", "b"):
+        for ending in (".npz", ".surf.gii"):
+            arguments = ["flatten", "lh.white", "--sources", 20, "-o", f"{name}{ending}"]
+            assert run(*arguments, "--threads", 1 if name == "a" else 2).exit_code == 0
+    assert sha256("a.surf.gii") == sha256("b.surf.gii")
+    for name in ("a", "b"):
+        voxflat.load("a.npz").heat_map().save(f"{name}.png")
+    assert sha256("a.png") == sha256("b.png")

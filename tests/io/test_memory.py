@@ -1,0 +1,182 @@
+"""How much memory there is, and that nothing is read for which there is not enough: headers tell, inflating stops."""
+
+import gzip
+import io
+import resource
+import subprocess
+import sys
+import time
+import zipfile
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import psutil
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import arguments, cli
+from voxflat.io.reading import reading
+from voxflat.io.volumes import read_volume
+
+nib = pytest.importorskip("nibabel")
+
+SHAPE = (1000, 1000, 500)  # 4 GB of float64
+
+
+def big_nifti(path, kind=nib.Nifti1Header, dtype=np.int16, slope=1.0):
+    """Write the header of a volume that no test could hold, and of its voxels only the first."""
+    header = kind()
+    header.set_data_dtype(dtype)
+    header.set_data_shape(SHAPE)
+    header["scl_slope"] = slope
+    header["vox_offset"] = 352 if kind is nib.Nifti1Header else 544
+    with gzip.open(path, "wb", compresslevel=1) as file:
+        file.write(header.binaryblock + bytes(4) + bytes(1 << 20))
+
+
+def big_mgz(path):
+    header = nib.freesurfer.mghformat.MGHHeader()
+    header.set_data_dtype(np.int16)
+    header.set_data_shape(SHAPE)
+    with gzip.open(path, "wb", compresslevel=1) as file:
+        file.write(header.binaryblock + bytes(1 << 20))
+
+
+def big_array():
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": SHAPE})
+    return file.getvalue()
+
+
+def big_npy(path):
+    with path.open("wb") as file:
+        file.write(big_array())
+        file.truncate(8 * int(np.prod(SHAPE)) + 128)  # a hole
+
+
+def big_npz(path):
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("v.npy", "w") as file,
+    ):
+        file.write(big_array() + bytes(1 << 28))
+
+
+def big_mha(path):
+    sizes = " ".join(map(str, SHAPE))
+    head = f"ObjectType = Image\nNDims = 3\nBinaryData = True\nCompressedData = True\nDimSize = {sizes}\n"
+    path.write_bytes((head + "ElementType = MET_DOUBLE\nElementDataFile = LOCAL\n").encode() + zlib.compress(bytes(99)))
+
+
+def big_nrrd(path):
+    sizes = " ".join(map(str, SHAPE))
+    head = f"NRRD0004\ntype: double\ndimension: 3\nsizes: {sizes}\nendian: little\nencoding: gzip\n\n"
+    path.write_bytes(head.encode() + gzip.compress(bytes(99)))
+
+
+BIG = {
+    "a.nii.gz": (big_nifti, "953.7 MiB"),
+    "scaled.nii.gz": (lambda path: big_nifti(path, slope=0.5), "4.66 GiB"),
+    "two.nii.gz": (lambda path: big_nifti(path, nib.Nifti2Header), "953.7 MiB"),
+    "a.mgz": (big_mgz, "953.7 MiB"),
+    "a.npy": (big_npy, "3.73 GiB"),
+    "a.mha": (big_mha, "3.73 GiB"),
+    "a.nrrd": (big_nrrd, "3.73 GiB"),
+}
+
+
+@pytest.mark.parametrize("name", BIG)
+def test_headers_tell_what_would_be_too_much(tmp_path, name):
+    if name.endswith((".mha", ".nrrd")):
+        pytest.importorskip("itk")
+    write, size = BIG[name]
+    write(tmp_path / name)
+    start, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(voxflat.InputError, match=rf"{name}: ({size}) of memory are needed, 500 MiB is the limit; crop"):
+        voxflat.surface(tmp_path / name, threshold=0.5, memory_limit=500 << 20)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 19  # KiB; ITK itself takes 300 MiB
+    assert time.monotonic() - start < 20
+    result = CliRunner().invoke(
+        cli.main, ["flatten", str(tmp_path / name), "-o", str(tmp_path / "m.npz"), "--memory-limit", "500M"]
+    )
+    assert (result.exit_code, "500 MiB is the limit" in result.stderr) == (1, True)
+
+
+def test_an_archive_is_no_larger_than_it_says(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("v.npy", big_array() + bytes(99))
+    with pytest.raises(voxflat.InputError, match=r"ends after \d+ of 4000000128 bytes"):
+        read_volume(tmp_path / "a.npz")
+
+
+def test_inflating_stops(tmp_path):
+    image = nib.Nifti1Image(np.ones((4, 4, 4), np.uint8), np.eye(4))
+    with gzip.open(tmp_path / "a.nii.gz", "wb", compresslevel=1) as file:
+        file.write(image.to_bytes() + bytes(100 << 20))
+    with pytest.raises(voxflat.InputError, match="goes on after the 416 bytes that its header tells of"):
+        read_volume(tmp_path / "a.nii.gz")
+    mesh = tmp_path / "lh.surf.gii.gz"
+    mesh.write_bytes(gzip.compress(b"<GIFTI>" + bytes(8 << 20), compresslevel=1))
+    with pytest.raises(voxflat.InputError, match="to more than 1 MiB, a quarter of the memory"):
+        voxflat.surface(mesh, memory_limit=4 << 20)
+
+
+def test_an_image_that_is_still_in_its_file(tmp_path):
+    big_nifti(tmp_path / "a.nii.gz", slope=0.5)
+    with reading(500 << 20), pytest.raises(voxflat.InputError, match=r"4.66 GiB of memory are needed"):
+        voxflat.io.as_volume(nib.load(tmp_path / "a.nii.gz"))
+
+
+# ---------------------------------------------------------------------------------------- what is free
+
+
+GROUPS = {
+    "version 2": ("0::/a/b\n", ("", "memory.max", "memory.current", "inactive_file")),
+    "version 1": (
+        "5:cpu:/\n4:blkio,memory:/a/b\n0::/\n",
+        ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    ),
+}
+
+
+@pytest.mark.parametrize("version", GROUPS)
+def test_control_groups_count(tmp_path, monkeypatch, version):
+    text, (root, most, used, reclaimable) = GROUPS[version]
+    for place, limit, usage, inactive in (("a", "3000000", 1_500_000, 200_000), ("a/b", "9000000", 1_000, 0)):
+        group = tmp_path / "groups" / root / place
+        group.mkdir(parents=True)
+        (group / most).write_text(f"{limit}\n")
+        (group / used).write_text(f"{usage}\n")
+        (group / "memory.stat").write_text(f"anon 7\n{reclaimable} {inactive}\nfile 9\n")
+    (tmp_path / "own").write_text(text)
+    monkeypatch.setattr(arguments, "_CGROUPS", tmp_path / "groups")
+    monkeypatch.setattr(arguments, "_OWN_CGROUPS", tmp_path / "own")
+    assert arguments.free_memory() == 1_700_000  # what the group around leaves
+    (tmp_path / "groups" / root / "a" / most).write_text("max\n")
+    assert arguments.free_memory() == 8_999_000
+    (tmp_path / "groups" / root / "a" / "b" / most).write_text("500\n")
+    assert arguments.free_memory() == 0
+    (tmp_path / "own").unlink()
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=12345))
+    assert arguments.free_memory() == 12345
+
+
+@pytest.mark.slow
+def test_the_limit_of_the_process_counts(tmp_path):
+    big_nifti(tmp_path / "a.nii.gz")
+    code = """
+import resource, sys, psutil, voxflat
+from voxflat.arguments import free_memory
+room = psutil.Process().memory_info().vms + (300 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (room, room))
+assert free_memory() <= 300 << 20
+voxflat.surface(sys.argv[1], threshold=0.5)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "a.nii.gz"], capture_output=True, text=True, check=False
+    )
+    assert "InputError" in done.stderr.splitlines()[-1]
+    assert "953.7 MiB of memory are needed, " in done.stderr
+    assert "MiB are free" in done.stderr
