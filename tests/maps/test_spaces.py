@@ -161,6 +161,35 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     assert "its volume geometry (VolGeom...) is damaged" in caplog.text
 
 
+@pytest.mark.parametrize("kind", ["nifti1", "nifti2", "mgz"])
+def test_a_volume_without_a_place_is_told(tmp_path, caplog, kind):
+    """Its middle is the origin by nibabel; a mesh's map says so, that of a volume of the same header need not."""
+    data = np.zeros((60, 60, 60), np.uint8)
+    data[20:40, 20:40, 20:40] = 1
+    path = tmp_path / ("v.mgz" if kind == "mgz" else "v.nii.gz")
+
+    def write(known):
+        if kind == "mgz":
+            image = nib.MGHImage(data, np.diag([2.0, 2, 2, 1]))
+            image.header["goodRASFlag"] = known
+        else:
+            image = (nib.Nifti1Image if kind == "nifti1" else nib.Nifti2Image)(data, np.diag([2.0, 2, 2, 1]))
+            image.set_qform(None, code=0)
+            image.set_sform(np.diag([2.0, 2, 2, 1]), code=int(known))
+        nib.save(image, path)
+
+    write(known=True)
+    flat(ball()).image(path)
+    assert caplog.messages == []
+    write(known=False)
+    flat(ball()).image(path)
+    assert f"{path.name} does not say where it lies" in caplog.text
+    m = voxflat.flatten(path, seed_point=(30, 30, 39), radius=15.0, sources=20)
+    caplog.clear()
+    m.image(path)
+    assert caplog.messages == []
+
+
 def test_the_command_line_tells_the_space(tmp_path, volumes):
     (points, faces), of = ball(1), header()
     path = str(write_freesurfer(tmp_path / "lh.white", points, faces, of))

@@ -22,7 +22,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, holding
 from voxflat.io.provenance import Record, saving
 from voxflat.io.reading import note
-from voxflat.maps.raster import FlatImage
+from voxflat.maps.raster import FlatImage, FlatStack
 
 __all__ = ["Atlas"]
 
@@ -168,6 +168,7 @@ class Atlas(FlatPieces, ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
+        channel: int | str | None = None,
         depth: float = 0.0,
         interpolation: str | None = None,
         name: str = "",
@@ -176,7 +177,7 @@ class Atlas(FlatPieces, ABC):
 
         Parameters
         ----------
-        volume, pixel_size, depth, interpolation, name
+        volume, pixel_size, channel, depth, interpolation, name
             As in `FlatMap.image`.
 
         Returns
@@ -184,7 +185,30 @@ class Atlas(FlatPieces, ABC):
         FlatImage
             NaN (colours: alpha 0) beside the pieces and where the volume has no value.
         """
-        return self.page().image(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
+        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        return self.page().image(volume, pixel_size, channel=channel, **how)
+
+    def images(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatStack:
+        """Sample all maps of a file, or a series of volumes, onto the page.
+
+        Parameters
+        ----------
+        volume, pixel_size, depth, interpolation, name
+            As in `FlatMap.images`.
+
+        Returns
+        -------
+        FlatStack
+        """
+        return self.page().images(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.

@@ -15,10 +15,12 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.raster import FlatImage, FlatStack
 
 
 @click.command(
@@ -30,10 +32,18 @@ Examples:
   voxflat image map.npz --volume face.obj -o face_flat.png
   voxflat image map.npz --heat-map -o distortion.png
   voxflat image atlas.npz --volume lh.sulc -o page.png
+  voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
+  voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
 """,
 )
 @click.argument("map_", metavar="MAP", type=FILE)
 @click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option(
+    "--channel",
+    metavar="NAME|N",
+    help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
+    "from 0.  [default: all, one after the other; a .png holds one]",
+)
 @click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
 @click.option(
     "-o",
@@ -66,6 +76,7 @@ Examples:
 def command(
     map_: Path,
     volume: Path | None,
+    channel: str | None,
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
@@ -84,15 +95,22 @@ def command(
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    if heat_map and (interpolation or depth is not None):
-        raise click.UsageError("--interpolation and --depth are for --volume.")
+    if heat_map and (interpolation or channel is not None or depth is not None):
+        raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
+    beside = {"sidecar": sidecar, "overwrite": overwrite}
     check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
     with reading() as files:
         flat_map = _load(map_)
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
-            picture = flat_map.image(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+            stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
+            stack = stack.with_provenance({**stack.provenance, "files": files})
+            if channel is None and len(stack) > 1:
+                _save_all(stack, volume, output, beside, as_json)
+                return
+            with naming(volume, REMEDY):
+                picture = stack[stack.channels.find(channel)]
     picture = picture.with_provenance({**picture.provenance, "files": files})
     if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
@@ -103,16 +121,29 @@ def command(
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        with saving(output, picture.provenance, sidecar=sidecar, overwrite=overwrite):
+        with saving(output, picture.provenance, **beside):
             figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output, sidecar=sidecar, overwrite=overwrite)
+        picture.save(output, **beside)
+    _tell(picture, output, as_json)
+
+
+def _save_all(stack: FlatStack, volume: Path, output: Path, beside: dict[str, bool], as_json: bool) -> None:
+    first = stack[0]
+    _check_overlap(~np.isnan(first.data), volume)
+    stack.save(output, **beside)
+    _tell(first, output, as_json, len(stack))
+
+
+def _tell(picture: FlatImage, output: Path, as_json: bool, images: int = 1) -> None:
+    """Say what was written."""
     height, width = picture.data.shape[:2]
     if as_json:
-        size = {"width": width, "height": height, "pixel_size": picture.pixel_size}
+        size = {"images": images, "width": width, "height": height, "pixel_size": picture.pixel_size}
         print_json({"output": str(output), **size, "provenance": picture.provenance})
     else:
-        click.echo(f"{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+        several = "" if images == 1 else f"{images} images of "
+        click.echo(f"{several}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

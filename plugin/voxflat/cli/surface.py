@@ -57,8 +57,10 @@ def command(
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        if "repair" not in made.metadata:
-            raise InputError(f"there are no changed voxels to write to {repaired}; give --repair voxels")
+        if given["repair"] in ("none", "cuts"):
+            raise InputError(
+                f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
+            )
         changed = made.changed_voxels()
         write_volume(repaired, changed, made.metadata["affine"], made.provenance)
     made.save(output, sidecar=sidecar, overwrite=overwrite)

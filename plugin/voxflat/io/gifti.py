@@ -333,8 +333,7 @@ def _is_closed(faces: NDArray[np.int64]) -> bool:
 
 def values(image: Any) -> NDArray[Any]:
     """Return the values at the points, shape (N,), or (N, K) of K maps."""
-    surface_intents = require("nibabel").nifti1.intent_codes.code[_POINTS], 1009
-    arrays = [array.data for array in image.darrays if array.intent not in surface_intents]
+    arrays = [array.data for array in _maps(image)]
     if not arrays:
         raise InputError("holds a surface, but no values at its points")
     lengths = {len(array) for array in arrays}
@@ -347,3 +346,17 @@ def values(image: Any) -> NDArray[Any]:
 def label_names(image: Any) -> dict[int, str]:
     """Return the names of the label table."""
     return {int(key): str(name) for key, name in image.labeltable.get_labels_as_dict().items()}
+
+
+def _maps(image: Any) -> list[Any]:
+    """Return the arrays that are no surface."""
+    surface_intents = require("nibabel").nifti1.intent_codes.code[_POINTS], 1009
+    return [array for array in image.darrays if array.intent not in surface_intents]
+
+
+def map_names(image: Any) -> tuple[str, ...]:
+    """Return the names of the maps, empty where there is none; a 2-D array has several maps."""
+    names: list[str] = []
+    for array in _maps(image):
+        names += [str(array.meta.get("Name", ""))] * (array.data.shape[1] if array.data.ndim > 1 else 1)
+    return tuple(names)

@@ -13,23 +13,30 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, patches
+from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, contents, naming
 from voxflat.io.meshes import READERS, parsed
+from voxflat.io.reading import check_room
+from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["read_overlay", "read_region"]
+__all__ = ["holds_volume", "read_channels", "read_overlay", "read_region"]
 
 
-def read_overlay(path: str | os.PathLike[str], points: int) -> NDArray[Any]:
+def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> NDArray[Any]:
     """Read values at the points of a surface.
 
     Parameters
     ----------
     path : path
-        GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``,
-        ...; ``.annot``, whose labels are numbers from 0, −1 for none; ``.mgh``, ``.mgz``), ``.npy``, or ``.txt`` with a
-        line a point.
+        GIFTI (``.func.gii``, ``.shape.gii``, ``.label.gii``), CIFTI (``.dscalar.nii``, ``.dtseries.nii``,
+        ``.dlabel.nii``), FreeSurfer (``lh.curv``, ``lh.sulc``, ``lh.thickness``, ...; ``.annot``, whose labels are
+        numbers from 0, −1 for none; ``.mgh``, ``.mgz``), NIfTI of shape (N, 1, 1) or (N, 1, 1, K), ``.npy``, or
+        ``.txt`` with a line a point.
     points : int
         How many the surface has.
+    structure : str, optional
+        What the surface is, as GIFTI says it, such as "CortexLeft": which part of a CIFTI file is meant. Points that it
+        does not list are NaN, in ``.dlabel.nii`` 0.
 
     Returns
     -------
@@ -39,16 +46,90 @@ def read_overlay(path: str | os.PathLike[str], points: int) -> NDArray[Any]:
     Raises
     ------
     InputError
-        The file is damaged, or has another number of values.
+        The file is damaged, has another number of values, or more maps than memory holds.
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
     path = Path(path)
     with naming(path, REMEDY):
-        return _values(path, contents(path), points)
+        channels = _channels(path, points, structure)
+        first = channels.read(0)
+        if len(channels) == 1:
+            return first
+        check_room(2 * len(channels) * first.nbytes)
+        return np.column_stack([first, *(channels.read(n) for n in range(1, len(channels)))])
 
 
-def read_region(path: str | os.PathLike[str], points: int, *, name: str | None = None) -> NDArray[np.bool_]:
+def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
+    """Read values at the points of a surface map by map.
+
+    Parameters
+    ----------
+    path, points, structure
+        As in `read_overlay`.
+
+    Returns
+    -------
+    Channels
+        Arrays of shape (points,). Those of NIfTI and CIFTI files are read when they are asked for.
+
+    Raises
+    ------
+    InputError, FileNotFoundError, PermissionError
+        As `read_overlay`.
+    """
+    path = Path(path)
+    with naming(path, REMEDY):
+        return _channels(path, points, structure)
+
+
+def _channels(path: Path, points: int, structure: str | None) -> Channels:
+    if not path.name.lower().endswith((".nii", ".nii.gz")):
+        return Channels.of_array(*_values(path, contents(path), points))
+    path.open("rb").close()  # the system's own error for a missing file says more
+    found = points_of_nibabel(path, points, structure)
+    if found is None:
+        raise InputError("holds no values at points, but voxels")
+    return found.mapped(lambda values: _fitting(values, points))
+
+
+def holds_volume(path: str | os.PathLike[str]) -> bool:
+    """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending.
+
+    Parameters
+    ----------
+    path : path
+        A file.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    PermissionError
+        The file cannot be opened.
+    """
+    name = Path(path).name.lower()
+    if not name.endswith(VOLUME_ENDINGS):
+        return False
+    if name.endswith(".npy"):
+        return _dimensions(Path(path)) not in (1, 2)
+    image, _ = opened(Path(path))
+    return image is None or not (is_cifti(image) or are_points(image.shape))
+
+
+def _dimensions(path: Path) -> int | None:
+    """Return how many dimensions an array in a file has, if it is one."""
+    try:
+        return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
+    except (ValueError, EOFError):  # what is wrong with it is said by those who read it
+        return None
+
+
+def read_region(
+    path: str | os.PathLike[str], points: int, *, name: str | None = None, structure: str | None = None
+) -> NDArray[np.bool_]:
     """Read which points of a surface belong to a region.
 
     Parameters
@@ -60,6 +141,8 @@ def read_region(path: str | os.PathLike[str], points: int, *, name: str | None =
         How many the surface has.
     name : str, optional
         A label of an ``.annot`` or ``.label.gii`` file, such as ``"Medial_wall"``.
+    structure : str, optional
+        As in `read_overlay`.
 
     Returns
     -------
@@ -92,31 +175,33 @@ def read_region(path: str | os.PathLike[str], points: int, *, name: str | None =
             mesh = parsed(path, data)
             _fitting(mesh.points[:, 0], points)
             return _mask(np.unique(mesh.faces), points)
-        values = _values(path, data, points)
-        if values.ndim > 1:
-            raise InputError(f"has {values.shape[1]} maps: give a file with one")
+        channels = _channels(path, points, structure)
+        if len(channels) > 1:
+            raise InputError(f"has {len(channels)} maps: give a file with one")
+        values = channels.read(0)
         return np.asarray((values != 0) & ~np.isnan(values))
 
 
-def _values(path: Path, data: bytes, points: int) -> NDArray[Any]:
-    """Return the values of any file that has some."""
+def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[str, ...] | None]:
+    """Return the values of any file that has some, and the names of its maps if they have any."""
     name, kind = path.name.lower(), formats.by_content(data) or formats.by_name(path)
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
             raise InputError("is no NumPy array: write it again with numpy.save")
-        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points)
+        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points), None
     if name.endswith(".txt"):
-        return _fitting(np.loadtxt(io.StringIO(data.decode())), points)
+        return _fitting(np.loadtxt(io.StringIO(data.decode())), points), None
     if name.endswith((".mgh", ".mgz")):
-        return _fitting(freesurfer.read_mgh(data), points)
+        return _fitting(freesurfer.read_mgh(data), points), None
     if name.endswith(".annot"):
-        return _fitting(freesurfer.read_annot(path, data)[0], points)
+        return _fitting(freesurfer.read_annot(path, data)[0], points), None
     if kind == formats.GIFTI:
-        return _fitting(gifti.values(gifti.load(data)), points)
+        image = gifti.load(data)
+        return _fitting(gifti.values(image), points), gifti.map_names(image)
     is_cut_short = kind == formats.FREESURFER and data[2] == 0xFF  # a file of values
     if kind not in (None, formats.MORPH) and not is_cut_short:
         raise InputError(f"holds no values at points, but {kind}")
-    return _fitting(freesurfer.read_morph(path, data), points)
+    return _fitting(freesurfer.read_morph(path, data), points), None
 
 
 def _fitting(values: NDArray[Any], points: int) -> NDArray[Any]:

@@ -101,7 +101,7 @@ def _read_mgh(path: Path) -> Read:
 def _read_by_nibabel(path: Path) -> Read:
     image = require("nibabel").load(path, mmap=False)
     _check_proxy(image)
-    _check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
+    check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
     return from_nibabel(image)
 
 
@@ -117,7 +117,7 @@ def _read_nifti(path: Path) -> Read:
     needed = int(header["vox_offset"]) + voxels * int(header["bitpix"]) // 8
     check_room(needed + (8 * voxels if header["scl_slope"] not in (0, 1) or header["scl_inter"] != 0 else 0))
     # ITK returns a file cut short as if it were whole, the rest filled with what is in memory
-    _check_length(path, needed)
+    check_length(path, needed)
     affine = check_affine(_nifti_affine(header, shape))  # before ITK complains of a bad one at length
     return _nifti_voxels(path, header, shape), affine
 
@@ -191,6 +191,20 @@ _NIFTI1 = np.dtype(
 _NIFTI_UNITS = {1: "meter", 3: "micron"}  # 2 is mm; 0, unknown, is taken as mm
 
 
+def has_place(path: Path) -> bool:
+    """Tell whether the header of a file that could be read says where its voxels lie, not only how large they are."""
+    name = path.name.lower()
+    if not name.endswith((".nii", ".nii.gz", ".mgh", ".mgz")):
+        return True
+    with _opened(path) as file:
+        head: bytes = file.read(544)
+    if name.endswith((".mgh", ".mgz")):
+        return head[28:30] == b"\0\x01"  # goodRASFlag
+    if head[4:8] == b"n+2\0":  # qform_code and sform_code
+        return any(head[344:352])
+    return any(head[252:256])
+
+
 def _nifti_header(head: bytes) -> np.void:
     """Return the fields of a NIfTI-1 header of either byte order."""
     for order in ("<", ">"):
@@ -198,7 +212,7 @@ def _nifti_header(head: bytes) -> np.void:
             break
         header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
-            _check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
+            check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
             return header
     raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
 
@@ -245,7 +259,7 @@ def _read_nrrd(path: Path) -> Read:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
     for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
         for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
-            _check_unit(unit)
+            check_unit(unit)
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
     return from_itk(_load_itk(path))
@@ -259,7 +273,7 @@ def _read_metaimage(path: Path) -> Read:
         raise InputError("is no MetaImage: does its ending name its format?")
     head = start[: end.start()]
     if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
-        _check_unit(unit[1].decode("latin1"))
+        check_unit(unit[1].decode("latin1"))
     separate = path.parent / end[1].decode("utf-8", "replace")
     is_separate = end[1] != b"LOCAL" and separate.is_file()
     size = _size_by_itk(path)
@@ -285,7 +299,7 @@ def _check_deflated(path: Path, start: int, size: int) -> None:
         raise InputError("ends too early: copy or download it again")
 
 
-def _check_unit(unit: str) -> None:
+def check_unit(unit: str) -> None:
     """Refuse lengths that the header says are not mm."""
     if unit not in ("", "mm", "?", "???", "unknown"):
         raise InputError(f"its lengths are in {unit}, by its header: save it in mm, or give array and affine")
@@ -297,7 +311,7 @@ def _opened(path: Path) -> Any:
     return opener(path, "rb")
 
 
-def _check_length(path: Path, needed: int) -> None:
+def check_length(path: Path, needed: int) -> None:
     """Compare the length of a file that may be gzipped with what its header says.
 
     It is read to its end, so that the checksum is compared: nibabel stops before it.
@@ -324,7 +338,7 @@ def from_nibabel(image: Any) -> Read:
     """Return voxels and affine of a nibabel image."""
     volume_shape(image.shape, np.dtype(np.uint8))
     if hasattr(image.header, "get_xyzt_units"):
-        _check_unit(image.header.get_xyzt_units()[0])
+        check_unit(image.header.get_xyzt_units()[0])
     _check_proxy(image)
     voxels = np.asarray(image.dataobj)
     if voxels.dtype.names is not None:  # RGB24, RGBA32

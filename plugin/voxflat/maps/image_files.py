@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import os
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, save_array
+from voxflat.io.files import atomic_path, require, save_array
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
-__all__ = ["IMAGE_ENDINGS", "write_image"]
+__all__ = ["IMAGE_ENDINGS", "Image", "Stack", "write_image", "write_stack"]
 
-_TIFF_DESCRIPTION, _TIFF_CENTIMETRE = 270, 3
+_TIFF_DESCRIPTION, _TIFF_PAGE_NAME, _TIFF_CENTIMETRE = 270, 285, 3
+_TIFF_LIMIT = 1 << 32  # bytes
 
 
 def write_image(
@@ -93,7 +97,7 @@ def _write_tiff(
 def _write_nifti(
     path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
 ) -> None:
-    write_volume(path, _measured(data)[:, :, None], affine, record)
+    write_volume(path, _measured(data)[:, :, None], affine, record or None)
 
 
 def _write_npy(
@@ -115,6 +119,138 @@ IMAGE_ENDINGS = tuple(_WRITERS)
 """Endings of the files that `FlatImage.save` writes."""
 
 
+# ------------------------------------------------------------------------------------------------ stacks
+
+
+class Stack(Protocol):
+    """Images on the same pixels, one after the other, as `FlatStack`."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of each image."""
+
+    @property
+    def provenance(self) -> Record:
+        """What made them."""
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+
+    def __getitem__(self, channel: int) -> Image:
+        """Return an image."""
+
+
+class Image(Protocol):
+    """As `FlatImage`."""
+
+    @property
+    def data(self) -> NDArray[Any]:
+        """Pixels."""
+
+    @property
+    def affine(self) -> NDArray[np.float64]:
+        """From row and column to mm."""
+
+    @property
+    def name(self) -> str:
+        """What it shows."""
+
+
+def write_stack(path: str | os.PathLike[str], stack: Stack) -> None:
+    """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
+
+    Parameters
+    ----------
+    path : path
+        Its ending says how.
+    stack : Stack
+        Images of values; each is asked for once, when it is written.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, the values do not fit, or it is too large for the format.
+    OSError
+        If the file cannot be written.
+    """
+    path, first = Path(path), stack[0]
+    write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
+    if write is None:
+        endings = ", ".join(_STACK_WRITERS)
+        listed = textwrap.shorten(", ".join(map(str, stack.names if any(stack.names) else range(len(stack)))), 300)
+        raise InputError(
+            f"{path.name} would hold one image, and there are {len(stack)} ({listed}): choose one by its name or "
+            f"number (channel), or give a name that ends in {endings}"
+        )
+    if first.data.ndim != 2:
+        raise InputError("colours are no channels: save them as one image")
+    with atomic_path(path) as temporary:
+        write(temporary, stack, first)
+
+
+def _write_tiff_pages(path: Path, stack: Stack, first: Image) -> None:
+    from PIL import Image as Pillow
+    from PIL import TiffImagePlugin
+
+    if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
+        raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii or .npy")
+    per_cm = 10 / float(first.affine[2, 2])
+    resolution = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
+    with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
+        for n in range(len(stack)):
+            image = stack[n]
+            tags = TiffImagePlugin.ImageFileDirectory_v2()
+            described = _description(image.affine, image.name, {} if n else stack.provenance)
+            tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in described.items())
+            tags[_TIFF_PAGE_NAME] = stack.names[n] or str(n)
+            Pillow.fromarray(_measured(image.data)).save(file, format="TIFF", tiffinfo=tags, **resolution)
+            file.newFrame()
+
+
+def _write_nifti_series(path: Path, stack: Stack, first: Image) -> None:
+    nibabel = require("nibabel")
+    height, width = first.data.shape
+    if max(height, width, len(stack)) > np.iinfo(np.int16).max:
+        raise InputError(f"{len(stack)} images of {width} x {height} pixels are too many for NIfTI-1: use .npy")
+    header = nibabel.Nifti1Header()
+    header.set_data_dtype(np.float32)
+    header.set_data_shape((height, width, 1, len(stack)))
+    header.set_zooms((*[float(first.affine[2, 2])] * 3, 1.0))
+    header.set_sform(first.affine, "scanner")
+    header.set_qform(first.affine, "scanner")
+    header.set_xyzt_units("mm")
+    header["scl_slope"], header["scl_inter"] = 1, 0
+    if any(stack.names):
+        names = json.dumps({"names": list(stack.names)}).encode()
+        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", names))
+    if stack.provenance:
+        record = as_text(stack.provenance).encode()
+        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", record))
+    is_packed = path.name.lower().endswith(".gz")
+    with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, mode="wb", mtime=0) if is_packed else plain as file:
+        header.write_to(file)
+        file.write(bytes(int(header["vox_offset"]) - file.tell()))
+        for n in range(len(stack)):
+            file.write(_measured(stack[n].data).astype("<f4").tobytes(order="F"))
+
+
+def _write_npy_series(path: Path, stack: Stack, first: Image) -> None:
+    described = {"descr": "<f4", "fortran_order": False, "shape": (len(stack), *first.data.shape)}
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, described)
+        for n in range(len(stack)):
+            file.write(_measured(stack[n].data).astype("<f4").tobytes())
+
+
+_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image], None]] = {
+    ".tif": _write_tiff_pages,
+    ".tiff": _write_tiff_pages,
+    ".nii": _write_nifti_series,
+    ".nii.gz": _write_nifti_series,
+    ".npy": _write_npy_series,
+}
+
+
 # ----------------------------------------------------------------------------------------------- helpers
 
 
@@ -125,7 +261,7 @@ def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict
         "Pixel size": f"{affine[2, 2]:.9g} mm",
         "Centre of the upper left pixel": f"u = {u:.9g} mm, v = {v:.9g} mm",
         "Software": "voxflat",
-        "Provenance": as_text(record),
+        **({"Provenance": as_text(record)} if record else {}),
     }
 
 

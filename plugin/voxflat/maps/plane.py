@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import checked_number
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.look_up import Places, TriangleFinder
-from voxflat.maps.raster import FlatImage, Raster, draw
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
 __all__ = ["FlatTriangles", "Planar"]
@@ -138,6 +139,7 @@ class Planar(ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
+        channel: int | str | None = None,
         depth: float = 0.0,
         interpolation: str | None = None,
         name: str = "",
@@ -150,10 +152,13 @@ class Planar(ABC):
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
             that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
-            file (GIFTI, FreeSurfer curv, annot or .mgh); uint8 colours there, shape (V, 3) or (V, 4); or the texture
-            that the surface has of its own, as .obj, .vtp or .ply (Zigelman et al. 2002, figure 3).
+            file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8 colours there,
+            shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply (Zigelman et
+            al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of volumes.
         pixel_size : float, optional
             As in `raster`.
+        channel : int or str, optional
+            Which one, where there are several: its number, from 0, or its name. `images` gives all of them.
         depth : float
             How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
         interpolation : {"linear", "nearest"}, optional
@@ -170,8 +175,37 @@ class Planar(ABC):
         Raises
         ------
         InputError
-            If the volume does not fit or cannot be read.
+            If the volume does not fit or cannot be read, or there are several and none is chosen.
         """
-        return self._triangles.on_surface.image(
-            self.raster(pixel_size), volume, depth=depth, interpolation=interpolation, name=name
-        )
+        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
+
+    @telling
+    def images(
+        self,
+        volume: object,
+        pixel_size: float | None = None,
+        *,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatStack:
+        """Sample all maps of a file, or a series of volumes, onto the plane: each when it is asked for.
+
+        Parameters
+        ----------
+        volume, pixel_size, depth, interpolation, name
+            As in `image`.
+
+        Returns
+        -------
+        FlatStack
+            A sequence of `FlatImage`, by number or name; `FlatStack.save` writes them one after the other.
+
+        Raises
+        ------
+        InputError
+            As `image`.
+        """
+        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        return self._triangles.on_surface.images(self.raster(pixel_size), volume, **how)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,11 @@ from scipy.ndimage import map_coordinates
 
 from voxflat import _core
 from voxflat.errors import InputError
+from voxflat.io.channels import Channels
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.volumes import Volume
 from voxflat.maps.colours import are_labels, coloured
-from voxflat.maps.image_files import write_image
+from voxflat.maps.image_files import write_image, write_stack
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -201,6 +202,99 @@ class FlatImage:
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_image(path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatStack(Sequence[FlatImage]):
+    """Images on the same pixels of a flat map, one a channel: each is sampled when it is asked for.
+
+    Parameters
+    ----------
+    channels : Channels
+        Arrays as in `FlatImage.data`.
+    pixel_size : float
+        Side of a pixel, mm.
+    origin : tuple of 2 floats
+        (u, v) of the centre of pixel (0, 0), mm.
+    name : str
+        What they show.
+    provenance : dict
+        What made them.
+    """
+
+    channels: Channels
+    pixel_size: float
+    origin: tuple[float, float]
+    name: str
+    provenance: Record = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self.channels)
+
+    def __repr__(self) -> str:
+        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
+
+    def with_provenance(self, record: Record) -> FlatStack:
+        """Return the same images with a record of what made them.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        FlatStack
+        """
+        return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The name of each channel, empty where it has none."""
+        return self.channels.names
+
+    @overload
+    def __getitem__(self, channel: int | str) -> FlatImage: ...
+
+    @overload
+    def __getitem__(self, channel: slice) -> list[FlatImage]: ...
+
+    def __getitem__(self, channel: int | str | slice) -> FlatImage | list[FlatImage]:
+        """Sample a channel, by its number or its name; `InputError`, which ends a loop, if there is none such."""
+        if isinstance(channel, slice):
+            return [self[n] for n in range(*channel.indices(len(self)))]
+        if isinstance(channel, int) and channel >= len(self):
+            raise IndexError(channel)
+        n = self.channels.find(channel)
+        name = ", ".join(part for part in (self.name, self.names[n]) if part)
+        record = dict(self.provenance)
+        if record:
+            record["parameters"] = {**record["parameters"], "channel": self.names[n] or n}
+        return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Save all images to one file, one after the other, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: a volume each of (H, W, 1, K), the
+            names in a header extension (JSON). ``.npy``: (K, H, W), without names. The values are float32, NaN outside
+            the map. All but ``.npy`` hold `provenance`.
+        sidecar, overwrite
+            As in `FlatImage.save`.
+
+        Raises
+        ------
+        InputError
+            If the ending is another, as of ``.png``, which holds one image; the values do not fit; or it is a file that
+            was read.
+        OSError
+            If the file cannot be written.
+        """
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_stack(path, self)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,11 +15,14 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
-from voxflat.io.overlays import read_overlay
+from voxflat.io.channels import Channels, points_of_nibabel, series_of
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.overlays import holds_volume, read_channels
+from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
-from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume
-from voxflat.maps.raster import FlatImage, Raster, sample, show
+from voxflat.io.volumes import Volume, as_volume
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, sample, show
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
@@ -121,29 +125,59 @@ class Sampler:
         ids = np.where(inside, self.ids[nearest], -1)
         return ids, raster.interpolate(self.points)
 
-    def image(
+    def images(
         self, raster: Raster, volume: object, *, depth: float = 0.0, interpolation: str | None = None, name: str = ""
-    ) -> FlatImage:
-        """Sample a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+    ) -> FlatStack:
+        """Sample all channels of a volume, an overlay or a texture onto pixels: as `FlatMap.images`."""
         depth = checked_number(depth, "depth")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         texture = None if self.is_voxels else self._surface_texture(volume)
+        overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
             if depth != 0 or interpolation is not None:
                 raise InputError(
                     "depth and interpolation are for volumes and overlays, not for textures; leave them out"
                 )
             colours = paint(texture, raster, self.ids)
-            return FlatImage(colours, raster.pixel_size, raster.origin, title)
-        overlay = None if self.is_voxels else self._overlay(volume)
-        if overlay is not None:
-            data = show(raster, overlay[self.ids], interpolation)
-            return FlatImage(data, raster.pixel_size, raster.origin, title)
+            channels = Channels(("",), lambda _: colours)
+        elif overlay is not None:
+            channels = overlay.mapped(lambda values: show(raster, values[self.ids], interpolation))
+        else:
+            volumes, placed, path = self._volumes(volume)
+            title = name or (path.name if path else "volume")
+            places = self._in_world(raster, depth)
+            channels = volumes.mapped(lambda voxels: sample(placed(voxels), places, interpolation))
+        return FlatStack(channels, raster.pixel_size, raster.origin, title)
+
+    def image(
+        self,
+        raster: Raster,
+        volume: object,
+        *,
+        channel: int | str | None = None,
+        depth: float = 0.0,
+        interpolation: str | None = None,
+        name: str = "",
+    ) -> FlatImage:
+        """Sample one channel of a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
+        stack = self.images(raster, volume, depth=depth, interpolation=interpolation, name=name)
+        with naming(volume if isinstance(volume, str | os.PathLike) else type(volume).__name__, REMEDY):
+            shown = stack[stack.channels.find(channel)]
+        return replace(shown, name=name) if name else shown
+
+    def _volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
+        """Return voxels, read one by one where there are several volumes, how they become a volume, and their file."""
+        path = Path(volume) if isinstance(volume, str | os.PathLike) else None
+        with naming(path or type(volume).__name__, REMEDY):
+            series = series_of(path or volume)
+        if series is not None:
+            self._doubt_place(series[1], path)
+            return series[0], lambda voxels: Volume(voxels, series[1], path), path
+        if isinstance(volume, np.ndarray) and volume.ndim == 4 and volume.dtype != np.uint8 and volume.shape[3] > 1:
+            return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self._placed, None
         placed = self._placed(volume)
-        data = sample(placed, self._in_world(raster, depth), interpolation)
-        return FlatImage(
-            data, raster.pixel_size, raster.origin, name or (placed.path.name if placed.path else "volume")
-        )
+        self._doubt_place(placed.affine, placed.path)
+        return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
 
     def _surface_texture(self, volume: object) -> SurfaceTexture | NDArray[np.uint8] | None:
         """Return the texture of the mesh, or colours at its vertices, if that is what was given."""
@@ -154,26 +188,29 @@ class Sampler:
             return read_texture(path, count) if is_textured else None
         return np.asarray(volume) if are_colours(volume, count) else None
 
-    def _overlay(self, volume: object) -> NDArray[Any] | None:
+    def _overlay(self, volume: object) -> Channels | None:
         """Return values at the mesh's vertices, if that is what was given."""
-        count = self.metadata["vertices"]
+        count, structure = self.metadata["vertices"], self.metadata.get("structure")
         if isinstance(volume, str | os.PathLike):
-            if Path(volume).name.lower().endswith(VOLUME_ENDINGS):
+            if holds_volume(volume):
                 return None
-            refuse_other_side(volume, self.metadata.get("structure"))
-            values = read_overlay(volume, count)
-            self._doubt(Path(volume), values)
-            return values
-        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) == 1:
+            refuse_other_side(volume, structure)
+            channels = read_channels(volume, count, structure=structure)
+            self._doubt(Path(volume), channels.read(0))
+            return channels
+        if hasattr(volume, "dataobj"):
+            with naming(type(volume).__name__, REMEDY):
+                return points_of_nibabel(volume, count, structure)
+        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) in (1, 2):
             values = np.asarray(volume)
             if len(values) != count:
                 raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
-            return values
+            return Channels.of_array(values)
         return None
 
     def _doubt(self, path: Path, values: NDArray[Any]) -> None:
         """Tell if a file of as many values seems to be of another surface: by its name, or by its curvature."""
-        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata["input"] or "", path)]
+        names = [re.findall(r"sub-[A-Za-z0-9]+", str(of)) for of in (self.metadata.get("input") or "", path)]
         if all(names) and names[0][-1] != names[1][-1]:
             log.warning("%s is of %s, the surface of %s: is it meant?", path.name, names[1][-1], names[0][-1])
         if re.search(r"(^|[._-])(curv|sulc)([._]|$)", path.name) and values.ndim == 1:
@@ -198,6 +235,16 @@ class Sampler:
         curvature = (np.bincount(vertices[is_known], bend[is_known], len(values)) / np.maximum(count, 1))[seen]
         with np.errstate(all="ignore"):
             return float(np.corrcoef(curvature, values[seen].astype(np.float64))[0, 1])
+
+    def _doubt_place(self, affine: NDArray[np.float64], path: Path | None) -> None:
+        """Tell if a volume's file does not say where it lies, unless it lies where the flattened one does."""
+        is_same = self.is_voxels and np.array_equal(affine, self.affine)
+        if path is not None and not is_same and not has_place(path):
+            log.warning(
+                "%s does not say where it lies (no sform, qform or goodRASFlag): its middle is taken as the origin; "
+                "give it the header of an image that it belongs to",
+                path.name,
+            )
 
     def _in_world(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel in the world of the volumes, shape (H, W, 3), scanner RAS, mm."""

@@ -223,4 +223,6 @@ def _present(data: NDArray[Any]) -> str:
     if not labels:
         return "every voxel is 0"
     shown = ", ".join(str(label) for label in list(labels)[:_SHOWN])
-    return f"the volume has labels {shown}" + (f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else "")
+    shown += f" and {len(labels) - _SHOWN} more" if len(labels) > _SHOWN else ""
+    of_freesurfer = "; label=2 is the left, label=41 the right white matter of FreeSurfer's aseg and ribbon"
+    return f"the volume has labels {shown}" + (of_freesurfer if {2, 41} <= labels.keys() else "")

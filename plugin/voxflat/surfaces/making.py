@@ -45,7 +45,8 @@ def surface(
     Parameters
     ----------
     source : ndarray, path, image object, Volume, (points, faces), Mesh, pyvista.PolyData or Surface
-        A label or intensity volume (I, J, K), or a mesh of triangles in RAS+ mm.
+        A label or intensity volume (I, J, K), or a mesh of triangles in RAS+ mm, in the space that its file says
+        (`Surface.space`): scanner RAS, FreeSurfer's tkRAS, or unknown.
     label, threshold, spacing, affine
         What of a volume is foreground, and where it lies: as in `flatten`.
     probability : ndarray, path, image object or Volume, optional
@@ -56,7 +57,8 @@ def surface(
         Whether the foreground is a sheet one voxel thick, of which one surface is made instead of two sides. By default
         this is recognised.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway.
+        Where `source` is a white surface, the pial surface with the same vertices: distances are measured midway. One
+        that does not lie outside it, vertex by vertex, is refused.
     repair : {"none", "voxels", "cuts"}, optional
         Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave one sphere
         ("voxels"), or by cutting them open ("cuts", also of meshes). By default handles of a volume's largest component

@@ -215,7 +215,7 @@ def _vertices(whole: Surface, region: object, name: str) -> NDArray[np.bool_]:
         return chosen
     count = whole.metadata["vertices"]
     if isinstance(region, str | os.PathLike):
-        chosen = read_region(region, count)
+        chosen = read_region(region, count, structure=whole.metadata.get("structure"))
     else:
         chosen = _as_mask(np.asarray(region), count, name)
     return np.asarray(chosen[whole.vertices])

@@ -1,0 +1,314 @@
+"""Files of several maps: values at points or volumes, one after the other, read one by one.
+
+GIFTI, CIFTI and MGH files have several maps of values at the points of a surface, NIfTI and MGH files several volumes.
+Long series do not fit into memory, so what is held is how to read a channel, not the channels.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import require
+from voxflat.io.grid import Affine, check_affine
+from voxflat.io.readers import check_length, check_unit
+from voxflat.io.reading import check_room, note
+
+__all__ = ["Channels", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
+
+_NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
+_BLOCK = 64  # of frames that are read at once where a file holds them point by point
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """One or more arrays of one shape, read when they are asked for.
+
+    Parameters
+    ----------
+    names : tuple of str
+        A name for each channel; empty where the file has none.
+    read : callable
+        Takes the number of a channel, from 0, and returns its array.
+    """
+
+    names: tuple[str, ...]
+    read: Callable[[int], NDArray[Any]]
+
+    def __len__(self) -> int:
+        """Return the number of channels."""
+        return len(self.names)
+
+    def __repr__(self) -> str:
+        return f"<Channels: {len(self)}, {self.listed()}>"
+
+    def listed(self) -> str:
+        """Return the names, shortened, for messages."""
+        if not any(self.names):
+            return f"0 to {len(self) - 1}"
+        return textwrap.shorten(", ".join(name or str(n) for n, name in enumerate(self.names)), 300, placeholder=" ...")
+
+    def find(self, channel: int | str | None) -> int:
+        """Find a channel.
+
+        Parameters
+        ----------
+        channel : int, str or None
+            Its number, from 0, or negative from the end; its name; or None for the only one.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            If there is none such, or there are several and none is chosen.
+        """
+        count = len(self)
+        if channel is None:
+            if count > 1:
+                raise InputError(f"has {count} maps ({self.listed()}): choose one by its name or number (channel)")
+            return 0
+        if isinstance(channel, str):
+            found = [n for n, name in enumerate(self.names) if name == channel]
+            if len(found) == 1:
+                return found[0]
+            if len(found) > 1:
+                raise InputError(f"has {len(found)} maps of the name {channel!r}, {found}: choose one by its number")
+            if not re.fullmatch(r"-?[0-9]+", channel):
+                raise InputError(f"has no map {channel!r}, but {self.listed()}")
+            channel = int(channel)
+        if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
+            raise InputError(f"channel is {channel!r}: give a name or a number")
+        if not -count <= channel < count:
+            raise InputError(f"has no map {channel}: they are numbered 0 to {count - 1}")
+        return int(channel) % count
+
+    def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
+        """Return the same channels, each changed when it is read.
+
+        Parameters
+        ----------
+        change : callable
+            Takes and returns the array of a channel.
+
+        Returns
+        -------
+        Channels
+        """
+        return Channels(self.names, lambda n: change(self.read(n)))
+
+    @classmethod
+    def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
+        """Take the last axis of an array as channels; one of shape (N,) is a single one.
+
+        Parameters
+        ----------
+        values : ndarray, shape (N,) or (N, K)
+            Values at points.
+        names : sequence of str, optional
+            One a channel.
+
+        Returns
+        -------
+        Channels
+        """
+        columns = values[:, None] if values.ndim == 1 else values
+        return cls(tuple(names or [""] * columns.shape[1]), lambda n: columns[:, n])
+
+
+def series_of(obj: object) -> tuple[Channels, Affine] | None:
+    """Take a series of volumes (I, J, K, T) as channels.
+
+    Parameters
+    ----------
+    obj : path, nibabel image, or anything else
+        ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``.
+
+    Returns
+    -------
+    channels : Channels
+        Arrays of shape (I, J, K).
+    affine : ndarray of float64, shape (4, 4)
+        Voxel index to RAS+ mm.
+        None instead of both if it is no series: a single volume, colours, or nothing that nibabel reads.
+
+    Raises
+    ------
+    InputError
+        If the file is cut short, sheared, or not in mm.
+    """
+    image, path = opened(obj)
+    if image is None or is_cifti(image):
+        return None
+    shape = tuple(image.shape)
+    while len(shape) > 3 and shape[-1] == 1:
+        shape = shape[:-1]
+    is_colour = len(shape) == 4 and shape[3] in (3, 4) and image.get_data_dtype() == np.uint8
+    if len(shape) != 4 or is_colour or image.get_data_dtype().kind not in "iuf" or min(shape) < 1:
+        return None
+    _check_complete(path, image, 2 * math.prod(shape[:3]))
+    if hasattr(image.header, "get_xyzt_units"):
+        check_unit(image.header.get_xyzt_units()[0])
+    rest = (0,) * (len(image.shape) - 4)
+    return Channels(("",) * shape[3], lambda n: np.asarray(image.dataobj[(..., n, *rest)])), check_affine(image.affine)
+
+
+def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
+    """Take values at the points of a surface that lie in a file of volumes: (N, 1, 1), (N, 1, 1, T), or CIFTI.
+
+    Parameters
+    ----------
+    obj : path, nibabel image, or anything else
+        ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``; of CIFTI ``.dscalar.nii``, ``.dtseries.nii``, ``.dlabel.nii``.
+    points : int
+        How many the surface has.
+    structure : str or None
+        What the surface is, as GIFTI says it, such as "CortexLeft": which part of a CIFTI file is meant.
+
+    Returns
+    -------
+    Channels or None
+        Arrays of shape (N,); of CIFTI, NaN where it has no value, of labels 0. None if it holds volumes.
+
+    Raises
+    ------
+    InputError
+        If the file is cut short, has no such part, or another number of values.
+    """
+    image, path = opened(obj)
+    if image is None:
+        return None
+    if is_cifti(image):
+        _check_complete(path, image, 2 * math.prod(image.shape[1:]) * min(_BLOCK, image.shape[0]))
+        return _cifti(image, points, structure)
+    shape = tuple(image.shape)
+    if not are_points(shape):
+        return None
+    if max(shape[:3]) != points:
+        raise InputError(f"has {max(shape[:3])} values; the surface has {points} points")
+    further = [n for n in shape[3:] if n != 1]
+    if len(further) > 1 or image.get_data_dtype().kind not in "iuf":
+        raise InputError(f"has the shape {shape} of {image.get_data_dtype()}: values at N points have (N, 1, 1, T)")
+    _check_complete(path, image, 2 * points)
+    count = further[0] if further else 1
+    at = shape.index(count, 3) if further else 0
+
+    def read(n: int) -> NDArray[Any]:
+        place = tuple(slice(None) if axis < 3 else n if axis == at else 0 for axis in range(len(shape)))
+        return np.asarray(image.dataobj[place]).ravel()
+
+    return Channels(("",) * count, read)
+
+
+def opened(obj: object) -> tuple[Any, Path | None]:
+    """Return the nibabel image of what has one, with its data still in the file, and the file; None for the rest."""
+    if hasattr(obj, "dataobj") and hasattr(obj, "get_data_dtype") and hasattr(obj, "shape"):
+        return obj, None
+    if not isinstance(obj, str | Path) or not str(obj).lower().endswith(_NIFTI_OR_MGH) or not Path(obj).is_file():
+        return None, None
+    try:
+        return require("nibabel").load(obj, keep_file_open=True), Path(obj)
+    except OSError as error:
+        if error.errno is not None:
+            raise
+    except Exception:  # what is wrong with it, or that nibabel is missing, is said by those who read volumes
+        pass
+    return None, None
+
+
+def are_points(shape: tuple[int, ...]) -> bool:
+    """Tell whether the shape of an image is that of values at points: (N, 1, 1) in any order, or a series of them."""
+    return len(shape) >= 3 and sorted(shape[:3])[:2] == [1, 1] and max(shape[:3]) > 1 and min(shape) > 0
+
+
+def is_cifti(image: Any) -> bool:
+    """Tell whether an image is CIFTI."""
+    return type(image).__name__ == "Cifti2Image"
+
+
+def _check_complete(path: Path | None, image: Any, values: int) -> None:
+    """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
+    proxy = image.dataobj
+    if path is not None and hasattr(proxy, "offset"):
+        check_length(path, proxy.offset + math.prod(proxy.shape) * proxy.dtype.itemsize)
+        check_room(8 * values)
+        note(path)
+
+
+# -------------------------------------------------------------------------------------------- CIFTI
+
+
+def _cifti(image: Any, points: int, structure: str | None) -> Channels:
+    """Return the maps of a CIFTI file on one structure."""
+    axes = [image.header.get_axis(n) for n in range(image.ndim)]
+    if len(axes) != 2 or type(axes[1]).__name__ != "BrainModelAxis":
+        kinds = ", ".join(type(axis).__name__ for axis in axes)
+        raise InputError(f"its axes are {kinds}: give a .dscalar.nii, .dtseries.nii or .dlabel.nii, values at vertices")
+    models = {name: (part, model) for name, part, model in axes[1].iter_structures() if name in axes[1].nvertices}
+    name = _structure(models, axes[1].nvertices, points, structure)
+    part, model = models[name]
+    if axes[1].nvertices[name] != points:
+        raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices; the surface has {points} points")
+    names, is_label = _map_names(axes[0])
+    start, stop = part.start or 0, part.stop or image.shape[1]
+    held: dict[int, NDArray[Any]] = {}
+
+    def read(n: int) -> NDArray[Any]:
+        first = n - n % _BLOCK
+        if first not in held:
+            held.clear()
+            held[first] = np.asarray(image.dataobj[first : first + _BLOCK, start:stop])
+        values = held[first][n - first]
+        if is_label:
+            labels = np.zeros(points, dtype=np.int64)
+            labels[model.vertex] = np.round(values)
+            return labels
+        found = np.full(points, np.nan)
+        found[model.vertex] = values
+        return found
+
+    return Channels(names, read)
+
+
+def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:
+    """Return which structure of a CIFTI file a surface is."""
+    if not models:
+        raise InputError("has no values at vertices, but only in voxels")
+    if structure is not None:
+        wanted = "CIFTI_STRUCTURE_" + re.sub(r"(?<!^)(?=[A-Z])", "_", structure).upper()
+        if wanted not in models:
+            raise InputError(f"holds {', '.join(map(_short, models))}, and not {_short(wanted)}, which the surface is")
+        return wanted
+    fitting = [name for name in models if sizes[name] == points]
+    if len(fitting) != 1:
+        what = f"each of {points} vertices" if fitting else f"none of {points} vertices"
+        raise InputError(
+            f"holds {', '.join(map(_short, fitting or models))}, {what}, and the surface does not say which it is: "
+            "give one whose GIFTI file says AnatomicalStructurePrimary, or is named lh. or rh."
+        )
+    return fitting[0]
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("CIFTI_STRUCTURE_")
+
+
+def _map_names(axis: Any) -> tuple[tuple[str, ...], bool]:
+    """Return the names of a CIFTI file's maps, and whether they are of labels."""
+    kind = type(axis).__name__
+    if kind in ("ScalarAxis", "LabelAxis"):
+        return tuple(str(name) for name in axis.name), kind == "LabelAxis"
+    if kind == "SeriesAxis":
+        return tuple(f"{axis.start + n * axis.step:g} {axis.unit.lower()}" for n in range(axis.size)), False
+    return ("",) * len(axis), False

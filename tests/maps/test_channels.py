@@ -1,0 +1,351 @@
+"""Files of several maps on the flat map: values that are linear on a plane come back as they are, pixel by pixel."""
+
+import json
+import subprocess
+import tracemalloc
+from dataclasses import replace
+
+import nibabel as nib
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mesh_files import gifti, needs_workbench
+from PIL import Image
+
+import voxflat
+from voxflat import cli
+from voxflat.io.meshes import Mesh, write_mesh
+
+SIZE, COUNT = 13, 169
+NAMES = ("rest", "2BK-0BK", "3")
+CIFTI = {"CortexLeft": "CIFTI_STRUCTURE_CORTEX_LEFT", "CortexRight": "CIFTI_STRUCTURE_CORTEX_RIGHT"}
+BOTH = tuple(CIFTI.values())
+
+
+def plane(structure):
+    i, j = (part.ravel() for part in np.meshgrid(np.arange(SIZE), np.arange(SIZE), indexing="ij"))
+    a = np.arange(SIZE * (SIZE - 1)).reshape(-1, SIZE)[:, :-1].ravel()
+    faces = np.concatenate([np.column_stack([a, a + SIZE, a + 1]), np.column_stack([a + 1, a + SIZE, a + SIZE + 1])])
+    return Mesh(np.column_stack([2.0 * i, 2.0 * j, np.zeros(COUNT)]), faces, structure=structure)
+
+
+@pytest.fixture(scope="module", params=["CortexLeft", None])
+def flat(request):
+    mesh = plane(request.param)
+    return replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])  # to be exact
+
+
+def linear(places, k):
+    """Return what channel k is at places (..., 2 or 3)."""
+    return 3.0 * places[..., 0] - 2.0 * places[..., 1] + 50 * k
+
+
+def pixels(image):
+    """Return the places of all pixels."""
+    rows, columns = np.meshgrid(*map(np.arange, image.data.shape), indexing="ij")
+    return np.stack([rows, columns, 0 * rows, 0 * rows + 1], axis=-1) @ image.affine.T
+
+
+def assert_shows(image, k):
+    inside = ~np.isnan(image.data)
+    assert inside.mean() > 0.5
+    np.testing.assert_allclose(image.data[inside], linear(pixels(image), k)[inside], atol=1e-4)
+
+
+def at_vertices(k):
+    return linear(plane(None).points, k).astype(np.float32)
+
+
+def overlays(folder, count=3):
+    """Write the same channels in every format that has values at points; return the files and their names."""
+    columns = [at_vertices(k) for k in range(count)]
+    gifti(folder / "z.func.gii", [(column, "estimate") for column in columns])
+    image = nib.load(folder / "z.func.gii")
+    for array, name in zip(image.darrays, NAMES, strict=False):
+        array.meta["Name"] = name
+    nib.save(image, folder / "z.func.gii")
+    stacked = np.stack(columns, axis=-1)
+    frames = (count,) if count > 1 else ()
+    for name, shape in (("a.mgh", (COUNT, 1, 1)), ("b.mgz", (1, COUNT, 1)), ("c.mgz", (1, 1, COUNT))):
+        nib.save(nib.MGHImage(stacked.reshape(*shape, *frames), np.eye(4)), folder / name)
+    nib.save(nib.Nifti1Image(stacked[:, None, None], np.eye(4)), folder / "d.nii")
+    nib.save(nib.Nifti1Image(stacked[:, None, None], np.eye(4)), folder / "e.nii.gz")
+    np.save(folder / "f.npy", stacked)
+    none = ("",) * count
+    return {"z.func.gii": NAMES[:count]} | dict.fromkeys(
+        ("a.mgh", "b.mgz", "c.mgz", "d.nii", "e.nii.gz", "f.npy"), none
+    )
+
+
+def cifti(path, axis, values, vertices=None, structures=BOTH):
+    """Write a CIFTI file of values at the vertices of both sides, those on the right 1000 more."""
+    vertices = np.arange(COUNT) if vertices is None else vertices
+    models = [nib.cifti2.BrainModelAxis.from_surface(vertices, COUNT, name) for name in structures]
+    brain = sum(models[1:], models[0])
+    data = np.concatenate([values[:, vertices] + 1000 * n for n in range(len(models))], axis=1)
+    nib.save(nib.Cifti2Image(data, header=(axis, brain)), path)
+
+
+class TestOverlays:
+    def test_every_format(self, flat, tmp_path):
+        for name, names in overlays(tmp_path).items():
+            stack = flat.images(tmp_path / name)
+            assert (len(stack), stack.names) == (3, tuple(names))
+            for k, image in enumerate(stack):
+                assert_shows(image, k)
+                assert image.name == ", ".join(part for part in (name, names[k]) if part)
+            assert_shows(flat.image(tmp_path / name, channel=2), 2)
+            assert_shows(flat.image(tmp_path / name, channel=-3), 0)
+            with pytest.raises(
+                voxflat.InputError, match=rf"{name}: has 3 maps \(.*\): choose one by its name or number"
+            ):
+                flat.image(tmp_path / name)
+            with pytest.raises(voxflat.InputError, match=r"has no map 3: they are numbered 0 to 2"):
+                flat.image(tmp_path / name, channel=3)
+
+    def test_one_map_needs_no_choice(self, flat, tmp_path):
+        for name in overlays(tmp_path, 1):
+            assert_shows(flat.image(tmp_path / name), 0)
+
+    def test_names_come_before_numbers(self, flat, tmp_path):
+        overlays(tmp_path)
+        assert_shows(flat.image(tmp_path / "z.func.gii", channel="2BK-0BK"), 1)
+        assert_shows(flat.image(tmp_path / "z.func.gii", channel="3"), 2)
+        assert_shows(flat.image(tmp_path / "z.func.gii", channel="1"), 1)
+        with pytest.raises(voxflat.InputError, match="has no map 'none', but rest, 2BK-0BK, 3"):
+            flat.image(tmp_path / "z.func.gii", channel="none")
+        with pytest.raises(voxflat.InputError, match="channel is True"):
+            flat.image(tmp_path / "z.func.gii", channel=True)
+
+    def test_another_count(self, flat, tmp_path):
+        values = np.ones((7, 1, 1), np.float32)
+        nib.save(nib.MGHImage(values, np.eye(4)), tmp_path / "a.mgz")
+        nib.save(nib.Nifti1Image(values, np.eye(4)), tmp_path / "b.nii.gz")
+        for name in ("a.mgz", "b.nii.gz"):
+            with pytest.raises(voxflat.InputError, match=f"{name}: has 7 values; the surface has 169 points"):
+                flat.image(tmp_path / name)
+
+    def test_a_file_cut_short(self, flat, tmp_path):
+        overlays(tmp_path)
+        (tmp_path / "d.nii").write_bytes((tmp_path / "d.nii").read_bytes()[:-9])
+        with pytest.raises(voxflat.InputError, match=r"d.nii: ends after 2371 of 2380 bytes"):
+            flat.images(tmp_path / "d.nii")
+
+    def test_regions(self, tmp_path):
+        mesh = plane(None)
+        inside = (mesh.points[:, 0] < 15).astype(np.float32)
+        nib.save(nib.Nifti1Image(inside[:, None, None], np.eye(4)), tmp_path / "roi.nii.gz")
+        nib.save(nib.MGHImage(inside[None, :, None], np.eye(4)), tmp_path / "roi.mgz")
+        cifti(
+            tmp_path / "roi.dscalar.nii", nib.cifti2.ScalarAxis(["roi"]), inside[None], structures=[CIFTI["CortexLeft"]]
+        )
+        for name in ("roi.nii.gz", "roi.mgz", "roi.dscalar.nii"):
+            found = voxflat.geodesic(mesh, 1, keep=tmp_path / name)
+            np.testing.assert_array_equal(found.ids, np.flatnonzero(inside))
+
+
+class TestCifti:
+    def test_scalars_by_structure(self, tmp_path):
+        values = np.stack([at_vertices(k) for k in range(3)])
+        listed = np.flatnonzero(plane(None).points[:, 0] > 3)
+        cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(NAMES), values, listed)
+        for structure, more in (("CortexLeft", 0), ("CortexRight", 1000)):
+            mesh = plane(structure)
+            flat = replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])
+            stack = flat.images(tmp_path / "z.dscalar.nii")
+            assert stack.names == NAMES
+            image = stack["2BK-0BK"]
+            inside = ~np.isnan(image.data)
+            np.testing.assert_allclose(image.data[inside], more + linear(pixels(image), 1)[inside], atol=1e-3)
+            assert pixels(image)[inside, 0].min() >= 4 > pixels(image)[..., 0].min()  # not listed: no value
+
+    def test_which_side_has_to_be_known(self, tmp_path):
+        cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
+        flat = voxflat.flatten(plane(None), sources=30)
+        with pytest.raises(
+            voxflat.InputError, match="holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"
+        ):
+            flat.image(tmp_path / "z.dscalar.nii")
+        other = voxflat.flatten(plane("Cerebellum"), sources=30)
+        with pytest.raises(voxflat.InputError, match="CORTEX_RIGHT, and not CEREBELLUM, which the surface is"):
+            other.image(tmp_path / "z.dscalar.nii")
+        cifti(
+            tmp_path / "l.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None], None, [CIFTI["CortexLeft"]]
+        )
+        assert flat.image(tmp_path / "l.dscalar.nii").data.shape
+
+    def test_series_and_labels(self, flat, tmp_path):
+        count = 150  # more than are read at once
+        values = np.stack([at_vertices(k) for k in range(count)])
+        series = nib.cifti2.SeriesAxis(0, 0.72, count, "SECOND")
+        cifti(tmp_path / "bold.dtseries.nii", series, values, structures=[CIFTI["CortexLeft"]])
+        stack = flat.images(tmp_path / "bold.dtseries.nii")
+        assert stack.names[:3] == ("0 second", "0.72 second", "1.44 second")
+        for k in (0, 63, 64, 149, 5):
+            assert_shows(stack[k], k)
+        labels = 1 + (plane(None).points[:, 0] > 11)
+        table = {0: ("???", (0, 0, 0, 0)), 1: ("V1", (1, 0, 0, 1)), 2: ("V2", (0, 1, 0, 1))}
+        listed = np.arange(100)
+        axis = nib.cifti2.LabelAxis(["areas"], [table])
+        cifti(tmp_path / "a.dlabel.nii", axis, labels[None].astype(np.float32), listed, [CIFTI["CortexLeft"]])
+        image = flat.image(tmp_path / "a.dlabel.nii")
+        assert set(np.unique(image.data[~np.isnan(image.data)])) == {0, 1, 2}
+        nearest, _ = flat.locate()
+        inside = nearest >= 0
+        np.testing.assert_array_equal(image.data[inside], np.where(nearest < 100, labels[nearest], 0)[inside])
+
+    @pytest.mark.slow
+    @needs_workbench
+    def test_what_workbench_makes(self, tmp_path):
+        def run(*words):
+            subprocess.run(["wb_command", *map(str, words)], check=True, capture_output=True)
+
+        for k, name in enumerate("ab"):
+            gifti(tmp_path / f"{name}.func.gii", [(at_vertices(k), "none")])
+            run("-set-structure", tmp_path / f"{name}.func.gii", "CORTEX_LEFT")
+            run("-set-map-names", tmp_path / f"{name}.func.gii", "-map", 1, f"map {name}")
+        run(
+            "-metric-merge",
+            tmp_path / "ab.func.gii",
+            "-metric",
+            tmp_path / "a.func.gii",
+            "-metric",
+            tmp_path / "b.func.gii",
+        )
+        run("-cifti-create-dense-scalar", tmp_path / "ab.dscalar.nii", "-left-metric", tmp_path / "ab.func.gii")
+        mesh = plane("CortexLeft")
+        flat = replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])
+        for name in ("ab.func.gii", "ab.dscalar.nii"):
+            stack = flat.images(tmp_path / name)
+            assert stack.names == ("map a", "map b")
+            for k, image in enumerate(stack):
+                assert_shows(image, k)
+
+
+def series(folder, count=4, name="bold.nii.gz", shape=(17, 15, 5)):
+    """Write volumes that are linear in the world, and return the file."""
+    affine = np.array([[2.0, 0, 0, -3], [0, 2, 0, -2], [0, 0, 2, -4], [0, 0, 0, 1]])
+    grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) @ affine[:3, :3].T + affine[:3, 3]
+    data = np.stack([linear(grid, k) for k in range(count)], axis=-1).astype(np.float32)
+    image = (nib.MGHImage if ".mg" in name else nib.Nifti1Image)(data, affine)
+    nib.save(image, folder / name)
+    return folder / name
+
+
+class TestSeries:
+    @pytest.mark.parametrize("name", ["bold.nii", "bold.nii.gz", "bold.mgh", "bold.mgz"])
+    def test_volumes_one_after_the_other(self, flat, tmp_path, name):
+        path = series(tmp_path, name=name)
+        stack = flat.images(path)
+        assert (len(stack), stack.names) == (4, ("",) * 4)
+        for k in (2, 0, 3, 1):
+            assert_shows(stack[k], k)
+        assert_shows(flat.image(nib.load(path), channel=3), 3)
+        with pytest.raises(voxflat.InputError, match=rf"{name}: has 4 maps \(0 to 3\): choose one"):
+            flat.image(path)
+
+    def test_one_volume_of_a_series_is_a_volume(self, flat, tmp_path):
+        assert_shows(flat.image(series(tmp_path, 1)), 0)
+
+    def test_an_array(self):
+        """Of a map of voxels: shape and place are those of the volume that was flattened."""
+        ball = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(15.0)] * 3)) - 7, axis=0) < 5
+        flat = voxflat.flatten(ball.astype(np.uint8), seed_point=(7, 7, 12), radius=6.0, sources=30)
+        stack = flat.images(np.stack([np.full(ball.shape, k, np.float32) for k in range(3)], axis=-1))
+        assert [np.nanmax(image.data) for image in stack] == pytest.approx([0, 1, 2])
+
+    def test_a_series_cut_short(self, flat, tmp_path):
+        path = series(tmp_path, name="bold.nii")
+        path.write_bytes(path.read_bytes()[:-100])
+        with pytest.raises(voxflat.InputError, match=r"bold.nii: ends after \d+ of \d+ bytes"):
+            flat.images(path)
+
+    def test_a_long_series_is_never_in_memory(self, flat, tmp_path):
+        path = series(tmp_path, 80, "long.nii", (33, 31, 20))  # 6.5 MB
+        flat.raster()
+        tracemalloc.start()
+        flat.images(path).save(tmp_path / "long_flat.npy")
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 3e6
+        written = np.load(tmp_path / "long_flat.npy", mmap_mode="r")
+        assert written.shape[0] == 80
+        np.testing.assert_allclose(written[79], flat.image(path, channel=79).data, rtol=1e-6)
+
+
+class TestStackFiles:
+    @pytest.fixture
+    def stack(self, flat, tmp_path):
+        overlays(tmp_path)
+        return flat.images(tmp_path / "z.func.gii")
+
+    def test_tiff(self, stack, tmp_path):
+        stack.save(tmp_path / "z.tif")
+        with Image.open(tmp_path / "z.tif") as pages:
+            assert pages.n_frames == 3
+            for k, image in enumerate(stack):
+                pages.seek(k)
+                np.testing.assert_array_equal(np.asarray(pages), image.data.astype(np.float32))
+                assert pages.tag_v2[285] == NAMES[k]
+                assert pages.info["dpi"][0] == pytest.approx(25.4 / image.pixel_size)
+                assert f"Title: z.func.gii, {NAMES[k]};" in pages.tag_v2[270]
+
+    @pytest.mark.parametrize("name", ["z.nii", "z.nii.gz"])
+    def test_nifti(self, stack, tmp_path, name):
+        stack.save(tmp_path / name)
+        image = nib.load(tmp_path / name)
+        assert image.shape == (*stack[0].data.shape, 1, 3)
+        np.testing.assert_allclose(image.affine, stack[0].affine, rtol=1e-6)
+        for k, one in enumerate(stack):
+            np.testing.assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
+        extension, record = image.header.extensions
+        assert json.loads(record.get_content()) == stack.provenance
+        assert json.loads(extension.get_content()) == {"names": list(NAMES)}
+        stack[0].save(tmp_path / "one.nii")
+        np.testing.assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
+
+    def test_npy(self, stack, tmp_path):
+        stack.save(tmp_path / "z.npy")
+        np.testing.assert_array_equal(np.load(tmp_path / "z.npy"), np.stack([one.data for one in stack]).astype("f4"))
+
+    def test_a_png_holds_one(self, stack, tmp_path):
+        with pytest.raises(voxflat.InputError, match=r"would hold one image, and there are 3 \(rest, 2BK-0BK, 3\)"):
+            stack.save(tmp_path / "z.png")
+        assert not (tmp_path / "z.png").exists()
+
+    def test_the_command(self, flat, tmp_path):
+        flat.save(tmp_path / "map.npz")
+        overlays(tmp_path)
+
+        def run(output, *more):
+            arguments = [
+                "image",
+                tmp_path / "map.npz",
+                "--volume",
+                tmp_path / "z.func.gii",
+                "-o",
+                tmp_path / output,
+                *more,
+            ]
+            return CliRunner().invoke(cli.main, [str(argument) for argument in arguments])
+
+        assert run("all.nii.gz").exit_code == 0
+        assert nib.load(tmp_path / "all.nii.gz").shape[3] == 3
+        refused = run("all.png")
+        assert refused.exit_code == 1
+        assert "there are 3 (rest, 2BK-0BK, 3): choose one by its name or number (channel)" in refused.output
+        assert not (tmp_path / "all.png").exists()
+        for channel in ("2BK-0BK", "1"):
+            assert run("one.npy", "--channel", channel).exit_code == 0
+            np.testing.assert_array_equal(
+                np.load(tmp_path / "one.npy"), flat.image(tmp_path / "z.func.gii", channel=1).data
+            )
+        assert run("one.png", "--channel", "rest").exit_code == 0
+        assert run("one.png", "--channel", "none").exit_code == 1
+
+    def test_pages_of_atlases(self, tmp_path):
+        write_mesh(tmp_path / "lh.plane", plane(None))
+        overlays(tmp_path)
+        atlas = voxflat.patches(tmp_path / "lh.plane", bound=1.2)
+        assert len(atlas.images(tmp_path / "z.func.gii")) == 3
+        assert np.nanmax(atlas.image(tmp_path / "z.func.gii", channel="rest").data) == pytest.approx(72, abs=3)

@@ -1,0 +1,107 @@
+"""What a mask becomes where nothing is said of repair: handles of noise go, whatever else it is stays."""
+
+import numpy as np
+import pytest
+import shapes
+
+import voxflat
+from voxflat.io.volumes import write_volume
+
+
+def with_handles(radius=12):
+    """A ball with three thin bridges across a groove of four voxels: labels as a segmentation has them."""
+    ball = shapes.ball(radius).astype(bool)
+    middle = ball.shape[0] // 2
+    groove = ball.copy()
+    groove[middle - 2 : middle + 2, :, middle + 3 :] = False
+    for j in (middle - 5, middle, middle + 5):
+        groove[middle - 2 : middle + 2, j, middle + 6] = True
+    return groove.astype(np.uint8)
+
+
+def handles(surface):
+    return surface.core.topology()["handles"]
+
+
+@pytest.mark.parametrize("labels", [(1,), (2, 41)])
+def test_handles_of_a_mask_are_repaired_and_it_is_said(labels):
+    volume = with_handles()
+    image = volume * np.uint8(labels[0])
+    image[volume == 0] = 0
+    image[:2, :2, :2] = labels[-1] if len(labels) > 1 else 0  # another structure
+    label = labels[0] if len(labels) > 1 else None
+    made = voxflat.surface(image, label=label)
+    assert handles(voxflat.surface(image, label=label, repair="none")) == 3
+    assert handles(made) == 0
+    assert made.metadata["repair"]["handles"] == 3
+    assert any("3 handle(s) were repaired" in remark and "repair='none'" in remark for remark in made.remarks)
+    changed = made.changed_voxels()
+    assert 0 < np.count_nonzero(changed) <= 0.01 * volume.sum()
+    cut, filled = changed == 1, changed == 2
+    assert volume[cut].all()
+    assert not volume[filled].any()
+
+
+def test_what_has_no_handles_is_left_as_it_is():
+    volume = shapes.ball(9)
+    volume[0, 0, :2] = 1  # a speck
+    volume[9, 9, 9] = 0  # a cavity
+    usual, none = (voxflat.surface(volume, repair=repair) for repair in (None, "none"))
+    np.testing.assert_array_equal(usual.points, none.points)
+    np.testing.assert_array_equal(usual.faces, none.faces)
+    assert "repair" not in usual.metadata
+
+
+def test_only_handles_change():
+    volume = np.pad(with_handles(), ((0, 6), (0, 0), (0, 0)))
+    volume[-3:-1, 3:5, 3:5] = 1  # another piece, which the repair of all would drop
+    made = voxflat.surface(volume)
+    assert (np.asarray(made.ids)[:, 0] >= volume.shape[0] - 3).any()
+    assert made.metadata["repair"]["dropped"] == []
+
+
+def test_what_is_a_ring_stays_one_and_it_is_said():
+    i, j, k = np.indices((33, 33, 13)) - np.array([16, 16, 6])[:, None, None, None]
+    ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)
+    made = voxflat.surface(ring)
+    assert handles(made) == 1
+    assert any("repair='voxels' does it" in remark for remark in made.remarks)
+    assert handles(voxflat.surface(ring, repair="voxels")) == 0
+
+
+def test_a_sheet_is_not_repaired():
+    sheet = np.zeros((20, 20, 5), np.uint8)
+    sheet[2:18, 2:18, 2] = 1
+    sheet[8:12, 8:12, 2] = 0  # a hole, not a handle
+    made = voxflat.surface(sheet)
+    assert made.metadata["sheet"]
+    assert "repair" not in made.metadata
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["label.nii.gz", "probability.nii.gz", "wm.mgz"])
+def test_masks_of_labs_have_the_best_map_without_options(tmp_path, name):
+    from scipy.ndimage import gaussian_filter
+
+    volume = with_handles()
+    image, options = {
+        "label.nii.gz": (volume * np.uint8(7), {}),
+        "probability.nii.gz": (gaussian_filter(np.pad(volume, 2).astype(np.float32), 0.4), {"threshold": 0.5}),
+        "wm.mgz": (volume * np.uint8(110), {"threshold": 100}),
+    }[name]
+    write_volume(tmp_path / name, image, np.diag([-1.0, 1, 1, 1]))
+    usual = voxflat.flatten(tmp_path / name, **options, sources=100)
+    errors = []
+    for repair in ("none", "voxels", "cuts"):
+        surface = voxflat.surface(tmp_path / name, **options, repair=repair)
+        errors.append(voxflat.flatten(surface, sources=100).distortion.raw.relative_error)
+    assert usual.distortion.raw.relative_error <= 1.1 * min(errors)
+
+
+@pytest.mark.parametrize("labels", [(2, 3, 41, 42), (2, 41)])
+def test_white_matter_of_freesurfer_is_named_where_a_label_is_wanted(labels):
+    volume = np.zeros((8, 8, 8), np.int32)
+    for number, label in enumerate(labels):
+        volume[2 * number : 2 * number + 2] = label
+    with pytest.raises(voxflat.InputError, match=r"label=2 is the left, label=41 the right"):
+        voxflat.flatten(volume)

@@ -1,0 +1,105 @@
+"""The commands for labs in README and how-to, as they stand there, in a directory as FreeSurfer leaves it."""
+
+import re
+import shlex
+from pathlib import Path
+
+import lab
+import nibabel as nib
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+
+ROOT = Path(__file__).parents[1]
+AS_GOOD = 1.1  # times the error of the best map that any option gives
+
+
+def commands(page, section=None):
+    """Return the lines of a page, or of a section of it, that call voxflat."""
+    text = (ROOT / page).read_text()
+    if section is not None:
+        text = re.search(rf"^## {section}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)[1]
+    return re.findall(r"(?:^ {4}|`)voxflat ((?:flatten|cut|measure|path) [^`\n]*[^`\n.])(?:`|$)", text, re.MULTILINE)
+
+
+def run(command):
+    result = CliRunner().invoke(cli.main, shlex.split(command), prog_name="voxflat")
+    assert result.exit_code == 0, f"{command}\n{result.output}"
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory):
+    """The directory after all commands, in the order of the pages."""
+    folder = tmp_path_factory.mktemp("surf")
+    lab.write(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run("cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d")
+        said = {}
+        for section in ("Flatten FreeSurfer and HCP surfaces", "Cut a hemisphere open", "Measure on a map"):
+            for command in commands("docs/how-to.md", section):
+                if "..." not in command:
+                    said[command] = run(command.replace("1204 8811 9032", "1204 2011 932"))
+        unwrap(voxflat.load("map.npz"), folder / "unwrapped.obj")
+        for command in commands("docs/how-to.md", "Judge a map"):
+            said[command] = run(f"{command} --sources 20")
+    return folder, said
+
+
+def unwrap(flat, path):
+    """Write a map as the texture of its surface, as programs that unwrap do."""
+    white, _, _ = lab.hemisphere()
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in white]
+    lines += [f"vt {u:.6f} {v:.6f}" for u, v in flat.uv]
+    lines += [
+        "f " + " ".join(f"{flat.ids[corner] + 1}/{corner + 1}" for corner in face) for face in flat.faces.tolist()
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.slow
+def test_the_commands_run_and_readmes_are_among_them(subject):
+    folder, said = subject
+    assert len(said) >= 8
+    for command in commands("README.md"):
+        if command.startswith(("flatten lh.", "measure lh.")) and "-o" in command:
+            assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
+    flat = nib.load(folder / "lh.flat.surf.gii")
+    places, faces = flat.agg_data()
+    assert len(places) == lab.VERTICES
+    assert not places[:, 2].any()
+    assert len(faces) > 4500
+
+
+@pytest.mark.slow
+def test_what_is_left_out_gives_the_best_map_of_any_option(subject, monkeypatch):
+    folder, _ = subject
+    monkeypatch.chdir(folder)
+    surface = voxflat.surface("lh.white", pial="lh.pial")
+
+    def error(**options):
+        return voxflat.flatten(surface, **options).distortion.raw.relative_error
+
+    patch = {"drop": "lh.Medial_wall.label"}
+    usual = error(**patch)
+    assert usual < 0.08  # 0.2 without cuts
+    voxflat.cut(surface, **patch).save(folder / "usual.json")
+    others = [{"weighting": 0.0}, {"weighting": 1.0}, {"geodesic": "marching"}, {"scale": "areas"}, {"sources": 1000}]
+    others += [{"sampling": "random"}, {"method": "zigelman2002"}]
+    found = {str(options): error(cuts=folder / "usual.json", **options) for options in others}
+    found |= {f"relax={relax}": error(**patch, relax=relax) for relax in (False, True)}
+    assert usual <= AS_GOOD * min(found.values()), found
+
+
+@pytest.mark.slow
+def test_a_patch_keeps_its_cuts_and_the_map_is_as_good(subject, monkeypatch):
+    folder, _ = subject
+    monkeypatch.chdir(folder)
+    kept = voxflat.flatten("lh.midthickness.surf.gii", keep="lh.cortex.patch.3d")
+    assert kept.metadata["automatic_cuts"] == []
+    whole = voxflat.flatten("lh.white", drop="lh.Medial_wall.label")
+    np.testing.assert_array_less(kept.distortion.raw.relative_error, 1.5 * whole.distortion.raw.relative_error)
