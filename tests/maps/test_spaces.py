@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import nibabel as nib
 import numpy as np
@@ -24,6 +25,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat import cli
+from voxflat.io import Space, VolumeGeometry
 from voxflat.io.meshes import read_mesh
 from voxflat.maps.raster import Raster
 
@@ -156,6 +158,9 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
         assert "c_ras (3, -17, 22) mm and does not say whether its coordinates include it" in caplog.text
         assert reading in caplog.text
         caplog.clear()
+    told = replace(read_mesh(tmp_path / "s.surf.gii"), space=Space("tkRAS", VolumeGeometry.conformed(C_RAS)))
+    agrees(flat(told), volumes["RAS"], points + np.array(C_RAS))  # who knows it says it
+    assert caplog.messages == []
     meta |= {"VolGeomX_R": "-0.5"}
     agrees(flat(write_gifti(tmp_path / "s.surf.gii", points, faces, meta)), volumes["RAS"], points)
     assert "its volume geometry (VolGeom...) is damaged" in caplog.text

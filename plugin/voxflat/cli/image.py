@@ -20,7 +20,6 @@ from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
-from voxflat.maps.raster import FlatImage, FlatStack
 
 
 @click.command(
@@ -97,53 +96,41 @@ def command(
         raise click.UsageError("Give either --volume or --heat-map.")
     if heat_map and (interpolation or channel is not None or depth is not None):
         raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
-    beside = {"sidecar": sidecar, "overwrite": overwrite}
     check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
     with reading() as files:
         flat_map = _load(map_)
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
             stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
-            stack = stack.with_provenance({**stack.provenance, "files": files})
-            if channel is None and len(stack) > 1:
-                _save_all(stack, volume, output, beside, as_json)
-                return
             with naming(volume, REMEDY):
-                picture = stack[stack.channels.find(channel)]
+                picture = stack[0 if channel is None and len(stack) > 1 else stack.channels.find(channel)]
     picture = picture.with_provenance({**picture.provenance, "files": files})
+    count = 1
     if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
-    if heat_map and output.suffix.lower() == ".png":
+    if volume is not None and channel is None and len(stack) > 1:
+        count = len(stack)
+        stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved)
+    elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
         if isinstance(flat_map, FlatMap):
             drawn = figures.heat_map(flat_map, pixel_size)
         else:
             drawn = figures.atlas_heat_map(flat_map, pixel_size)
-        with saving(output, picture.provenance, **beside):
+        with saving(output, picture.provenance, **saved):
             figures.save(drawn, output, picture.provenance)
     else:
-        picture.save(output, **beside)
-    _tell(picture, output, as_json)
-
-
-def _save_all(stack: FlatStack, volume: Path, output: Path, beside: dict[str, bool], as_json: bool) -> None:
-    first = stack[0]
-    _check_overlap(~np.isnan(first.data), volume)
-    stack.save(output, **beside)
-    _tell(first, output, as_json, len(stack))
-
-
-def _tell(picture: FlatImage, output: Path, as_json: bool, images: int = 1) -> None:
-    """Say what was written."""
+        picture.save(output, **saved)
     height, width = picture.data.shape[:2]
     if as_json:
-        size = {"images": images, "width": width, "height": height, "pixel_size": picture.pixel_size}
+        size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
         print_json({"output": str(output), **size, "provenance": picture.provenance})
     else:
-        several = "" if images == 1 else f"{images} images of "
-        click.echo(f"{several}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+        images = "" if count == 1 else f"{count} images of "
+        click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

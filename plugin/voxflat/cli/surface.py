@@ -47,17 +47,19 @@ def command(
 ) -> None:
     """Make the surface of a volume, or check and convert a mesh.
 
-    Vertices are surface voxels, at places finer than the grid; nothing is interpolated.
+    Vertices are surface voxels, at places finer than the grid; nothing is interpolated. FreeSurfer's files are written
+    in tkRAS with the footer that says where it lies, all others in scanner RAS, as tools take them with volumes.
     """
     check_output(output, sidecar=sidecar, overwrite=overwrite)
     if repaired is not None:
         check_output(repaired)
+    is_kept = given["repair"] in ("none", "cuts")
     with bars() as shown:
         made = surface_of(input_, given, shown)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        if given["repair"] in ("none", "cuts"):
+        if is_kept:
             raise InputError(
                 f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
             )

@@ -97,7 +97,7 @@ def _write_tiff(
 def _write_nifti(
     path: Path, data: NDArray[Any], affine: NDArray[np.float64], name: str, labels: bool, record: Record
 ) -> None:
-    write_volume(path, _measured(data)[:, :, None], affine, record or None)
+    write_volume(path, _measured(data)[:, :, None], affine, record)
 
 
 def _write_npy(
@@ -129,10 +129,6 @@ class Stack(Protocol):
     def names(self) -> tuple[str, ...]:
         """Of each image."""
 
-    @property
-    def provenance(self) -> Record:
-        """What made them."""
-
     def __len__(self) -> int:
         """Return the number of images."""
 
@@ -156,7 +152,7 @@ class Image(Protocol):
         """What it shows."""
 
 
-def write_stack(path: str | os.PathLike[str], stack: Stack) -> None:
+def write_stack(path: str | os.PathLike[str], stack: Stack, record: Record | None = None) -> None:
     """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
 
     Parameters
@@ -165,6 +161,8 @@ def write_stack(path: str | os.PathLike[str], stack: Stack) -> None:
         Its ending says how.
     stack : Stack
         Images of values; each is asked for once, when it is written.
+    record : dict, optional
+        What made them; ``.npy`` has no place for it.
 
     Raises
     ------
@@ -185,10 +183,10 @@ def write_stack(path: str | os.PathLike[str], stack: Stack) -> None:
     if first.data.ndim != 2:
         raise InputError("colours are no channels: save them as one image")
     with atomic_path(path) as temporary:
-        write(temporary, stack, first)
+        write(temporary, stack, first, record or {})
 
 
-def _write_tiff_pages(path: Path, stack: Stack, first: Image) -> None:
+def _write_tiff_pages(path: Path, stack: Stack, first: Image, record: Record) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
 
@@ -200,14 +198,14 @@ def _write_tiff_pages(path: Path, stack: Stack, first: Image) -> None:
         for n in range(len(stack)):
             image = stack[n]
             tags = TiffImagePlugin.ImageFileDirectory_v2()
-            described = _description(image.affine, image.name, {} if n else stack.provenance)
+            described = _description(image.affine, image.name, record if n == 0 else {})
             tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in described.items())
             tags[_TIFF_PAGE_NAME] = stack.names[n] or str(n)
             Pillow.fromarray(_measured(image.data)).save(file, format="TIFF", tiffinfo=tags, **resolution)
             file.newFrame()
 
 
-def _write_nifti_series(path: Path, stack: Stack, first: Image) -> None:
+def _write_nifti_series(path: Path, stack: Stack, first: Image, record: Record) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
@@ -220,12 +218,11 @@ def _write_nifti_series(path: Path, stack: Stack, first: Image) -> None:
     header.set_qform(first.affine, "scanner")
     header.set_xyzt_units("mm")
     header["scl_slope"], header["scl_inter"] = 1, 0
-    if any(stack.names):
-        names = json.dumps({"names": list(stack.names)}).encode()
-        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", names))
-    if stack.provenance:
-        record = as_text(stack.provenance).encode()
-        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", record))
+    told: dict[str, Any] = {"names": list(stack.names)} if any(stack.names) else {}
+    if record:
+        told["provenance"] = record
+    if told:
+        header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", json.dumps(told).encode()))
     is_packed = path.name.lower().endswith(".gz")
     with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, mode="wb", mtime=0) if is_packed else plain as file:
         header.write_to(file)
@@ -234,7 +231,7 @@ def _write_nifti_series(path: Path, stack: Stack, first: Image) -> None:
             file.write(_measured(stack[n].data).astype("<f4").tobytes(order="F"))
 
 
-def _write_npy_series(path: Path, stack: Stack, first: Image) -> None:
+def _write_npy_series(path: Path, stack: Stack, first: Image, record: Record) -> None:
     described = {"descr": "<f4", "fortran_order": False, "shape": (len(stack), *first.data.shape)}
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, described)
@@ -242,7 +239,7 @@ def _write_npy_series(path: Path, stack: Stack, first: Image) -> None:
             file.write(_measured(stack[n].data).astype("<f4").tobytes())
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image], None]] = {
+_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Record], None]] = {
     ".tif": _write_tiff_pages,
     ".tiff": _write_tiff_pages,
     ".nii": _write_nifti_series,
@@ -261,7 +258,7 @@ def _description(affine: NDArray[np.float64], name: str, record: Record) -> dict
         "Pixel size": f"{affine[2, 2]:.9g} mm",
         "Centre of the upper left pixel": f"u = {u:.9g} mm, v = {v:.9g} mm",
         "Software": "voxflat",
-        **({"Provenance": as_text(record)} if record else {}),
+        "Provenance": as_text(record),
     }
 
 

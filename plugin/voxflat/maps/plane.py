@@ -150,11 +150,12 @@ class Planar(ABC):
         ----------
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
-            volume: its affine says where it lies. A bare array must have the flattened volume's shape, and lies where
-            that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,) or a
-            file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8 colours there,
-            shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply (Zigelman et
-            al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of volumes.
+            volume: its affine says where it lies, in scanner RAS. A bare array must have the flattened volume's shape,
+            and lies where that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,)
+            or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8 colours
+            there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
+            (Zigelman et al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of
+            volumes.
         pixel_size : float, optional
             As in `raster`.
         channel : int or str, optional

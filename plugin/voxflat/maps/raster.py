@@ -219,7 +219,7 @@ class FlatStack(Sequence[FlatImage]):
     name : str
         What they show.
     provenance : dict
-        What made them.
+        As of `FlatImage`.
     """
 
     channels: Channels
@@ -227,13 +227,6 @@ class FlatStack(Sequence[FlatImage]):
     origin: tuple[float, float]
     name: str
     provenance: Record = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-        return len(self.channels)
-
-    def __repr__(self) -> str:
-        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
 
     def with_provenance(self, record: Record) -> FlatStack:
         """Return the same images with a record of what made them.
@@ -248,6 +241,13 @@ class FlatStack(Sequence[FlatImage]):
         FlatStack
         """
         return replace(self, provenance=resolved(record, {"pixel_size": self.pixel_size}))
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self.channels)
+
+    def __repr__(self) -> str:
+        return f"<FlatStack: {self.name or 'no name'}, {len(self)} images ({self.channels.listed()})>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -268,9 +268,9 @@ class FlatStack(Sequence[FlatImage]):
             raise IndexError(channel)
         n = self.channels.find(channel)
         name = ", ".join(part for part in (self.name, self.names[n]) if part)
-        record = dict(self.provenance)
+        record = self.provenance
         if record:
-            record["parameters"] = {**record["parameters"], "channel": self.names[n] or n}
+            record = {**record, "parameters": {**record["parameters"], "channel": n}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
@@ -283,7 +283,7 @@ class FlatStack(Sequence[FlatImage]):
             names in a header extension (JSON). ``.npy``: (K, H, W), without names. The values are float32, NaN outside
             the map. All but ``.npy`` hold `provenance`.
         sidecar, overwrite
-            As in `FlatImage.save`.
+            As of `FlatImage.save`.
 
         Raises
         ------
@@ -294,7 +294,7 @@ class FlatStack(Sequence[FlatImage]):
             If the file cannot be written.
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self)
+            write_stack(path, self, self.provenance)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
