@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -62,6 +62,14 @@ bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM, autoflatten an
 
 bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
 	$(RUN) python docs/benchmarks/surfaces.py
+
+PUBLISHED := .tools/published
+
+$(PUBLISHED):
+	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
+
+bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened, beside SUIT's own map
+	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
 
 bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
 	$(RUN) python docs/benchmarks/store.py

@@ -55,7 +55,9 @@ class TriangleFinder:
 @final
 class Surface:
     @staticmethod
-    def from_triangles(points: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Surface, int, int]: ...
+    def from_triangles(
+        points: NDArray[np.float64], faces: NDArray[np.int64], mend: bool = False
+    ) -> tuple[Surface, dict[str, Any]]: ...
     @staticmethod
     def from_mask(
         mask: NDArray[np.bool_],

@@ -101,17 +101,23 @@ HOSTILE = {
     "cut.surf.gii": (b"<?xml version='1.0'?>", "no element found"),
     "cut.gii.gz": (gzip.compress(b"<GIFTI/>" * 99)[:-9], "[Cc]ompressed file ended"),
     "bad.gii.gz": (b"\x1f\x8bgarbage" * 9, "method|gzip"),
-    "quads.ply": (
+    "pairs.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
         b"element face 2\nproperty list uchar int vertex_indices\nend_header\n"
-        b"0 0 0\n9 0 0\n9 9 0\n0 9 0\n4 0 1 2 3\n4 0 1 2 3\n",
-        "2 faces have 4 corners; triangulate first",
+        b"0 0 0\n9 0 0\n9 9 0\n0 9 0\n2 0 1\n2 1 2\n",
+        "face 0 has 2 corners; triangulate first",
     ),
     "mixed.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
         b"element face 2\nproperty list uchar int vertex_indices\nend_header\n"
-        b"0 0 0\n9 0 0\n9 9 0\n0 9 0\n3 0 1 2\n4 0 1 2 3\n",
-        "face 1 has 4 corners, face 0 has 3; triangulate first",
+        b"0 0 0\n9 0 0\n9 9 0\n0 9 0\n3 0 1 2\n4 0 1 2\n",
+        "ends in face 1 of 2",
+    ),
+    "range.ply": (
+        b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        b"element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+        b"0 0 0\n9 0 0\n9 9 0\n0 9 0\n3 0 1 2\n4 0 1 2 4\n",
+        "face 1 has the corner 4; the surface has the points 0 to 3",
     ),
     "half.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
@@ -125,7 +131,7 @@ HOSTILE = {
     ),
     "format.ply": (b"ply\nformat morse 1.0\nend_header\n", "format is 'morse'"),
     "line.ply": (b"ply\nelemnt vertex 3\nend_header\n", "line 'elemnt vertex 3'"),
-    "quads.obj": (b"v 0 0 0\nv 9 0 0\nv 9 9 0\nv 0 9 0\nf 1 2 3\nf 1 2 3 4\n", "1 face has 4 corners; triangulate"),
+    "pairs.obj": (b"v 0 0 0\nv 9 0 0\nv 9 9 0\nv 0 9 0\nf 1 2 3\nf 1 2\n", "face 1 has 2 corners; triangulate"),
     "points.obj": (b"v 0 0 0\nv 9 0 0\n", "no line that begins with 'f'"),
     "lines.obj": (b"v 0 0 0\nv 9 0 0\nv 9 9 0\nl 1 2\nf 1 2 3\n", "has 1 lines beside its faces"),
     "zero.obj": (b"v 0 0 0\nv 9 0 0\nv 9 9 0\nf 0 1 2\n", r"face 0 is \[-1, 0, 1\]"),
@@ -145,12 +151,12 @@ HOSTILE = {
     "strip.vtk": (
         b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
         b"POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n",
-        "has 1 lines and 1 triangle strips",
+        "has 1 lines beside its faces: remove them",
     ),
     "quads.vtk": (
         b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 9 0 0 9 9 0 0 9 0\n"
-        b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 3\n",
-        "1 face has 4 corners",
+        b"POLYGONS 2 9\n3 0 1 2\n4 0 1 2 9\n",
+        "face 1 has the corner 9|VTK says",
     ),
     "bomb.vtp": (b'<!DOCTYPE a [<!ENTITY a "a">]><VTKFile type="PolyData"/>', "defines the XML entity 'a'"),
     "grid.vtp": (b'<VTKFile type="UnstructuredGrid"><UnstructuredGrid/></VTKFile>', "VTK says|no points"),

@@ -254,19 +254,24 @@ def test_arrays_of_both_sides_of_a_cut():
 # -------------------------------------------------------------------------------------------- errors
 
 
-def test_polydata_that_are_no_triangles_are_refused_with_a_remedy():
-    quads = pv.Plane(i_size=40.0, j_size=30.0)
+def test_polydata_that_are_no_surface_are_refused_with_a_remedy():
     mesh = bumpy()
     lines = pv.PolyData(mesh.points, faces=mesh.faces, lines=[2, 0, 1])
-    for bad in (quads, mesh.strip(), pv.PolyData(mesh.points), pv.PolyData()):
-        with pytest.raises(InputError, match=r"no triangles, or none; triangulate it: mesh\.triangulate\(\)"):
+    for bad, message in ((pv.PolyData(mesh.points), "no faces"), (pv.PolyData(), "no faces|no points")):
+        with pytest.raises(InputError, match=message):
             bad.voxflat()
-    with pytest.raises(InputError, match=r"has 1 lines; triangulate it and remove them: .*mesh\.SetLines\(None\)"):
+    with pytest.raises(InputError, match=r"has 1 lines beside its faces: remove them, mesh\.SetLines\(None\)"):
         lines.voxflat()
-    lines = lines.triangulate()
     lines.SetLines(None)
-    for remedied in (quads.triangulate(), mesh.strip().triangulate(), lines):
-        assert remedied.voxflat(sources=10).n_points == remedied.n_points
+    assert lines.voxflat(sources=10).n_points == lines.n_points
+
+
+def test_quadrilaterals_and_strips_become_triangles():
+    quads, mesh = pv.Plane(i_size=40.0, j_size=30.0), bumpy()
+    for given in (quads, mesh.strip()):
+        flat = given.voxflat(sources=10)
+        assert flat.n_points == given.n_points
+        assert flat.n_cells == given.triangulate().n_cells
 
 
 def test_what_means_nothing_for_a_mesh_is_refused():

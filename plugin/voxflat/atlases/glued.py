@@ -222,8 +222,8 @@ def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, prog
     if not is_number(bound):
         raise InputError(f"bound is {bound!r}; give a number, the greatest factor by which lengths may change")
     threads = checked_threads(threads)
-    core, turned, unused = _core.Surface.from_triangles(atlas.points, atlas.faces)
-    if turned or unused or not np.array_equal(core.faces, atlas.faces):
+    core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
+    if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):
         raise InputError("the atlas's triangles are no surface; make the patches again")
     flat = np.ascontiguousarray(atlas.uv[atlas.uv_faces].reshape(-1, 6))
     found = core.glue(atlas.piece_ids.astype(np.uint32), flat, float(bound), threads, progress)

@@ -236,7 +236,8 @@ making = _group(
     click.option(
         "--repair",
         type=click.Choice(["none", "voxels", "cuts"]),
-        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing.",
+        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing: "
+        "what would be mended of a mesh is refused then.",
     ),
 )
 """How a surface is made."""

@@ -214,6 +214,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
         )
     place = np.full((mesh.count, 3), np.nan)
     place[mesh.ids] = mesh.points
+    place[mesh.merged[:, 0]] = place[mesh.merged[:, 1]]
     apart = np.abs(place[flat_map.ids] - flat_map.points).max()
     if not apart <= _SAME_PLACE:
         raise InputError(

@@ -26,6 +26,9 @@ from voxflat.io.volumes import VOLUME_ENDINGS
 __all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
 
 
+_WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ)
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A surface of triangles. Making one checks it; a bad array is an `InputError`.
@@ -61,6 +64,12 @@ class Mesh:
     face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     space: Space = UNKNOWN
+
+    @property
+    def has_unknown_unit(self) -> bool:
+        """Whether it may not be in mm: only GIFTI and FreeSurfer say so, or it is smaller than anything in mm."""
+        by_name = None if self.path is None else formats.by_name(self.path)
+        return by_name in _WITHOUT_UNIT or suspicious_units(self.points) is not None
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"

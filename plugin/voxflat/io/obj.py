@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.triangles import check_faces, refuse_corners
+from voxflat.io.triangles import check_faces, triangulated
 
 
 def read_obj(path: Path, data: bytes) -> dict[str, Any]:
@@ -19,10 +18,10 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 
     A point may have several texture coordinates there, where a seam of the texture passes; it keeps the first.
     """
-    rows, faces, used = _tables(data)
+    rows, faces, used, cut = _tables(data)
     points = np.array([row[:3] for row in rows["v"]], dtype=np.float64)
     texture = None
-    remarks: tuple[str, ...] = () if data.endswith(b"\n") else ("does not end with a whole line: is it complete?",)
+    remarks = cut if data.endswith(b"\n") else ("does not end with a whole line: is it complete?", *cut)
     if (used != -1).any():
         texture, seam = _texture(_places(rows["vt"], used), used, faces, len(points))
         remarks += seam
@@ -40,7 +39,7 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     names : dict
         Of each of mtllib and usemtl what follows it.
     """
-    rows, faces, used = _tables(data)
+    rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
     places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
     text = data.decode("utf-8", "replace")
@@ -48,8 +47,10 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     return faces, places[used], names
 
 
-def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64]]:
-    """Return an OBJ file's lines, and of each corner of its faces the numbers of point and texture coordinate."""
+def _tables(
+    data: bytes,
+) -> tuple[dict[str, list[list[str]]], NDArray[np.int64], NDArray[np.int64], tuple[str, ...]]:
+    """Return a file's lines, of each triangle's corners the numbers of point and texture coordinate, and remarks."""
     rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "f": [], "l": []}
     before = []
     for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
@@ -62,22 +63,24 @@ def _tables(data: bytes) -> tuple[dict[str, list[list[str]]], NDArray[np.int64],
         raise InputError("has no line that begins with 'v': is it an OBJ file of a surface?")
     if rows["l"]:
         raise InputError(f"has {len(rows['l'])} lines beside its faces: remove them")
-    refuse_corners(Counter(map(len, rows["f"])))
-    corners, lines = _corners(rows["f"]), np.array(before, dtype=np.int64).reshape(-1, 2)
-    faces, used = (_numbers(corners[:, :, part], lines[:, part, None]) for part in (0, 1))
-    return rows, faces, used
+    counts = np.array([len(face) for face in rows["f"]], dtype=np.int64)
+    corners, lines = _corners(rows["f"]), np.repeat(np.array(before, dtype=np.int64).reshape(-1, 2), counts, axis=0)
+    of_points, of_texture = (_numbers(corners[:, part], lines[:, part]) for part in (0, 1))
+    points = np.array([row[:3] for row in rows["v"]], dtype=np.float64) if (counts > 3).any() else np.empty((0, 3))
+    triangles, remarks = triangulated(points, of_points, counts)
+    return rows, of_points[triangles], of_texture[triangles], remarks
 
 
 def _corners(faces: list[list[str]]) -> NDArray[np.int64]:
-    """Return numbers of point and texture coordinate of each corner, 0 for none, shape (F, 3, 2)."""
+    """Return numbers of point and texture coordinate of each corner, 0 for none, shape (C, 2)."""
     corners = [corner for face in faces for corner in face]
     if not corners:
         raise InputError("has no line that begins with 'f': is it an OBJ file of a surface?")
     if len({corner.count("/") for corner in corners}) > 1:
         corners = ["/".join([*corner.split("/"), ""][:2]) for corner in corners]
     parts = "/".join(corners).replace("//", "/0/").replace("//", "/0/").split("/")  # much faster than one by one
-    numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(faces), 3, -1)
-    return numbers[:, :, :2] if numbers.shape[2] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=2)
+    numbers = np.fromiter((int(part or 0) for part in parts), np.int64, len(parts)).reshape(len(corners), -1)
+    return numbers[:, :2] if numbers.shape[1] > 1 else np.concatenate([numbers, np.zeros_like(numbers)], axis=1)
 
 
 def _numbers(numbers: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int64]:

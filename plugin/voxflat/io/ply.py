@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY
-from voxflat.io.triangles import TRIANGULATE, refuse_corners
+from voxflat.io.triangles import TRIANGULATE, of_strips, triangulated
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
@@ -23,7 +22,7 @@ _TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 def read_ply(path: Path, data: bytes) -> dict[str, Any]:
-    """Read a PLY file of triangles."""
+    """Read a PLY file of polygons, or of strips of triangles."""
     header = re.match(rb"(?s)ply(\r?\n|\r)(.*?)\1end_header\1", data)
     if header is None:
         raise InputError("has no header from 'ply' to 'end_header': is it a PLY file?")
@@ -31,23 +30,32 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
     body, order = data[header.end() :], _ORDERS[form]
     if form == "ascii":  # as if it were binary, of doubles alone
         body = np.fromiter(map(float, body.split()), np.float64).tobytes()
-    tables: dict[str, NDArray[Any]] = {}
-    at = 0
+    vertices: NDArray[Any] = np.empty(0)
+    lists, at = None, 0
     for name, count, properties in elements:
-        tables[name] = _table(body, at, name, count, properties, order, form == "ascii")
-        at += tables[name].nbytes
-        if {"vertex", "face"} <= set(tables):
+        if name in ("face", "tristrips") and (count or name == "tristrips"):
+            lists, at = _lists(body, at, name, count, properties, order, form == "ascii")
+        else:
+            table = _table(body, at, name, count, properties, order, form == "ascii")
+            at += table.nbytes
+            vertices = table if name == "vertex" else vertices
+        if len(vertices) and lists is not None:
             break  # what follows does not matter
-    vertices, faces = tables.get("vertex", np.empty(0)), tables.get("face", np.empty(0))
     names = vertices.dtype.names or ()
-    key = next((key for key in ("vertex_indices", "vertex_index") if key in (faces.dtype.names or ())), None)
-    if not {"x", "y", "z"} <= set(names) or key is None:
+    if not {"x", "y", "z"} <= set(names) or lists is None:
         raise InputError(f"has no vertices with x, y, z, or no faces with vertex_indices: {REMEDY}")
-    refuse_corners(Counter({faces[key].shape[1]: len(faces)}))
+    points = np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64)
+    corners, counts = lists
+    if any(name == "tristrips" for name, _, _ in elements):
+        faces, remarks = _strips(corners, counts)
+    else:
+        places, remarks = triangulated(points, corners, counts)
+        faces = corners[places]
     texture = next((pair for pair in _TEXTURES if set(pair) <= set(names)), ())
     return {
-        "points": np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float64),
-        "faces": _whole(faces[key]),
+        "points": points,
+        "faces": faces,
+        "remarks": remarks,
         "texture_coordinates": np.column_stack([vertices[key] for key in texture]) if texture else None,
         "point_data": {
             key: vertices[key].astype(vertices[key].dtype.newbyteorder("="))
@@ -55,6 +63,10 @@ def read_ply(path: Path, data: bytes) -> dict[str, Any]:
             if vertices[key].ndim == 1 and key not in ("x", "y", "z", *texture) and not key.endswith(" length")
         },
     }
+
+
+class _UnevenError(InputError):
+    """An element's lists have different lengths."""
 
 
 _Properties: TypeAlias = list[tuple[str, str, str]]
@@ -103,17 +115,74 @@ def _table(
         other = np.flatnonzero(rows[key] != rows[key][:1])
         if len(other):
             here, first = (int(rows[key][row]) for row in (other[0], 0))
-            raise InputError(f"{name} {other[0]} has {here} corners, {name} 0 has {first}; {TRIANGULATE}")
+            raise _UnevenError(f"{name} {other[0]} has {here} corners, {name} 0 has {first}; {TRIANGULATE}")
     if len(rows) < count:
         raise InputError(f"ends in {name} {len(rows)} of {count}: copy or download it again")
     return rows
 
 
-def _whole(numbers: NDArray[Any]) -> NDArray[np.int64]:
+def _lists(
+    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]] | None, int]:
+    """Return the corners of all faces one after the other, how many each has, and where the next element begins."""
+    key = next((key for key, _, is_list in properties if is_list and key in ("vertex_indices", "vertex_index")), None)
+    if key is None:
+        return None, at + _table(body, at, name, count, properties, order, is_ascii).nbytes
+    try:
+        table = _table(body, at, name, count, properties, order, is_ascii)
+    except _UnevenError:
+        return _uneven(body, at, name, count, properties, order, is_ascii, key)
+    rows = table[key] if count else np.empty((0, 3))
+    counts = np.full(len(rows), rows.shape[1], dtype=np.int64)
+    return (_whole(rows.ravel(), counts), counts), at + table.nbytes
+
+
+def _uneven(
+    body: bytes, at: int, name: str, count: int, properties: _Properties, order: str, is_ascii: bool, key: str
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], int]:
+    """Read an element row by row, as its lists have different lengths."""
+
+    def as_stored(kind: str) -> np.dtype[Any]:
+        return np.dtype("f8" if is_ascii else order + kind)
+
+    kinds = [(one, as_stored(of), as_stored(of_length or of), of_length) for one, of, of_length in properties]
+    rows = []
+    for row in range(count):
+        for one, kind, length_kind, is_list in kinds:
+            length = 1
+            if is_list and at + length_kind.itemsize <= len(body):
+                number = float(np.frombuffer(body, length_kind, 1, at)[0])
+                length = int(number) if number >= 0 and number % 1 == 0 else len(body)
+                at += length_kind.itemsize
+            if at + length * kind.itemsize > len(body):
+                raise InputError(f"ends in {name} {row} of {count}: copy or download it again")
+            if one == key:
+                rows.append(np.frombuffer(body, kind, length, at))
+            at += length * kind.itemsize
+    counts = np.array([len(one) for one in rows], dtype=np.int64)
+    return (_whole(np.concatenate(rows), counts), counts), at
+
+
+def _strips(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Return the triangles of strips, which may stand in one list with −1 between them."""
+    strips = [
+        strip[strip >= 0]
+        for row in np.split(corners, np.cumsum(counts)[:-1])
+        for strip in np.split(row, np.flatnonzero(row == -1))
+    ]
+    strips = [strip for strip in strips if len(strip)]
+    faces = of_strips(strips)
+    return faces, (f"{len(strips)} strips were cut into {len(faces)} triangles",)
+
+
+def _whole(numbers: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Take numbers of points that were read as floating-point ones."""
-    bad = np.flatnonzero((numbers % 1 != 0).any(axis=1))
+    bad = np.flatnonzero(numbers % 1 != 0)
     if len(bad):
-        raise InputError(f"face {bad[0]} is {numbers[bad[0]].tolist()}: corners must be whole numbers")
+        face = int(np.searchsorted(np.cumsum(counts), bad[0], side="right"))
+        start = int(counts[:face].sum())
+        corners = numbers[start : start + counts[face]].tolist()
+        raise InputError(f"face {face} is {corners}: corners must be whole numbers")
     return np.asarray(numbers.astype(np.int64))
 
 

@@ -1,4 +1,4 @@
-"""Checks of triangles and points that the formats of surfaces share."""
+"""Triangles as the formats of surfaces share them: checks, and how polygons and strips become triangles."""
 
 from __future__ import annotations
 
@@ -11,13 +11,119 @@ from voxflat.errors import InputError
 
 TRIANGULATE = "triangulate first, e.g. mesh.triangulate() of PyVista"
 
+_MOST_CORNERS = 1000  # of a polygon, that is cut into triangles here
 
-def refuse_corners(counts: Counter[int]) -> None:
-    """Refuse faces that are no triangles, naming what they are."""
-    others = [(corners, number) for corners, number in sorted(counts.items()) if corners != 3]
-    if others:
-        found = ", ".join(f"{n} face{'s have' if n > 1 else ' has'} {corners} corners" for corners, n in others)
-        raise InputError(f"{found}; {TRIANGULATE}")
+
+def triangulated(
+    points: NDArray[np.float64], corners: NDArray[np.int64], counts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Cut polygons into triangles, without new points.
+
+    Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one with the
+    shortest diagonal first.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        Finite or not.
+    corners : ndarray of int64, shape (C,)
+        The polygons' corners, one polygon after the other.
+    counts : ndarray of int64, shape (F,)
+        How many corners each has.
+
+    Returns
+    -------
+    triangles : ndarray of int64, shape (T, 3)
+        Places in `corners`, polygon by polygon, which they run around as the polygon does.
+    remarks : tuple of str
+        What was cut.
+    """
+    odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
+    if len(odd):
+        raise InputError(f"face {odd[0]} has {counts[odd[0]]} corners; {TRIANGULATE}")
+    starts = np.cumsum(counts) - counts
+    if (counts == 3).all():
+        return starts[:, None] + np.arange(3), ()
+    bad = np.flatnonzero((corners < 0) | (corners >= len(points)))
+    if len(bad):
+        face = int(np.searchsorted(starts, bad[0], side="right")) - 1
+        what = f"face {face} has the corner {corners[bad[0]]}"
+        raise InputError(f"{what}; the surface has the points 0 to {len(points) - 1}")
+    ends = np.cumsum(counts - 2)
+    triangles = np.empty((ends[-1], 3), dtype=np.int64)
+    three = counts == 3
+    triangles[ends[three] - 1] = starts[three, None] + np.arange(3)
+    four = np.flatnonzero(counts == 4)
+    quads = starts[four, None] + np.arange(4)
+    places = points[corners[quads]]
+    first, second = _halves(places, 0), _halves(places, 1)
+    other = (second[1] & ~first[1]) | ((first[1] == second[1]) & (second[0] < first[0]))
+    for of, turn in ((~other, 0), (other, 1)):
+        turned = np.roll(quads[of], -turn, axis=1)
+        triangles[ends[four[of]] - 2], triangles[ends[four[of]] - 1] = turned[:, :3], turned[:, [0, 2, 3]]
+    for face in np.flatnonzero(counts > 4).tolist():
+        polygon = corners[starts[face] : starts[face] + counts[face]]
+        triangles[ends[face] - counts[face] + 2 : ends[face]] = starts[face] + _ears(points[polygon])
+    kinds = sorted(Counter(counts[counts > 3].tolist()).items())
+    found = ", ".join(f"{number} face{'s' if number > 1 else ''} of {n} corners" for n, number in kinds[:5])
+    return triangles, (f"{found}{', ...' if len(kinds) > 5 else ''} were cut into triangles",)
+
+
+def _halves(quads: NDArray[np.float64], turn: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the squared length of a diagonal of each quadrilateral (Q, 4, 3), and whether both halves face one way."""
+    a, b, c, d = np.moveaxis(np.roll(quads, -turn, axis=1), 1, 0)
+    left, right = np.cross(b - a, c - a), np.cross(c - a, d - a)
+    return ((c - a) ** 2).sum(axis=1), np.asarray((left * right).sum(axis=1) > 0)
+
+
+def _ears(polygon: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Cut one polygon (n, 3) into n − 2 triangles, in the plane that it lies in best."""
+    ahead = np.roll(polygon, -1, axis=0)
+    normal = np.cross(polygon, ahead).sum(axis=0)  # Newell's: of twice the area's length
+    if not normal.any():
+        normal = np.array([0.0, 0.0, 1.0])
+    drop = int(np.abs(normal).argmax())
+    axes = [(drop + 1) % 3, (drop + 2) % 3][:: 1 if normal[drop] > 0 else -1]
+    plane = polygon[:, axes]
+    left = list(range(len(polygon)))
+    triangles = []
+    while len(left) > 3:
+        at = np.array(left)
+        before, after = np.roll(at, 1), np.roll(at, -1)
+        a, b, c = plane[before], plane[at], plane[after]
+        turns = _cross(b - a, c - b)
+        length = ((polygon[after] - polygon[before]) ** 2).sum(axis=1)
+        order = np.lexsort((length, -np.sign(turns)))
+        ears = (k for k in order if turns[k] > 0 and not _holds(plane[at], a[k], b[k], c[k], k))
+        best = int(next(ears, order[0]))  # where it crosses itself there may be none
+        triangles.append([before[best], at[best], after[best]])
+        del left[best]
+    return np.array([*triangles, left], dtype=np.int64)
+
+
+def _holds(
+    corners: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], ear: int
+) -> bool:
+    """Tell whether the triangle of an ear holds another corner."""
+    inside = (_cross(b - a, corners - a) >= 0) & (_cross(c - b, corners - b) >= 0) & (_cross(a - c, corners - c) >= 0)
+    n = len(corners)
+    inside[[ear - 1, ear, (ear + 1) % n]] = False
+    same = (corners == a).all(axis=1) | (corners == b).all(axis=1) | (corners == c).all(axis=1)
+    return bool((inside & ~same).any())
+
+
+def _cross(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])
+
+
+def of_strips(strips: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the triangles (T, 3) of strips, in each of which every second one runs the other way."""
+    parts = [np.empty((0, 3), dtype=np.int64)]
+    for strip in strips:
+        rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
+        rows[1::2] = rows[1::2, [1, 0, 2]]
+        parts.append(rows)
+    return np.concatenate(parts).astype(np.int64)
 
 
 def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:

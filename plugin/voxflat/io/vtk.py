@@ -10,7 +10,6 @@ import base64
 import importlib
 import re
 import warnings
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from voxflat.errors import InputError
 from voxflat.io import gifti
 from voxflat.io.files import require
 from voxflat.io.reading import allowed_memory
-from voxflat.io.triangles import TRIANGULATE, refuse_corners
+from voxflat.io.triangles import of_strips, triangulated
 
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
@@ -33,7 +32,7 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     if head[3].upper() != b"POLYDATA":
         raise InputError(f"holds {head[3].decode('latin1')}: extract its surface, and write it as POLYDATA")
     points = re.search(rb"(?mi)^POINTS\s+(\d+)", data)
-    has_offsets, faces = int(head[1]) >= 5, 0  # from 5.1 on, with the number of offsets, one more than that of faces
+    has_offsets, faces, strips = int(head[1]) >= 5, 0, 0  # from 5.1 on: offsets, one more than there are faces
     for cells in re.finditer(rb"(?mi)^(LINES|TRIANGLE_STRIPS|POLYGONS|VERTICES)\s+(\d+) +(\d+)\s*?\n(OFF)?", data):
         number = int(cells[2]) - has_offsets
         if bool(cells[4]) != has_offsets:
@@ -41,7 +40,9 @@ def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
         if not has_offsets:
             _check_cells(data[cells.end() :], number, int(cells[3]), head[2].upper() == b"BINARY")
         faces += number if cells[1].upper() == b"POLYGONS" else 0
-    return _read_polydata(path, "vtkmodules.vtkIOLegacy", "vtkPolyDataReader", int(points[1]) if points else 0, faces)
+        strips += number if cells[1].upper() == b"TRIANGLE_STRIPS" else 0
+    counts = int(points[1]) if points else 0, faces, strips
+    return _read_polydata(path, "vtkmodules.vtkIOLegacy", "vtkPolyDataReader", *counts)
 
 
 def _check_cells(data: bytes, number: int, size: int, is_binary: bool) -> None:
@@ -65,8 +66,8 @@ def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
     counts = {name: [int(count) for count in re.findall(rb'%s="([^"]*)"' % name, data)] for name in _VTP_COUNTS}
     if min(min(numbers, default=0) for numbers in counts.values()) < 0:
         raise InputError("has a negative number of points or cells by its header: copy or download it again")
-    points, faces = (sum(counts[name]) for name in (b"NumberOfPoints", b"NumberOfPolys"))
-    return _read_polydata(path, "vtkmodules.vtkIOXML", "vtkXMLPolyDataReader", points, faces)
+    sums = (sum(counts[name]) for name in (b"NumberOfPoints", b"NumberOfPolys", b"NumberOfStrips"))
+    return _read_polydata(path, "vtkmodules.vtkIOXML", "vtkXMLPolyDataReader", *sums)
 
 
 def _check_blocks(data: bytes) -> None:
@@ -108,9 +109,9 @@ def _numbers(stored: bytes, is_raw: bool, kind: np.dtype[Any], count: int, start
     return np.frombuffer(found, kind, len(found) // kind.itemsize)
 
 
-def _read_polydata(path: Path, module: str, reader: str, points: int, faces: int) -> dict[str, Any]:
+def _read_polydata(path: Path, module: str, reader: str, points: int, faces: int, strips: int) -> dict[str, Any]:
     """Read by a class of VTK; what it would print becomes an error."""
-    if 24 * (points + faces) > allowed_memory() // 4:  # VTK would end the process
+    if 24 * (points + faces + strips) > allowed_memory() // 4:  # VTK would end the process
         raise InputError(f"has {points} points and {faces} faces by its header, more than memory may hold")
     pv = require("pyvista")
     messages: list[str] = []
@@ -130,23 +131,46 @@ def _read_polydata(path: Path, module: str, reader: str, points: int, faces: int
     messages += [event.alert for event in printed.events]
     if errors := [message for message in messages if "error" in message.lower()]:
         raise InputError(f"VTK says: {errors[0].strip().splitlines()[-1]}: copy or download it again")
-    return _polydata_parts(mesh, points, faces)
+    return _polydata_parts(mesh, points, faces, strips)
 
 
-def _polydata_parts(mesh: Any, points: int, faces: int) -> dict[str, Any]:
+def polydata_triangles(mesh: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Return the triangles of a mesh of PyVista, and what was cut to make them: its polygons first, then its strips."""
+    if mesh.n_lines:
+        raise InputError(f"has {mesh.n_lines} lines beside its faces: remove them, mesh.SetLines(None)")
+    if mesh.n_strips == 0 and mesh.GetPolys().GetNumberOfCells() and mesh.is_all_triangles:
+        return np.asarray(mesh.regular_faces, dtype=np.int64).reshape(-1, 3), ()
+    offsets, corners = (
+        np.asarray(importlib.import_module("vtkmodules.util.numpy_support").vtk_to_numpy(array)).astype(np.int64)
+        for array in (mesh.GetPolys().GetOffsetsArray(), mesh.GetPolys().GetConnectivityArray())
+    )
+    places, remarks = triangulated(np.asarray(mesh.points, dtype=np.float64), corners, np.diff(offsets))
+    strips, at = [], 0
+    while at < len(mesh.strips):
+        strips.append(np.asarray(mesh.strips[at + 1 : at + 1 + mesh.strips[at]], dtype=np.int64))
+        at += 1 + len(strips[-1])
+    of_all = of_strips(strips)
+    if strips:
+        remarks = (*remarks, f"{len(strips)} strips were cut into {len(of_all)} triangles")
+    return np.concatenate([corners[places], of_all]), remarks
+
+
+def _polydata_parts(mesh: Any, points: int, faces: int, strips: int) -> dict[str, Any]:
     """Return what a mesh of PyVista holds, after a check against its file's header."""
-    for found, named, what in ((mesh.n_points, points, "points"), (mesh.GetPolys().GetNumberOfCells(), faces, "faces")):
+    for found, named, what in (
+        (mesh.n_points, points, "points"),
+        (mesh.GetPolys().GetNumberOfCells(), faces, "faces"),
+        (mesh.n_strips, strips, "strips"),
+    ):
         if found != named:
             raise InputError(f"has {found} {what}, by its header {named}: copy or download it again")
-    if mesh.n_lines or mesh.n_strips:
-        raise InputError(f"has {mesh.n_lines} lines and {mesh.n_strips} triangle strips; {TRIANGULATE}, or remove them")
-    if not mesh.is_all_triangles:
-        refuse_corners(Counter(map(len, mesh.irregular_faces)))
+    triangles, remarks = polydata_triangles(mesh)
     texture = mesh.active_texture_coordinates
     point_data = {name: np.asarray(array) for name, array in mesh.point_data.items()}
     return {
         "points": np.array(mesh.points),
-        "faces": np.array(mesh.regular_faces).reshape(-1, 3),
+        "faces": triangles,
+        "remarks": remarks,
         "point_data": {name: array for name, array in point_data.items() if array.dtype.kind in "biuf"},
         "texture_coordinates": None if texture is None else np.array(texture),
     }

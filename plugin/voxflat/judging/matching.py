@@ -140,7 +140,7 @@ def _check_count(whole: Surface, count: int) -> None:
 def _of_places(whole: Surface, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
     _check_count(whole, len(places))
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
-    faces = whole.vertices[whole.faces] if mesh is None else mesh.faces
+    faces = whole.vertices[whole.faces] if mesh is None else whole.merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
 
 
@@ -159,18 +159,19 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
         faces, coordinates, _ = read_obj_texture(contents(path))
     is_placed = np.isfinite(coordinates).all(axis=(1, 2))
     faces, coordinates = faces[is_placed], coordinates[is_placed]
+    faces = whole.merged_in(faces)
     _check_triangles(whole, faces)
     corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # + 0.0, so that −0 is 0
     rows, numbers = np.unique(corners, axis=0, return_inverse=True)
     vertices = rows[:, 0].astype(np.int64)
-    core, _, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3))
+    core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
 
 
 def _of_map(whole: Surface, flat: FlatMap) -> Matched:
     """Return the map's own triangles, cut as they are, on the surface."""
     vertices = vertices_of(whole, flat)
-    core, _, _ = _core.Surface.from_triangles(whole.points[vertices], flat.faces.astype(np.int64))
+    core, _ = _core.Surface.from_triangles(whole.points[vertices], flat.faces.astype(np.int64))
     return Matched(core, whole.vertices[vertices][core.ids], flat.uv[core.ids])
 
 
@@ -212,7 +213,7 @@ def _matched(whole: Surface, faces: NDArray[np.int64], places: NDArray[np.float6
     if is_mapped is not None:
         core = whole.core.part_of_faces(is_mapped)
     else:  # the map's triangles are others than the surface's
-        core, _, _ = _core.Surface.from_triangles(_places_of(whole), faces)
+        core, _ = _core.Surface.from_triangles(_places_of(whole), faces, mend=True)
     used = places[core.ids]
     if not _is_flat(used):
         depth = float(np.ptp(used[:, 2]))

@@ -51,7 +51,8 @@ class FlatMap(Planar):
     normals : ndarray of float64, shape (N, 3)
         Unit vectors that point outside, to the background (RAS+); NaN for a sheet, which has background on both sides.
     ids : ndarray of int64, shape (N, 3) or (N,)
-        Their voxel indices (i, j, k), or vertex numbers in the mesh; the two sides of a cut share one.
+        Their voxel indices (i, j, k), or vertex numbers in the mesh; the two sides of a cut share one. Vertices of a
+        mesh that were merged with another at their place have a row each, the last ones, there and in no triangle.
     faces : ndarray of uint32, shape (F, 3)
         Triangles of points that cover the map, counterclockwise but for those that are turned over.
     torn : ndarray of bool, shape (F,)
@@ -67,7 +68,7 @@ class FlatMap(Planar):
         Parameters, affine, versions, checksum of the input, topology.
     rows : ndarray of float32, shape (m, N), or None
         Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
-        there: `save` leaves them out.
+        there: `save` leaves them out, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
         Vertices of triangles that the mesh has and the map has not, though all their corners are in the map: a patch
         file must not bring them back.
@@ -370,7 +371,8 @@ class FlatMap(Planar):
         """Return the map as a FreeSurfer patch."""
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
-        return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"])
+        merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
+        return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -114,11 +114,18 @@ def map_over_triangles(
         warnings.append(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
+    merged, places = part.also_merged()
+    rows_of: Any = slice(None)
+    ids = part.ids
+    if len(merged):  # each has a row of its own, at the same place
+        rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
+        distortion = replace(distortion, per_point=distortion.per_point[rows_of])
+        rows = rows if rows is None or how.store is not None else rows[:, rows_of]
     return FlatMap(
-        uv=result["uv"],
-        points=part.points,
-        normals=result["normals"],
-        ids=part.ids,
+        uv=result["uv"][rows_of],
+        points=part.points[rows_of],
+        normals=result["normals"][rows_of],
+        ids=ids,
         faces=cut.faces,
         torn=np.zeros(len(cut.faces), dtype=np.bool_),
         sources=chosen.astype(np.int64),

@@ -43,7 +43,8 @@ class Check:
         ``size`` (mm), ``structure``, and ``space``: ``name`` ("scanner", "tkRAS" or "unknown") and ``to_scanner``, the
         matrix from the coordinates to scanner RAS.
     defects : dict of str to list
-        What keeps a mesh from being a surface, and where: numbers of triangles or vertices.
+        What keeps a mesh from being a surface, and where: numbers of triangles or vertices. What of it was mended
+        stands in `advice`.
     foreground : int or None
         Number of foreground voxels; None for meshes, and if label or threshold are still to be chosen.
     surface_points : int or None
@@ -318,8 +319,7 @@ def _thin(part: Surface, how: _How) -> dict[str, Any]:
     if part.is_voxels:
         thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     else:
-        corners = part.points[part.faces]
-        thickness = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+        thickness = part.usual_edge
     count, worst = part.core.thin_places(thickness, how.threads, how.progress)
     found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:

@@ -19,7 +19,7 @@ from voxflat.io.files import contents
 from voxflat.surfaces.surface import Surface
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
-_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels
+_SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
 _LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
 _BEARABLE = 0.15  # error of distances up to which a disk is left as it was given
 
@@ -161,6 +161,8 @@ def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDAr
     longest = _SMALL_HOLE
     if part.is_voxels:
         longest = _SMALL_HOLE_VOXELS * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    elif part.metadata.get("unit") == "unknown":
+        longest = _SMALL_HOLE_VOXELS * part.usual_edge
     core, filled, _ = part.core.fill_holes(longest, progress)
     if not filled:
         return part, part.faces, []

@@ -62,7 +62,10 @@ def surface(
     repair : {"none", "voxels", "cuts"}, optional
         Rid the surface of handles: that of a volume by the fewest voxels taken away or added that leave one sphere
         ("voxels"), or by cutting them open ("cuts", also of meshes). By default handles of a volume's largest component
-        are closed or opened where that changes no more than 1 % of its voxels, and this is said.
+        are closed or opened where that changes no more than 1 % of its voxels, and this is said. A mesh is mended
+        unless this is "none", where that has one right answer: triangles without area are dropped or flipped away, for
+        which vertices at one place become one (each keeps its number), duplicates are dropped, and where sheets touch
+        at a vertex each gets its own.
     memory_limit : int, optional
         Bytes that may be used; by default what is free.
     threads : int, optional
@@ -91,7 +94,7 @@ def surface(
         _refuse_options("a mesh", probability=probability, sheet=sheet)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
-        made = of_mesh(mesh, pial)
+        made = of_mesh(mesh, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
         given = foreground_of(

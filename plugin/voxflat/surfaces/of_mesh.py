@@ -12,6 +12,7 @@ import numpy as np
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
+from voxflat.io.vtk import polydata_triangles
 from voxflat.surfaces.partners import check_pial, in_space_of
 from voxflat.surfaces.surface import Surface
 
@@ -48,18 +49,16 @@ def as_mesh(source: object) -> Mesh | None:
 
 
 def _of_polydata(mesh: Any) -> Mesh:
-    if mesh.n_lines:  # which triangulate() leaves where all faces are triangles already
-        raise InputError(
-            f"the PolyData has {mesh.n_lines} lines; triangulate it and remove them: mesh = mesh.triangulate(); "
-            "mesh.SetLines(None)"
-        )
-    if not mesh.is_all_triangles:
-        raise InputError("the PolyData has faces that are no triangles, or none; triangulate it: mesh.triangulate()")
-    return Mesh(np.asarray(mesh.points), np.asarray(mesh.regular_faces))
+    faces, remarks = polydata_triangles(mesh)
+    return Mesh(np.asarray(mesh.points), faces, remarks=remarks)
 
 
-def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
+def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Surface:
     """Make a surface of a mesh.
+
+    What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that
+    lie at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch
+    at a vertex, each gets one of its own.
 
     Parameters
     ----------
@@ -67,6 +66,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
         Triangles, RAS+ mm.
     pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
         As in `voxflat.surface`.
+    mend : bool
+        Whether it is mended; if not, what needs it is refused.
 
     Returns
     -------
@@ -77,17 +78,9 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
     InputError
         If it is no manifold, or the pial surface does not correspond to it.
     """
-    core, turned, unused = _core.Surface.from_triangles(mesh.points, mesh.faces)
-    remarks = list(mesh.remarks)
-    if turned:
-        remarks.append(f"{turned} of {len(mesh.faces)} triangles were turned over, so that all face outside")
-    if unused:
-        remarks.append(f"{unused} of {len(mesh.points)} vertices belong to no triangle and are left out")
-    suspicion = suspicious_units(mesh.points)
-    if suspicion and suspicion not in remarks:
-        remarks.append(f"the surface {suspicion}")
     measured_on = "the given surface"
-    thickness = None
+    thickness, of_pial = None, []
+    core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         other = as_mesh(pial)
         if other is None:
@@ -98,12 +91,21 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
                 "one subject and correspond vertex by vertex"
             )
         places = in_space_of(mesh, other)
-        remarks += check_pial(core, mesh, other, places)
+        of_pial = check_pial(core, mesh, other, places)
         thickness = np.linalg.norm(places - mesh.points, axis=1)
-        core = core.moved((mesh.points[core.ids] + places[core.ids]) / 2)
+        midway = (mesh.points + places) / 2
+        if len(told["merged"]):  # midway they may lie apart
+            core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
+        else:
+            core = core.moved(midway[core.ids])
         measured_on = "midthickness: halfway to the pial surface"
+    remarks = [*mesh.remarks, *_remarks(told, len(mesh.faces), len(mesh.points))]
+    suspicion = suspicious_units(mesh.points)
+    if suspicion and suspicion not in remarks:
+        remarks.append(f"the surface {suspicion}")
+    remarks += of_pial
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
-    metadata = {
+    metadata: dict[str, Any] = {
         "kind": "mesh",
         "input": None if mesh.path is None else str(mesh.path),
         "input_sha256": digest.hexdigest(),
@@ -112,4 +114,36 @@ def of_mesh(mesh: Mesh, pial: object | None = None) -> Surface:
         "space": mesh.space.described(),
         "measured_on": measured_on,
     }
-    return Surface(core, None, metadata, tuple(remarks), thickness, mesh.faces)
+    merged = told["merged"].astype(np.int64)
+    mesh_faces = mesh.faces
+    mended: dict[str, Any] = {name: told[name] for name in ("dropped", "flipped", "duplicates", "split") if told[name]}
+    if len(merged):
+        mended["merged"] = merged.tolist()
+    if mended:
+        metadata["mended"] = mended
+        mesh_faces = core.ids.astype(np.int64)[core.faces]
+    if mesh.has_unknown_unit:
+        metadata["unit"] = "unknown"
+    return Surface(core, None, metadata, tuple(remarks), thickness, mesh_faces, merged)
+
+
+def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:
+    """Say what was done with a mesh."""
+    remarks = []
+    if told["turned"]:
+        remarks.append(f"{told['turned']} of {faces} triangles were turned over, so that all face outside")
+    if told["unused"]:
+        remarks.append(f"{told['unused']} of {points} vertices belong to no triangle and are left out")
+    if told["duplicates"]:
+        remarks.append(f"{told['duplicates']} of {faces} triangles have the corners of others and were dropped")
+    if told["dropped"] or told["flipped"]:
+        flipped = f", {told['flipped']} flipped away" if told["flipped"] else ""
+        remarks.append(f"{told['dropped']} of {faces} triangles have no area and were dropped{flipped}")
+    if len(told["merged"]):
+        count = len(told["merged"])
+        remarks.append(f"{count} of {points} vertices lie where others do, and share their place in the map")
+    if told["split"]:
+        count, first = len(told["split"]), told["split"][0]
+        where = f"vertex {first}" if count == 1 else f"{count} vertices, {first} the first of them"
+        remarks.append(f"sheets touch at {where}: each sheet has a vertex of its own there, of the same number")
+    return remarks

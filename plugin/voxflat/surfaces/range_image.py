@@ -78,7 +78,7 @@ def range_image(
             "there; give jump for another limit"
         )
     points = _points(np.where(is_there, heights, 0.0), steps)
-    core, _, _ = _core.Surface.from_triangles(points, faces)
+    core, _ = _core.Surface.from_triangles(points, faces)
     digest = hashlib.sha256(np.ascontiguousarray(heights).tobytes() + repr((heights.shape, steps, limit)).encode())
     metadata: dict[str, Any] = {
         "kind": "mesh",

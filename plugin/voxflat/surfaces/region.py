@@ -218,6 +218,8 @@ def _vertices(whole: Surface, region: object, name: str) -> NDArray[np.bool_]:
         chosen = read_region(region, count, structure=whole.metadata.get("structure"))
     else:
         chosen = _as_mask(np.asarray(region), count, name)
+    chosen = chosen.copy()
+    np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
     return np.asarray(chosen[whole.vertices])
 
 

@@ -39,7 +39,9 @@ class Surface:
     thickness : ndarray of float64, shape (V,), or None
         From white to pial surface at each vertex of the whole surface, mm, where both were given.
     mesh_faces : ndarray of int64, shape (G, 3), or None
-        The triangles of the whole mesh as they were given, as vertex numbers; None if it was no mesh.
+        The triangles of the whole mesh as they were given, or mended, as vertex numbers; None if it was no mesh.
+    merged : ndarray of int64, shape (M, 2)
+        Vertices of the whole surface that are one with another, since they lie where that does, and which that is.
     """
 
     core: _core.Surface
@@ -48,6 +50,7 @@ class Surface:
     remarks: tuple[str, ...] = ()
     thickness: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
+    merged: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -83,6 +86,12 @@ class Surface:
     def faces(self) -> NDArray[np.uint32]:
         """Triangles, shape (F, 3)."""
         return self.core.faces
+
+    @property
+    def usual_edge(self) -> float:
+        """Median length of the triangles' edges, mm."""
+        corners = self.points[self.faces]
+        return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
     @property
     def count(self) -> int:
@@ -129,6 +138,7 @@ class Surface:
         known: dict[Any, int] = {}
         for number, key in enumerate(map(_key, self.ids.tolist())):
             known.setdefault(key, number)
+        known |= {of: known[one] for of, one in self.merged.tolist() if one in known}
         found = [known.get(_key(key)) for key in wanted.tolist()]
         if None in found:
             missing = wanted[found.index(None)].tolist()
@@ -163,6 +173,39 @@ class Surface:
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
 
+    def merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return vertices of the whole surface, each replaced by the one that it was merged with.
+
+        Parameters
+        ----------
+        vertices : ndarray of int64
+            Numbers of vertices, in any shape.
+
+        Returns
+        -------
+        ndarray of int64
+            In the same shape.
+        """
+        one = np.arange(self.count)
+        one[self.merged[:, 0]] = self.merged[:, 1]
+        return np.asarray(one[vertices])
+
+    def also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Find the vertices of the whole surface that were merged with one of this surface.
+
+        Returns
+        -------
+        vertices : ndarray of int64, shape (K,)
+            Their numbers. Where a cut runs through one, it is listed for both sides.
+        places : ndarray of int64, shape (K,)
+            The vertex of this surface that each is.
+        """
+        order = np.argsort(self.vertices, kind="stable")
+        sides = [np.searchsorted(self.vertices, self.merged[:, 1], side, order) for side in ("left", "right")]
+        counts = sides[1] - sides[0]
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return np.repeat(self.merged[:, 0], counts), order[np.repeat(sides[0], counts) + within]
+
     def has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
         """Find triangles that are given by vertices of the whole surface.
 
@@ -176,7 +219,9 @@ class Surface:
         ndarray of bool, shape (F,), or None
             Which of this surface's triangles they are; None if some of them are none of this surface.
         """
-        wanted = triangle_keys(faces)
+        faces = self.merged_in(faces)
+        a, b, c = faces.T
+        wanted = triangle_keys(faces[(a != b) & (b != c) & (c != a)])
         found = np.isin(triangle_keys(self.vertices[self.faces]), wanted)
         return found if found.sum() == len(np.unique(wanted)) else None
 
@@ -197,7 +242,9 @@ class Surface:
         InputError
             If it names vertices that the surface does not have.
         """
-        return in_patch(self.vertices[self.faces], patch.vertex_ids, self.count)
+        is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
+        listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
+        return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
 
     def bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
         """Find the triangles of the mesh that were left out although all their corners are there.
@@ -319,7 +366,7 @@ class Surface:
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         points, _ = in_tkras(self.points, space)
-        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count))
+        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count, self.merged))
 
 
 def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
@@ -329,7 +376,12 @@ def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
 
 
 def patch_of(
-    points: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64], count: int
+    points: NDArray[np.float64],
+    ids: NDArray[np.int64],
+    faces: NDArray[Any],
+    bridges: NDArray[np.int64],
+    count: int,
+    merged: NDArray[np.int64],
 ) -> Patch:
     """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
 
@@ -345,6 +397,8 @@ def patch_of(
         As `Surface.bridges` finds them.
     count : int
         How many vertices the mesh has.
+    merged : ndarray of int64, shape (M, 2)
+        As of a `Surface`: the former are listed where the latter are.
 
     Returns
     -------
@@ -359,7 +413,7 @@ def patch_of(
     kept = faces[triangles_of(rows, faces)]
     if len(kept) == 0:
         raise InputError("each triangle lies at a cut: a patch cannot hold them; save as .vtp, .ply or .obj")
-    vertices = len(np.unique(ids))
+    vertices = len(np.unique(ids[faces]))
     if len(kept) < len(faces):
         log.warning(
             "a patch has one place for each vertex, and its readers take all triangles whose corners it lists: at cuts "
@@ -369,7 +423,12 @@ def patch_of(
             len(faces) - len(kept),
             len(faces),
         )
-    return Patch(ids[rows], points[rows], patch_border(ids[kept], ids[rows], count))
+    listed, border = ids[rows], patch_border(ids[kept], ids[rows], count)
+    also = merged[np.isin(merged[:, 1], listed)]
+    at = np.concatenate([np.arange(len(rows)), np.searchsorted(listed, also[:, 1])])
+    numbers = np.concatenate([listed, also[:, 0]])
+    order = np.argsort(numbers)
+    return Patch(numbers[order], points[rows][at[order]], border[at[order]])
 
 
 def _key(item: Any) -> Any:

@@ -58,17 +58,29 @@ impl Inner {
 
 #[pymethods]
 impl Surface {
-    /// From points (N, 3) in mm and triangles (F, 3); with the numbers of turned faces and of unused vertices.
+    /// From points (N, 3) in mm and triangles (F, 3); with what was done. Unless they are to be mended, what is no surface is
+    /// refused.
     #[staticmethod]
-    fn from_triangles(
-        py: Python<'_>,
-        points: PyReadonlyArray2<'_, f64>,
-        faces: PyReadonlyArray2<'_, i64>,
-    ) -> PyResult<(Self, usize, usize)> {
+    #[pyo3(signature = (points, faces, mend=false))]
+    fn from_triangles<'py>(
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        faces: PyReadonlyArray2<'py, i64>,
+        mend: bool,
+    ) -> PyResult<(Self, Bound<'py, PyDict>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
-        let (surface, mended) = run(py, Some(1), None, move |_| CoreSurface::from_triangles(&points, &faces))?;
-        Ok((surface.into(), mended.turned, mended.unused))
+        let make = if mend { CoreSurface::mended } else { CoreSurface::from_triangles };
+        let (surface, mended) = run(py, Some(1), None, move |_| make(&points, &faces))?;
+        let dict = PyDict::new(py);
+        dict.set_item("turned", mended.turned)?;
+        dict.set_item("unused", mended.unused)?;
+        dict.set_item("merged", convert::array(py, &mended.merged)?)?;
+        dict.set_item("dropped", mended.dropped)?;
+        dict.set_item("flipped", mended.flipped)?;
+        dict.set_item("duplicates", mended.duplicates)?;
+        dict.set_item("split", mended.split)?;
+        Ok((surface.into(), dict))
     }
 
     /// From a boolean (I, J, K) array and a (4, 4) affine to RAS+ mm; `level` is an image (I, J, K) and its value on the surface,

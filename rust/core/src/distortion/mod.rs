@@ -2,7 +2,8 @@
 //!
 //! A measure is a pure function of distance rows δ (mm, from reference sources to all points) and the flat map's distances
 //! d. It never looks at how the map was made. Figures are given raw (a flat map is in mm) and at the map's best scale
-//! s* = argmin mean |s·d − δ|/δ. Pairs of a point with itself are left out. Undefined figures are NaN.
+//! s* = argmin mean |s·d − δ|/δ. Pairs of a point with itself, or with another at no distance from it, are left out: they have
+//! no relative error. Undefined figures are NaN.
 //!
 //! Rows are passed twice, once for each scale, and are never needed all at once. What is kept of each source are its
 //! [sums](sums::Sums), from which the figures and, by the bootstrap over sources, their standard errors follow.
@@ -161,8 +162,7 @@ impl Block<'_> {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
 
-    /// One value a source, in parallel, in the order of the sources: of the (δ, d) of all its pairs but that of the source
-    /// with itself.
+    /// One value a source, in parallel, in the order of the sources: of the (δ, d) of all its pairs with others.
     fn each_source<T: Send>(
         &self,
         uv: &[[f64; 2]],
@@ -172,7 +172,8 @@ impl Block<'_> {
         let of_source = |n| {
             control.check()?;
             let source = self.sources[n] as usize;
-            let pairs = self.row(n).iter().zip(uv).enumerate().filter(|&(point, _)| point != source);
+            let pairs = self.row(n).iter().zip(uv).enumerate();
+            let pairs = pairs.filter(|&(point, (&delta, _))| point != source && delta != 0.0);
             let mut pairs = pairs.map(|(_, (&delta, &place))| (f64::from(delta), apart(uv[source], place)));
             Ok(value(&mut pairs))
         };
@@ -254,7 +255,7 @@ impl<'a> Judged<'a> {
             for (n, &source) in block.sources.iter().enumerate() {
                 let row = &block.row(n)[start..start + sums.len()];
                 for (point, (sum, &delta)) in (start..).zip(sums.iter_mut().zip(row)) {
-                    if point != source as usize {
+                    if point != source as usize && delta != 0.0 {
                         let delta = f64::from(delta);
                         sum.0 += (apart(uv[source as usize], uv[point]) - delta).abs() / delta;
                         sum.1 += 1.0;

@@ -117,6 +117,22 @@ fn a_perfect_map_has_no_error_and_a_scaled_one_only_its_scale() {
 }
 
 #[test]
+fn points_at_no_distance_from_each_other_are_left_out() {
+    let uv = [[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [7.0, 2.0]];
+    let apart = rows_of(&[0, 2], &uv[..3], |_, _| 2.0);
+    // the last one lies where the first does, and elsewhere in the map
+    let rows: Vec<f32> = [0, 1].iter().flat_map(|&n| [apart.row(n), &[apart.row(n)[0]]].concat()).collect();
+    let found = judged(&uv, &DistanceRows::new(vec![0, 2], 4, rows));
+    assert_eq!((found.pairs, found.per_point[3]), (5, found.per_point[3].abs()));
+    let figures = [found.raw, found.best_scale];
+    assert!(figures.iter().all(|f| f.scale > 0.0 && f.relative_error.is_finite() && f.sammon_stress.is_finite()));
+    assert!(found.per_point.iter().all(|error| error.is_finite()));
+    // and where nothing is any distance away nothing is defined
+    let none = judged(&uv[..2], &DistanceRows::new(vec![0], 2, vec![0.0, 0.0]));
+    assert!(none.raw.relative_error.is_nan() && none.best_scale.scale.is_nan() && none.pairs == 0);
+}
+
+#[test]
 fn undefined_figures_are_nan() {
     let uv = [[0.0, 0.0], [50.0, 0.0], [0.0, 60.0]];
     let rows = rows_of(&[0], &uv, |_, _| 1.0);

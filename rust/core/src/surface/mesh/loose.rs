@@ -2,16 +2,27 @@
 
 use nalgebra::Vector3;
 
+use super::mend::{Mending, is_soup, mend};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::error::{Error, Result};
 
 /// What was mended when a mesh was read.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Mended {
     /// Faces that were turned over, so that neighbours agree and closed components point outside.
     pub turned: usize,
     /// Vertices that no face uses, which were left out.
     pub unused: usize,
+    /// Vertices that became one with another that lies at the same place, and with which: the lowest of them.
+    pub merged: Vec<[u32; 2]>,
+    /// Faces without area that were dropped.
+    pub dropped: usize,
+    /// Faces without area that went as their longest edge was flipped.
+    pub flipped: usize,
+    /// Faces that were dropped, since others have the same corners.
+    pub duplicates: usize,
+    /// Vertices at which several fans of faces touched, and which each of them has now.
+    pub split: Vec<u32>,
 }
 
 /// Everything that keeps triangles from being a surface.
@@ -62,7 +73,7 @@ impl Defects {
 }
 
 impl Surface {
-    /// A surface from points (mm) and triangles, with what was mended.
+    /// A surface from points (mm) and triangles, with what was done: faces may be turned over, and nothing else.
     ///
     /// # Errors
     /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`] and those of
@@ -72,11 +83,73 @@ impl Surface {
         let mut defects = Defects::default();
         let twins = join(points, &mut faces, &mut defects);
         defects.refuse()?;
+        Ok(Self::joined(points, &faces, twins, defects, Mending::default()))
+    }
+
+    /// The same, with everything mended that has one right answer. Triangles without area are dropped or flipped away and
+    /// vertices merged for that, of which the lowest keeps its number as id; duplicates are dropped; every fan around a
+    /// vertex gets a vertex of its own. Triangles that were good before are the surface that [`Surface::from_triangles`]
+    /// makes of them, bit by bit.
+    ///
+    /// # Errors
+    /// As [`Surface::from_triangles`], for what has no one right answer.
+    ///
+    /// # Examples
+    /// ```
+    /// use voxflat::surface::Surface;
+    ///
+    /// // above the line from 0 to 1 are two triangles, with 4 on it, below is one, and between them one without area
+    /// let points = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0]];
+    /// let faces = [[0, 4, 2], [4, 1, 2], [1, 0, 3], [0, 1, 4]];
+    /// assert!(Surface::from_triangles(&points, &faces).is_err());
+    /// let (square, mended) = Surface::mended(&points, &faces)?;
+    /// assert_eq!((square.len(), square.faces().len(), mended.flipped), (5, 4, 1));
+    /// # Ok::<(), voxflat::Error>(())
+    /// ```
+    pub fn mended(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
+        let given = checked(points, faces)?;
+        let mut faces = given.clone();
+        let mut defects = Defects::default();
+        let mut twins = join(points, &mut faces, &mut defects);
+        let mut mending = Mending { numbers: (0..faces.len() as u32).collect(), ..Mending::default() };
+        if !defects.degenerate.is_empty() || !defects.duplicate.is_empty() || is_soup(&given, points.len()) {
+            mending = mend(points, given);
+            if mending.faces.is_empty() {
+                defects.refuse()?;
+            }
+            faces = std::mem::take(&mut mending.faces);
+            defects = Defects::default();
+            twins = join(points, &mut faces, &mut defects);
+        }
+        let split = std::mem::take(&mut defects.pinched);
+        let as_given = |found: &mut Vec<u32>| found.iter_mut().for_each(|f| *f = mending.numbers[*f as usize]);
+        [&mut defects.degenerate, &mut defects.duplicate, &mut defects.one_sided].into_iter().for_each(as_given);
+        defects.refuse()?;
+        defects.pinched = split;
+        Ok(Self::joined(points, &faces, twins, defects, mending))
+    }
+
+    fn joined(
+        points: &[[f64; 3]],
+        faces: &[[u32; 3]],
+        twins: Vec<u32>,
+        defects: Defects,
+        mending: Mending,
+    ) -> (Self, Mended) {
         let points: Vec<Vector3<f64>> = points.iter().map(|&p| p.into()).collect();
         let ids: Vec<u32> = (0..points.len() as u32).collect();
-        let surface = Self::assemble(&points, &ids, &faces, twins);
-        let mended = Mended { turned: defects.turned.len(), unused: points.len() - surface.len() };
-        Ok((surface, mended))
+        let surface = Self::assemble(&points, &ids, faces, twins);
+        let known = surface.ids.chunk_by(|a, b| a == b).count() + mending.merged.len(); // ids ascend
+        let mended = Mended {
+            turned: defects.turned.len(),
+            unused: points.len() - known,
+            merged: mending.merged,
+            dropped: mending.dropped,
+            flipped: mending.flipped,
+            duplicates: mending.duplicates,
+            split: defects.pinched,
+        };
+        (surface, mended)
     }
 
     /// Everything that is wrong with a mesh.
@@ -114,13 +187,7 @@ fn checked(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<Vec<[u32; 3]>> {
 
 /// Joins faces along their edges and turns them so that neighbours agree; lists what does not fit.
 fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> Vec<u32> {
-    let place = |v: u32| Vector3::from(points[v as usize]);
-    let has_no_area = |&[a, b, c]: &[u32; 3]| {
-        let (ab, ac) = (place(b) - place(a), place(c) - place(a));
-        let longest = ab.norm_squared().max(ac.norm_squared()).max((ac - ab).norm_squared());
-        ab.cross(&ac).norm() <= 4.0 * f64::EPSILON * longest // what rounding leaves of zero
-    };
-    defects.degenerate = (0..faces.len() as u32).filter(|&f| has_no_area(&faces[f as usize])).collect();
+    defects.degenerate = (0..faces.len() as u32).filter(|&f| has_no_area(points, &faces[f as usize])).collect();
     defects.duplicate = duplicates(faces);
     let pairs = pair_up(faces, defects);
     let turned = turn(points, faces, &pairs, defects);
@@ -144,7 +211,24 @@ fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> V
     twins
 }
 
-fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
+/// What rounding leaves of zero.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Do a face's corners lie on a line, or at the same place?
+pub(super) fn has_no_area(points: &[[f64; 3]], &[a, b, c]: &[u32; 3]) -> bool {
+    let place = |v: u32| Vector3::from(points[v as usize]);
+    let (ab, ac) = (place(b) - place(a), place(c) - place(a));
+    let longest = ab.norm_squared().max(ac.norm_squared()).max((ac - ab).norm_squared());
+    ab.cross(&ac).norm() <= ROUNDING * longest
+}
+
+/// Are the ends of a face's shortest edge the same place, beside its longest one?
+pub(super) fn is_needle(shortest: f64, longest: f64) -> bool {
+    shortest <= ROUNDING * longest
+}
+
+/// Faces whose corners an earlier one has.
+pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
     let sorted = |mut face: [u32; 3]| {
         face.sort_unstable();
         face
@@ -236,10 +320,19 @@ fn six_volumes(points: &[[f64; 3]], face: [u32; 3]) -> f64 {
 
 /// Vertices that lie where an earlier one lies.
 fn coincident(points: &[[f64; 3]]) -> Vec<u32> {
-    let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_unstable_by_key(|&v| (bits(v), v));
-    let mut found: Vec<u32> = order.windows(2).filter(|two| bits(two[0]) == bits(two[1])).map(|two| two[1]).collect();
+    let all = (0..points.len() as u32).collect();
+    let mut found: Vec<u32> = at_one_place(points, all).into_iter().flat_map(|group| group[1..].to_vec()).collect();
     found.sort_unstable();
     found
+}
+
+/// The vertices of faces that lie at one place, for each place that has several, ascending.
+pub(super) fn coincident_groups(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
+    at_one_place(points, faces.as_flattened().to_vec())
+}
+
+fn at_one_place(points: &[[f64; 3]], mut vertices: Vec<u32>) -> Vec<Vec<u32>> {
+    let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
+    vertices.sort_unstable_by_key(|&v| (bits(v), v));
+    vertices.chunk_by(|&a, &b| bits(a) == bits(b)).filter(|group| group.len() > 1).map(<[u32]>::to_vec).collect()
 }

@@ -6,6 +6,7 @@
 
 pub mod curvature;
 pub mod loose;
+mod mend;
 pub mod paths;
 pub mod shapes;
 

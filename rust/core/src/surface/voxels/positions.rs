@@ -59,6 +59,9 @@ struct Fit {
 const FOR_NORMALS: Fit = Fit { sigma: 1.5, reach: 4.0, same_side: 0.2, ridge: 0.05 };
 const FOR_HEIGHTS: Fit = Fit { sigma: 1.0, reach: 3.0, same_side: 0.0, ridge: 0.02 };
 
+/// Neighbours that are closer lie at one place, in units of the smallest spacing.
+const CLOSEST: f64 = 0.01;
+
 /// How often normals are averaged with their neighbours' before the first fit.
 const AVERAGED: usize = 4;
 
@@ -152,6 +155,26 @@ impl Places {
             point - normal * (share * sum / f64::max(count, 1.0)).clamp(-most, most)
         };
         self.points = (0..self.points.len()).into_par_iter().map(moved).collect();
+    }
+}
+
+impl Places {
+    /// Moves nodes apart that are neighbours and lie at one place, each towards the place that is its own, as far as that
+    /// needs: nodes of one voxel have its middle in common, and fits may take nodes of several voxels to one place.
+    pub fn set_apart(&mut self, own: &[Vector3<f64>], neighbours: &Neighbours, spacing: [f64; 3]) {
+        let least = CLOSEST * spacing.into_iter().fold(f64::INFINITY, f64::min);
+        for share in [0.25, 0.5, 1.0] {
+            let points = &self.points;
+            let is_close = |&node: &u32| {
+                let near = |&other: &u32| (points[other as usize] - points[node as usize]).norm() < least;
+                neighbours.of(node).iter().any(near)
+            };
+            let close: Vec<u32> = (0..points.len() as u32).filter(is_close).collect();
+            for node in close {
+                let point = &mut self.points[node as usize];
+                *point += (own[node as usize] - *point) * share;
+            }
+        }
     }
 }
 

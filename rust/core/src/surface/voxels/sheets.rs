@@ -346,6 +346,47 @@ mod tests {
         assert_eq!(outward.count(), mesh.surface.len());
     }
 
+    /// What is above a level of noise that was evened out, as a lab's masks of thin structures look.
+    fn smooth(size: [usize; 3], noise: &[f64], times: usize, share: f64) -> Option<Mask> {
+        let at = |[i, j, k]: [usize; 3]| (i * size[1] + j) * size[2] + k;
+        let count = size.iter().product();
+        let mut values: Vec<f64> = noise.iter().copied().cycle().take(count).collect();
+        for axis in (0..3).cycle().take(3 * times) {
+            let old = values.clone();
+            for n in 0..count {
+                let place = [n / (size[1] * size[2]), n / size[2] % size[1], n % size[2]];
+                let mut beside = [place; 2];
+                beside[0][axis] = place[axis].saturating_sub(1);
+                beside[1][axis] = (place[axis] + 1).min(size[axis] - 1);
+                values[n] = 0.5 * old[n] + 0.25 * (old[at(beside[0])] + old[at(beside[1])]);
+            }
+        }
+        let mut sorted = values.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let level = sorted[(share * count as f64) as usize];
+        Mask::from_fn(size, |place| values[at(place)] > level).ok()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(150))]
+        #[test]
+        fn no_two_neighbours_share_a_place(
+            noise in prop::collection::vec(-1.0..1.0f64, 1031),
+            size in prop::array::uniform3(4..12usize),
+            (times, share) in (1..4usize, 0.3..0.95f64),
+            spacing in prop::array::uniform3(0.5..2.0f64),
+            is_sheet in prop::option::weighted(0.7, Just(Kind::Sheet)),
+        ) {
+            let Some(mask) = smooth(size, &noise, times, share) else { return Ok(()) };
+            let affine = Affine::from_spacing(spacing).unwrap();
+            if let Ok(mesh) = VoxelMesh::of(&mask, &affine, is_sheet, None, &Control::default()) {
+                let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+                let shortest = mesh.surface.edges().map(|h| mesh.surface.length(h)).fold(f64::INFINITY, f64::min);
+                prop_assert!(shortest > 0.005 * finest, "{:?} {shortest}", mesh.kind);
+            }
+        }
+    }
+
     proptest! {
         #[test]
         fn whatever_is_called_a_sheet_is_a_surface_or_refused(share in 0.05..0.95f64, size in 2..7usize, bits in prop::collection::vec(0.0..1.0f64, 216)) {

@@ -95,13 +95,13 @@ impl VoxelMesh {
         let surfels = both.restricted(&side.surfels);
         let depths = sheets::depths(mask, &voxels, &surfels);
         let spacing = affine.spacing();
-        let middle = |surfel: u32| {
+        let along = |surfel: u32, outward: f64| {
             let voxel = voxels.voxels()[surfels.voxel(surfel) as usize];
             let direction = surfels.direction(surfel);
-            let depth = depths[surfel as usize];
-            Vector3::from_fn(|a, _| spacing[a] * (f64::from(voxel[a]) - depth * direction[a] as f64))
+            Vector3::from_fn(|a, _| spacing[a] * (f64::from(voxel[a]) + outward * direction[a] as f64))
         };
-        let middles: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(middle).collect();
+        let middles: Vec<Vector3<f64>> = (0..).zip(&depths).map(|(surfel, &depth)| along(surfel, -depth)).collect();
+        let centres: Vec<Vector3<f64>> = (0..surfels.len() as u32).map(|surfel| along(surfel, 0.5)).collect();
         let place = |nodes: &Nodes| {
             let mut thinnest = vec![f64::INFINITY; nodes.voxel.len()];
             for (&node, &depth) in nodes.of_surfel.iter().zip(&depths) {
@@ -115,7 +115,10 @@ impl VoxelMesh {
                 *count += 1.0;
             }
             let base: Vec<Vector3<f64>> = base.into_iter().map(|(sum, count)| sum / count).collect();
-            Ok(Fitting::new(&surfels, nodes, spacing).fit(base, SHEET_FITS, control)?.points)
+            let fitting = Fitting::new(&surfels, nodes, spacing);
+            let mut places = fitting.fit(base, SHEET_FITS, control)?;
+            places.set_apart(&nodes.means(&centres), &fitting.neighbours, spacing);
+            Ok(places.points)
         };
         let (nodes, surface) = Nodes::triangulate(&surfels, &middles, place, control)?;
         let mesh = Self::in_space(&surface, &nodes, &surfels, &voxels)?;

@@ -1,0 +1,125 @@
+"""Published surfaces of cerebellum, hippocampus and dentate gyrus as they are: what is mended, and the maps.
+
+    make bench-published
+
+The files are those of SUIT (suitpy 2.1.2, MIT) and of HippoMaps 0.1.17 (GPL 3), which `make` puts into a folder of
+their own. They are read as data; neither package is imported, nor are its requirements installed. Every surface must
+open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has. No cuts are made
+beside those that the surfaces come with.
+"""
+
+import argparse
+import logging
+import time
+from pathlib import Path
+
+import distances_tables
+import nibabel
+import numpy as np
+
+import voxflat
+from voxflat.errors import InputError
+
+SUIT = "SUITPy/surfaces"
+HIPPOCAMPUS = "hippomaps/resources/canonical_surfs"
+DENSITIES = ("2mm", "1mm", "0p5mm", "unfoldiso")
+
+
+def main():
+    """Print the table of all surfaces, and that of SUIT's flat map."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="into which suitpy and HippoMaps were put")
+    parser.add_argument("--sources", type=int, default=100, help="that maps are judged from")
+    options = parser.parse_args()
+    logging.disable(logging.WARNING)
+    wrong = surfaces(options) + suit(options)
+    if wrong:
+        raise SystemExit("\n".join(wrong))
+
+
+def files(folder):
+    """Return the eleven files by their names."""
+    found = {f"SUIT {name}": folder / SUIT / f"{name}.surf.gii" for name in ("PIAL_SUIT", "WHITE_SUIT", "FLAT")}
+    for label in ("hipp", "dentate"):
+        for density in DENSITIES:
+            name = f"tpl-avg_space-canonical_den-{density}_label-{label}_midthickness.surf.gii"
+            found[f"{label} {density}"] = folder / HIPPOCAMPUS / name
+    return found
+
+
+def surfaces(options):
+    """Flatten each surface; return what is not as it must be."""
+    rows, wrong = [], []
+    for name, path in files(options.folder).items():
+        faces = nibabel.load(path).agg_data("triangle")
+        try:
+            voxflat.surface(path, repair="none")
+            before = "opened"
+        except InputError:
+            before = "refused"
+        whole = voxflat.surface(path)
+        done = whole.metadata.get("mended", {})
+        start = time.perf_counter()
+        flat = voxflat.flatten(whole, relax=False)
+        seconds = time.perf_counter() - start
+        judged = voxflat.measure(whole, flat, sources=options.sources)
+        missing = np.setdiff1d(faces, flat.ids)
+        if len(missing) or judged.triangles.flipped:
+            wrong.append(
+                f"{name}: {len(missing)} vertex numbers are lost, {judged.triangles.flipped} triangles turned over"
+            )
+        rows.append(
+            [
+                name,
+                f"{len(np.unique(faces)):,}",
+                before,
+                *(str(done.get(key, 0)) for key in ("dropped", "flipped")),
+                *(str(len(done.get(key, []))) for key in ("merged", "split")),
+                str(len(missing)),
+                f"{100 * judged.best_scale.relative_error:.1f}",
+                str(judged.triangles.flipped),
+                str(judged.triangles.crossings),
+                f"{seconds:.1f}",
+            ]
+        )
+    columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
+    distances_tables.table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
+    return wrong
+
+
+def suit(options):
+    """Judge SUIT's flat map of the cerebellum beside voxflat's, with SUIT's cuts; return what is not as it must be."""
+    folder = options.folder / SUIT
+    rows, wrong = [], []
+    white, pial = (folder / f"{name}_SUIT.surf.gii" for name in ("WHITE", "PIAL"))
+    for name, whole in {
+        "pial": voxflat.surface(pial),
+        "midway": voxflat.surface(white, pial=pial),
+        "white": voxflat.surface(white),
+    }.items():
+        maps = {"voxflat": voxflat.flatten(whole, relax=False), "SUIT's FLAT": folder / "FLAT.surf.gii"}
+        judged = voxflat.compare(whole, maps, sources=options.sources)
+        rows += [[name, of, *figures(judged[of])] for of in maps]
+        ours, theirs = (judged[of].best_scale.relative_error for of in maps)
+        if ours >= theirs:
+            wrong.append(f"{name}: {100 * ours:.1f} % beside {100 * theirs:.1f} %")
+    columns = ["surface", "map", "all %", "≤ 30 mm %", "≤ 10 mm %", "stress-1", "scale", "area: median, 95 %"]
+    distances_tables.table("SUIT's cerebellum", [*columns, "turned over"], rows)
+    return wrong
+
+
+def figures(distortion):
+    """Return the cells of one map."""
+    best, error, of = distortion.best_scale, distortion.standard_error.best_scale, distortion.triangles
+    shares = ("relative_error", "relative_error_30mm", "relative_error_10mm")
+    return [
+        *(f"{100 * getattr(best, name):.1f} ± {100 * getattr(error, name):.1f}" for name in shares),
+        f"{best.stress_1:.3f}",
+        f"{best.scale:.2f}",
+        f"{of.areal_median:.2f}, {of.areal_p95:.2f}",
+        str(of.flipped),
+    ]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,406 @@
+//! Mending loose triangles: what keeps them from being a surface is taken away where that has one right answer.
+//!
+//! - Triangles that share no vertex with any other are a soup, as STL knows it: what lies at one place is one vertex.
+//! - Of triangles with the same corners one is kept.
+//! - A triangle without area of which two corners coincide goes as the edge between them is collapsed. That is done only
+//!   where the surface stays what it is: no loop of three edges is closed and no two parts of the boundary are joined (the
+//!   link condition of Dey, Edelsbrunner, Guha, Nekhayev 1999). The vertices are one from then on, by the lower number.
+//! - One whose corners lie on a line goes as its longest edge is flipped to the corner beyond; at a boundary it is dropped.
+//! - What hangs on by one edge and has no area is dropped, and so is a component that has none.
+//!
+//! Files keep single precision. Where there are triangles without area, an edge that is no longer than that rounds, and
+//! nothing beside the others, is collapsed, too. No point is moved, and vertices that merely coincide stay apart: the two lips of a cut do, and so do banks that touch.
+
+use std::collections::{HashMap, VecDeque};
+
+use nalgebra::Vector3;
+
+use super::loose::{coincident_groups, duplicates, has_no_area, is_needle};
+use super::next;
+
+/// How often what could not be mended is tried again after something else was.
+const ROUNDS: usize = 64;
+
+/// How far single precision may take a point that lies so far from the origin, and back; and the longest edge that is taken
+/// for such an error, in units of the median one.
+const SINGLE: f64 = 4.0 * f32::EPSILON as f64;
+const NOTHING: f64 = 1e-4;
+
+/// Flips for each triangle without area, at most: one is usual.
+const MOST_FLIPS: usize = 16;
+
+/// Triangles after mending.
+#[derive(Debug, Default)]
+pub(super) struct Mending {
+    /// The triangles that are left, in their order.
+    pub faces: Vec<[u32; 3]>,
+    /// The number that each of them had.
+    pub numbers: Vec<u32>,
+    /// Vertices that became one with another, and with which, which is the lowest of them.
+    pub merged: Vec<[u32; 2]>,
+    /// Triangles without area that were dropped.
+    pub dropped: usize,
+    /// Triangles without area that were flipped away.
+    pub flipped: usize,
+    /// Triangles that were dropped since others have the same corners.
+    pub duplicates: usize,
+}
+
+/// Mends triangles; what has no one right answer is left.
+pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
+    let mut groups = Groups::new(points.len());
+    if is_soup(&faces, points.len()) {
+        for group in coincident_groups(points, &faces) {
+            group[1..].iter().for_each(|&vertex| groups.join(group[0], vertex));
+        }
+        faces.iter_mut().for_each(|face| *face = face.map(|v| groups.of(v)));
+    }
+    let mut mending = Mending::default();
+    let mut is_kept = vec![true; faces.len()];
+    for (face, is_kept) in faces.iter().zip(&mut is_kept) {
+        if face[0] == face[1] || face[1] == face[2] || face[2] == face[0] {
+            *is_kept = false;
+            mending.dropped += 1;
+        }
+    }
+    for face in duplicates(&faces) {
+        mending.duplicates += usize::from(std::mem::replace(&mut is_kept[face as usize], false));
+    }
+    if faces.iter().zip(&is_kept).any(|(face, &is_kept)| is_kept && has_no_area(points, face)) {
+        let mut complex = Complex::new(points, faces, is_kept, groups);
+        complex.take_away_what_has_no_area(&mut mending);
+        (faces, is_kept, groups) = (complex.faces, complex.is_kept, complex.groups);
+    }
+    let used = faces.iter().zip(&is_kept).zip(0..).filter(|&((_, &is_kept), _)| is_kept);
+    (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.lowest(v)), n)).unzip();
+    mending.merged = groups.merged();
+    mending
+}
+
+/// Does no triangle share a vertex with another?
+pub(super) fn is_soup(faces: &[[u32; 3]], vertices: usize) -> bool {
+    let mut is_used = vec![false; vertices];
+    let is_new = |&v: &u32| !std::mem::replace(&mut is_used[v as usize], true);
+    faces.len() > 1 && faces.as_flattened().iter().all(is_new)
+}
+
+/// Vertices that became one.
+#[derive(Debug)]
+struct Groups {
+    parent: Vec<u32>,
+    lowest: Vec<u32>,
+}
+
+impl Groups {
+    fn new(vertices: usize) -> Self {
+        let own: Vec<u32> = (0..vertices as u32).collect();
+        Self { parent: own.clone(), lowest: own }
+    }
+
+    /// The vertex that stands for a group.
+    fn of(&mut self, mut v: u32) -> u32 {
+        while self.parent[v as usize] != v {
+            let above = self.parent[self.parent[v as usize] as usize];
+            self.parent[v as usize] = above;
+            v = above;
+        }
+        v
+    }
+
+    /// Adds a group to another, whose vertex stands for both.
+    fn join(&mut self, kept: u32, gone: u32) {
+        let [kept, gone] = [kept, gone].map(|v| self.of(v));
+        self.parent[gone as usize] = kept;
+        self.lowest[kept as usize] = self.lowest[kept as usize].min(self.lowest[gone as usize]);
+    }
+
+    fn lowest(&mut self, v: u32) -> u32 {
+        let of = self.of(v);
+        self.lowest[of as usize]
+    }
+
+    /// Each vertex that is not the lowest of its group, and which that is.
+    fn merged(mut self) -> Vec<[u32; 2]> {
+        let all = 0..self.parent.len() as u32;
+        all.map(|v| [v, self.lowest(v)]).filter(|[v, lowest]| v != lowest).collect()
+    }
+}
+
+/// Triangles that know their neighbours, whatever they are.
+struct Complex<'a> {
+    points: &'a [[f64; 3]],
+    faces: Vec<[u32; 3]>,
+    is_kept: Vec<bool>,
+    /// The triangles of each vertex, and others that once were.
+    around: Vec<Vec<u32>>,
+    /// How many triangles an edge has, lower vertex first.
+    edges: HashMap<[u32; 2], u32>,
+    /// How many edges with one triangle a vertex has.
+    borders: Vec<u32>,
+    /// Ends of edges that are no longer lie at one place, mm.
+    rounding: f64,
+    groups: Groups,
+}
+
+impl<'a> Complex<'a> {
+    fn new(points: &'a [[f64; 3]], faces: Vec<[u32; 3]>, is_kept: Vec<bool>, groups: Groups) -> Self {
+        let (around, borders) = (vec![Vec::new(); points.len()], vec![0; points.len()]);
+        let rounding = rounding(points, &faces);
+        let mut complex = Self { points, faces, is_kept, around, edges: HashMap::new(), borders, rounding, groups };
+        for face in 0..complex.faces.len() as u32 {
+            if complex.is_kept[face as usize] {
+                complex.add(face, complex.faces[face as usize]);
+            }
+        }
+        complex
+    }
+
+    fn take_away_what_has_no_area(&mut self, mending: &mut Mending) {
+        let is_flat = |complex: &Self, face: u32| {
+            let corners = &complex.faces[face as usize];
+            let is_flat = || {
+                has_no_area(complex.points, corners) || complex.lengths(corners).iter().any(|&l| l <= complex.rounding)
+            };
+            complex.is_kept[face as usize] && is_flat()
+        };
+        let all = 0..self.faces.len() as u32;
+        let mut queue: VecDeque<u32> = all.filter(|&face| is_flat(self, face)).collect();
+        let most_flips = MOST_FLIPS * queue.len();
+        for _ in 0..ROUNDS {
+            let (mut waiting, mut progress) = (Vec::new(), false);
+            while let Some(face) = queue.pop_front() {
+                if !is_flat(self, face) {
+                    continue;
+                }
+                match self.mend(face, mending.flipped < most_flips) {
+                    Some(Done::Collapsed(gone, changed)) => {
+                        mending.dropped += gone;
+                        queue.extend(changed);
+                    }
+                    Some(Done::Flipped(changed)) => {
+                        mending.flipped += 1;
+                        queue.extend(changed);
+                    }
+                    Some(Done::Dropped) => mending.dropped += 1,
+                    None => {
+                        waiting.push(face);
+                        continue;
+                    }
+                }
+                progress = true;
+            }
+            queue.extend(waiting);
+            if !progress || queue.is_empty() {
+                break;
+            }
+        }
+        let left: Vec<u32> = queue.into_iter().filter(|&face| is_flat(self, face)).collect();
+        mending.dropped += self.drop_specks(&left);
+    }
+
+    /// Drops components of which no triangle has an area, unless all are such.
+    fn drop_specks(&mut self, flat: &[u32]) -> usize {
+        let mut pieces = Groups::new(self.points.len());
+        let kept = |complex: &Self| (0..complex.faces.len()).filter(|&f| complex.is_kept[f]).collect::<Vec<_>>();
+        let mut has_area = vec![false; self.points.len()];
+        for &face in &kept(self) {
+            let [a, b, c] = self.faces[face];
+            pieces.join(a, b);
+            pieces.join(a, c);
+        }
+        for &face in &kept(self) {
+            let piece = pieces.of(self.faces[face][0]) as usize;
+            has_area[piece] |= !has_no_area(self.points, &self.faces[face]);
+        }
+        if !has_area.contains(&true) {
+            return 0;
+        }
+        let mut dropped = 0;
+        for &face in flat {
+            if self.is_kept[face as usize] && !has_area[pieces.of(self.faces[face as usize][0]) as usize] {
+                self.remove(face);
+                dropped += 1;
+            }
+        }
+        dropped
+    }
+
+    /// Takes a triangle without area away, if there is one right way.
+    fn mend(&mut self, face: u32, may_flip: bool) -> Option<Done> {
+        let corners = self.faces[face as usize];
+        let lengths = self.lengths(&corners);
+        let [shortest, longest] = [f64::lt, f64::gt].map(|is_more: fn(&f64, &f64) -> bool| {
+            (1..3).fold(0, |best, k| if is_more(&lengths[k], &lengths[best]) { k } else { best })
+        });
+        let is_point = |k: usize| is_needle(lengths[k], lengths[longest]) || lengths[k] <= self.rounding;
+        let in_turn = [shortest, (shortest + 1) % 3, (shortest + 2) % 3].into_iter();
+        let short: Vec<usize> = in_turn.filter(|&k| is_point(k)).collect();
+        let collapsed = short.iter().find_map(|&k| self.collapse(corners[k], corners[(k + 1) % 3]));
+        if collapsed.is_some() || !has_no_area(self.points, &corners) {
+            return collapsed;
+        }
+        let flipped = if short.is_empty() { self.flip(face, longest, may_flip) } else { None };
+        flipped.or_else(|| self.drop_ear(face))
+    }
+
+    /// Makes the two ends of an edge one vertex, where the surface stays what it is.
+    fn collapse(&mut self, a: u32, b: u32) -> Option<Done> {
+        let [kept, gone] = if self.around[a as usize].len() >= self.around[b as usize].len() { [a, b] } else { [b, a] };
+        let star = self.star(gone);
+        let third = |&face: &u32| {
+            let corners = self.faces[face as usize];
+            corners.contains(&kept).then(|| corners.into_iter().find(|&v| v != kept && v != gone)).flatten()
+        };
+        let opposite: Vec<u32> = star.iter().filter_map(third).collect();
+        if !matches!(opposite.len(), 1 | 2) || opposite.first() == opposite.get(1) {
+            return None;
+        }
+        if opposite.len() == 2 && self.borders[kept as usize] > 0 && self.borders[gone as usize] > 0 {
+            return None; // two parts of the boundary would be joined
+        }
+        let around = star.iter().flat_map(|&face| self.faces[face as usize]).filter(|&v| v != kept && v != gone);
+        if around.into_iter().any(|v| self.count(v, kept) > 0 && !opposite.contains(&v)) {
+            return None; // a loop of three edges would be closed
+        }
+        if opposite.iter().any(|&c| self.count(c, kept) == 1 && self.count(c, gone) == 1) {
+            return None; // an ear, whose tip would hang on nothing
+        }
+        if let [c, d] = opposite[..] {
+            let is_tetrahedron = |v: u32| {
+                self.star(c).into_iter().any(|f| {
+                    let corners = self.faces[f as usize];
+                    corners.contains(&d) && corners.contains(&v)
+                })
+            };
+            if self.count(c, d) > 0 && is_tetrahedron(gone) && is_tetrahedron(kept) {
+                return None;
+            }
+        }
+        for &face in &star {
+            self.remove(face);
+        }
+        let mut moved = Vec::new();
+        for face in star {
+            let corners = self.faces[face as usize];
+            if !corners.contains(&kept) {
+                self.add(face, corners.map(|v| if v == gone { kept } else { v }));
+                moved.push(face);
+            }
+        }
+        self.around[gone as usize] = Vec::new();
+        self.groups.join(kept, gone);
+        Some(Done::Collapsed(opposite.len(), moved))
+    }
+
+    /// Gives the middle corner of a triangle on a line to the triangle beyond its longest edge.
+    fn flip(&mut self, face: u32, longest: usize, may_flip: bool) -> Option<Done> {
+        let corners = self.faces[face as usize];
+        let [a, b, c] = [longest, (longest + 1) % 3, (longest + 2) % 3].map(|k| corners[k]);
+        match self.count(a, b) {
+            1 if self.borders[c as usize] == 0 => {
+                self.remove(face);
+                Some(Done::Dropped)
+            }
+            2 if may_flip => {
+                let beyond = self.star(a).into_iter().find(|&f| f != face && self.faces[f as usize].contains(&b))?;
+                let other = self.faces[beyond as usize];
+                let d = other.into_iter().find(|&v| v != a && v != b)?;
+                if d == c || self.count(c, d) > 0 {
+                    return None;
+                }
+                self.remove(face);
+                self.remove(beyond);
+                self.add(face, other.map(|v| if v == b { c } else { v }));
+                self.add(beyond, other.map(|v| if v == a { c } else { v }));
+                Some(Done::Flipped([face, beyond]))
+            }
+            _ => None,
+        }
+    }
+
+    /// Drops a triangle that hangs on by one edge at most.
+    fn drop_ear(&mut self, face: u32) -> Option<Done> {
+        let corners = self.faces[face as usize];
+        let free = (0..3).filter(|&k| self.count(corners[k], corners[(k + 1) % 3]) == 1).count();
+        (free == 2).then(|| {
+            self.remove(face);
+            Done::Dropped
+        })
+    }
+
+    /// The lengths of a triangle's edges, mm.
+    fn lengths(&self, corners: &[u32; 3]) -> [f64; 3] {
+        lengths(self.points, corners)
+    }
+
+    /// The triangles of a vertex, ascending.
+    fn star(&self, v: u32) -> Vec<u32> {
+        let is_there = |&face: &u32| self.is_kept[face as usize] && self.faces[face as usize].contains(&v);
+        let mut star: Vec<u32> = self.around[v as usize].iter().copied().filter(is_there).collect();
+        star.sort_unstable();
+        star.dedup();
+        star
+    }
+
+    /// How many triangles an edge has.
+    fn count(&self, a: u32, b: u32) -> u32 {
+        self.edges.get(&[a.min(b), a.max(b)]).copied().unwrap_or(0)
+    }
+
+    fn add(&mut self, face: u32, corners: [u32; 3]) {
+        self.faces[face as usize] = corners;
+        self.is_kept[face as usize] = true;
+        for k in 0..3 {
+            self.around[corners[k] as usize].push(face);
+            self.change(corners[k], corners[next(k as u32) as usize], 1);
+        }
+    }
+
+    fn remove(&mut self, face: u32) {
+        self.is_kept[face as usize] = false;
+        let corners = self.faces[face as usize];
+        (0..3).for_each(|k| self.change(corners[k], corners[next(k as u32) as usize], -1));
+    }
+
+    fn change(&mut self, a: u32, b: u32, by: i32) {
+        let before = self.count(a, b);
+        let now = before.saturating_add_signed(by);
+        if now == 0 {
+            self.edges.remove(&[a.min(b), a.max(b)]);
+        } else {
+            self.edges.insert([a.min(b), a.max(b)], now);
+        }
+        for v in [a, b] {
+            self.borders[v as usize] += u32::from(now == 1);
+            self.borders[v as usize] -= u32::from(before == 1);
+        }
+    }
+}
+
+fn lengths(points: &[[f64; 3]], corners: &[u32; 3]) -> [f64; 3] {
+    let place = |k: usize| Vector3::from(points[corners[k % 3] as usize]);
+    [0, 1, 2].map(|k| (place(k + 1) - place(k)).norm())
+}
+
+/// The longest edge that is but rounding.
+fn rounding(points: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
+    let farthest =
+        faces.as_flattened().iter().flat_map(|&v| points[v as usize]).fold(0.0, |far, x: f64| x.abs().max(far));
+    let mut all: Vec<f64> = faces.iter().flat_map(|face| lengths(points, face)).collect();
+    let middle = all.len() / 2;
+    let (_, median, _) = all.select_nth_unstable_by(middle, f64::total_cmp);
+    (SINGLE * farthest).min(NOTHING * *median)
+}
+
+/// What was done with a triangle without area.
+enum Done {
+    /// An edge was collapsed, with so many triangles; these have another corner now.
+    Collapsed(usize, Vec<u32>),
+    /// An edge was flipped between these.
+    Flipped([u32; 2]),
+    /// It was dropped.
+    Dropped,
+}
+
+#[cfg(test)]
+mod tests;

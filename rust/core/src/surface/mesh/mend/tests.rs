@@ -1,0 +1,249 @@
+use proptest::prelude::*;
+
+use crate::error::Error;
+use crate::surface::Surface;
+use crate::surface::mesh::loose::Mended;
+use crate::surface::mesh::shapes;
+use crate::surface::mesh::shapes::assert_sound;
+
+type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
+
+fn mended(mesh: &Mesh) -> (Surface, Mended) {
+    let (surface, mended) = Surface::mended(&mesh.0, &mesh.1).unwrap();
+    assert_sound(&surface);
+    (surface, mended)
+}
+
+/// The triangles by the numbers that their corners had, each from its lowest corner on, sorted.
+fn by_numbers(surface: &Surface) -> Vec<[u32; 3]> {
+    let turned = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| surface.ids()[v as usize]);
+        [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap()
+    };
+    let mut faces: Vec<[u32; 3]> = surface.faces().iter().map(turned).collect();
+    faces.sort_unstable();
+    faces
+}
+
+/// Splits an inner vertex: from one neighbour to another, counted around it, its triangles get a second vertex at the same
+/// place, and two triangles without area lie between.
+fn split(mesh: &mut Mesh, vertex: i64, from: usize, to: usize) {
+    let ring = ring(&mesh.1, vertex);
+    let (m, n) = (from % ring.len(), to % ring.len());
+    if m == n {
+        return;
+    }
+    let twin = mesh.0.len() as i64;
+    mesh.0.push(mesh.0[vertex as usize]);
+    let mut at = m;
+    while at != n {
+        let corners = [vertex, ring[at], ring[(at + 1) % ring.len()]];
+        let face = mesh.1.iter_mut().find(|face| corners.iter().all(|v| face.contains(v))).unwrap();
+        *face = face.map(|v| if v == vertex { twin } else { v });
+        at = (at + 1) % ring.len();
+    }
+    mesh.1.extend([[vertex, twin, ring[n]], [twin, vertex, ring[m]]]);
+}
+
+/// The neighbours of an inner vertex, counterclockwise.
+fn ring(faces: &[[i64; 3]], vertex: i64) -> Vec<i64> {
+    let after = |v: i64| {
+        let turned = |face: &[i64; 3]| {
+            let k = face.iter().position(|&w| w == vertex)?;
+            (face[(k + 1) % 3] == v).then_some(face[(k + 2) % 3])
+        };
+        faces.iter().find_map(turned).unwrap()
+    };
+    let first = *faces.iter().find(|face| face.contains(&vertex)).unwrap().iter().find(|&&v| v != vertex).unwrap();
+    let mut ring = vec![first];
+    while after(ring[ring.len() - 1]) != first {
+        ring.push(after(ring[ring.len() - 1]));
+    }
+    ring
+}
+
+/// Puts a vertex into the middle of an edge, for the triangle on one side alone; the gap is closed without area.
+fn refine_one_side(mesh: &mut Mesh, face: usize) {
+    let [a, b, c] = mesh.1[face];
+    let middle = mesh.0.len() as i64;
+    let half = |k: usize| 0.5 * (mesh.0[a as usize][k] + mesh.0[b as usize][k]);
+    mesh.0.push([half(0), half(1), half(2)]);
+    mesh.1[face] = [a, middle, c];
+    mesh.1.extend([[middle, b, c], [a, b, middle]]);
+}
+
+#[test]
+fn what_is_good_is_not_touched() {
+    for mesh in [shapes::sheet(5, 4), shapes::torus(12, 7), shapes::sphere(2)] {
+        let (strict, first) = Surface::from_triangles(&mesh.0, &mesh.1).unwrap();
+        assert_eq!(mended(&mesh), (strict, first));
+    }
+    // vertices that coincide are two lips of a cut, or banks that touch
+    let sheet = shapes::surface(shapes::sheet(4, 4));
+    let open = crate::surface::cuts::cut(&sheet, &[vec![2, 7, 12]]).unwrap();
+    let points: Vec<[f64; 3]> = open.points().iter().map(|&p| p.into()).collect();
+    let faces: Vec<[i64; 3]> = open.faces().iter().map(|face| face.map(i64::from)).collect();
+    let (same, told) = mended(&(points, faces));
+    assert_eq!((same.faces(), told), (open.faces(), Mended::default()));
+}
+
+#[test]
+fn duplicates_and_a_corner_twice_are_dropped() {
+    let (points, faces) = shapes::sheet(3, 3);
+    let whole = shapes::surface((points.clone(), faces.clone()));
+    let mut more = faces.clone();
+    more.extend([faces[4], [faces[2][1], faces[2][0], faces[2][2]], [0, 1, 1], [5, 5, 5]]);
+    let (surface, told) = mended(&(points, more));
+    assert_eq!(surface, whole);
+    assert_eq!((told.duplicates, told.dropped), (2, 2));
+}
+
+#[test]
+fn an_edge_of_rounding_goes_where_there_is_something_to_mend() {
+    let mut mesh = shapes::sphere(2);
+    split(&mut mesh, 20, 1, 3);
+    mesh.0.last_mut().unwrap()[0] += 2e-7; // what f32 may make of a coordinate of 1
+    let as_given = mended(&mesh).0;
+    assert_eq!((as_given.len(), as_given.faces().len()), (67, 130)); // a good surface is not touched
+    split(&mut mesh, 40, 0, 2);
+    let (surface, told) = mended(&mesh);
+    assert_eq!((surface.len(), surface.faces().len()), (66, 128));
+    assert_eq!(told.merged, [[66, 20], [67, 40]]);
+    assert_eq!(by_numbers(&surface), by_numbers(&shapes::surface(shapes::sphere(2))));
+}
+
+#[test]
+fn a_soup_becomes_a_surface() {
+    let (points, faces) = shapes::sphere(2);
+    let soup: Mesh = (
+        faces.iter().flatten().map(|&v| points[v as usize]).collect(),
+        (0..faces.len() as i64).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect(),
+    );
+    let (surface, told) = mended(&soup);
+    assert_eq!((surface.len(), surface.boundary().len()), (points.len(), 0));
+    assert_eq!(surface.len() + told.merged.len(), soup.0.len());
+    assert!(told.merged.iter().all(|&[v, of]| of < v && soup.0[v as usize] == soup.0[of as usize]));
+}
+
+#[test]
+fn each_fan_gets_its_vertex() {
+    let (points, _) = shapes::sheet(2, 2);
+    let (surface, told) = mended(&(points, vec![[0, 3, 4], [4, 8, 5]]));
+    assert_eq!((surface.ids(), told.split, told.unused), (&[0, 3, 4, 4, 5, 8][..], vec![4], 4));
+}
+
+#[test]
+fn components_without_area_are_left_out_and_nothing_else() {
+    let (mut points, mut faces) = shapes::sheet(2, 2);
+    points.extend([[7.0; 3], [8.0; 3], [9.0; 3], [9.0; 3]]);
+    faces.extend([[9, 10, 11], [9, 12, 10]]);
+    let (surface, told) = mended(&(points.clone(), faces));
+    assert_eq!((surface.len(), told.dropped), (9, 2));
+    assert!(told.unused + told.merged.len() == 4);
+    assert_eq!(Surface::mended(&points, &[[9, 10, 11]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
+    assert_eq!(Surface::mended(&points, &[[0, 1, 1]]).unwrap_err(), Error::DegenerateFace { face: 0, count: 1 });
+}
+
+#[test]
+fn what_has_several_answers_is_refused_with_its_place() {
+    let (mut points, mut faces) = shapes::sheet(2, 2);
+    let whole = faces.clone();
+    points.push([0.2, 0.2, 3.0]);
+    faces.push(faces[0]);
+    faces.push([0, 4, 9]);
+    assert_eq!(Surface::mended(&points, &faces).unwrap_err(), Error::CrowdedEdge { a: 0, b: 4, count: 1 });
+    // a strip that has no width in its middle: one vertex there would tear it in two
+    let strip = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.0], [1.0, 0.5, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0]];
+    let faces = [[0, 2, 1], [1, 2, 3], [3, 2, 4], [3, 4, 5]];
+    assert_eq!(Surface::mended(&strip, &faces).unwrap_err(), Error::DegenerateFace { face: 1, count: 2 });
+    // numbers are those of the input
+    let mut twice = vec![whole[0]];
+    twice.extend(whole.iter().copied());
+    points.extend(strip);
+    twice.extend(faces.map(|face| face.map(|v| v + 10)));
+    assert_eq!(Surface::mended(&points, &twice).unwrap_err(), Error::DegenerateFace { face: 10, count: 2 });
+}
+
+#[test]
+fn hostile_meshes_end() {
+    // everything at one place; a star; a fan whose corners all lie on a line
+    let (points, faces) = shapes::sheet(60, 60);
+    assert!(Surface::mended(&vec![[1.0; 3]; points.len()], &faces).is_err());
+    let n = 20_000;
+    let star: Vec<[i64; 3]> = (1..=n).map(|i| [0, i, i % n + 1]).collect();
+    assert!(Surface::mended(&vec![[1.0; 3]; n as usize + 1], &star).is_err());
+    let line: Vec<[f64; 3]> = (0..=n).map(|i| [i as f64, 0.0, 0.0]).collect();
+    assert!(Surface::mended(&line, &star).is_err());
+}
+
+proptest! {
+    #[test]
+    fn a_sphere_with_defects_is_mended_to_the_same_sphere(
+        splits in prop::collection::vec((0..66usize, 0..9usize, 0..9usize), 0..9),
+        halves in prop::collection::vec(0..128usize, 0..5),
+        twice in prop::collection::vec(0..128usize, 0..5),
+        turned in prop::collection::vec(any::<bool>(), 400),
+    ) {
+        let clean = shapes::sphere(2);
+        let mut mesh = clean.clone();
+        let mut refined = clean.clone();
+        let mut is_near = vec![false; clean.0.len()];
+        for &face in &halves { // what the refined sphere is where both sides of the edge have the vertex
+            let [a, b, _] = clean.1[face];
+            let other = (0..128).find(|&f| f != face && clean.1[f].contains(&a) && clean.1[f].contains(&b)).unwrap();
+            let here: Vec<usize> = clean.1[face].into_iter().chain(clean.1[other]).map(|v| v as usize).collect();
+            if here.iter().any(|&v| is_near[v]) {
+                continue;
+            }
+            here.iter().for_each(|&v| is_near[v] = true);
+            refine_one_side(&mut mesh, face);
+            refine_one_side(&mut refined, face);
+            refined.1.pop();
+            let middle = refined.0.len() as i64 - 1;
+            let corners = refined.1[other];
+            refined.1[other] = corners.map(|v| if v == b { middle } else { v });
+            refined.1.push(corners.map(|v| if v == a { middle } else { v }));
+        }
+        let count = refined.0.len();
+        for &(vertex, from, to) in &splits {
+            split(&mut mesh, vertex as i64, from, to);
+        }
+        for &face in &twice {
+            let again = mesh.1[face];
+            mesh.1.push([again[1], again[0], again[2]]);
+        }
+        for (face, &turn) in mesh.1.iter_mut().zip(&turned) {
+            if turn {
+                face.swap(0, 1);
+            }
+        }
+        let expected = shapes::surface(refined);
+        let (surface, told) = mended(&mesh);
+        prop_assert_eq!(by_numbers(&surface), by_numbers(&expected));
+        prop_assert_eq!(surface.points(), expected.points());
+        // every number is there: its own, or merged with one at the same place
+        prop_assert_eq!((told.merged.len(), told.unused), (mesh.0.len() - count, 0));
+        for &[vertex, of] in &told.merged {
+            prop_assert!(surface.ids().binary_search(&of).is_ok() && mesh.0[vertex as usize] == mesh.0[of as usize]);
+        }
+    }
+
+    #[test]
+    fn whatever_is_given_is_a_surface_or_refused(
+        coordinates in prop::collection::vec(0..3u8, 36),
+        corners in prop::collection::vec(0..12i64, 3..90),
+    ) {
+        let points: Vec<[f64; 3]> = coordinates.chunks_exact(3).map(|p| [0, 1, 2].map(|k| f64::from(p[k]))).collect();
+        let faces: Vec<[i64; 3]> = corners.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect();
+        if let Ok((surface, told)) = Surface::mended(&points, &faces) {
+            assert_sound(&surface);
+            prop_assert!(surface.areas().iter().all(|&area| area > 0.0));
+            let mut known: Vec<u32> = surface.ids().to_vec();
+            known.dedup();
+            known.extend(told.merged.iter().map(|m| m[0]));
+            known.sort_unstable();
+            prop_assert!(known.windows(2).all(|two| two[0] < two[1]));
+            prop_assert_eq!(known.len() + told.unused, points.len());
+        }
+    }
+}

@@ -1,0 +1,205 @@
+"""Meshes as tools really make them: what has one right answer is mended and told, and every vertex keeps its number."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from triangle_meshes import bump, square
+
+import voxflat
+from voxflat import cli
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.patches import read_patch
+
+nib = pytest.importorskip("nibabel")
+
+
+def split(mesh, vertex):
+    """Give half of the triangles around an inner vertex a twin of it, with two triangles without area between."""
+    points, faces = mesh
+    after = {}
+    for face in faces[(faces == vertex).any(axis=1)].tolist():
+        k = face.index(vertex)
+        after[face[(k + 1) % 3]] = face[(k + 2) % 3]
+    ring = [min(after)]
+    while after[ring[-1]] != ring[0]:
+        ring.append(after[ring[-1]])
+    twin, half = len(points), len(ring) // 2
+    faces = faces.copy()
+    for a in ring[:half]:
+        row = (faces == vertex).any(axis=1) & (faces == a).any(axis=1) & (faces == after[a]).any(axis=1)
+        faces[row] = np.where(faces[row] == vertex, twin, faces[row])
+    between = [[vertex, twin, ring[half]], [twin, vertex, ring[0]]]
+    return np.vstack([points, points[vertex]]), np.vstack([faces, between])
+
+
+def defective(size=16):
+    """A bump with every defect that has one right answer; the twins of which vertices it has, and that it is of."""
+    points, faces = clean = bump(size)
+    of = [40, 77, 77, 120, 150]
+    mesh = points, faces
+    for vertex in of:
+        mesh = split(mesh, vertex)
+    points, faces = mesh
+    speck = len(points) + np.array([[0, 1, 2]])  # and a triangle apart from all, without area
+    points = np.vstack([points, np.arange(3)[:, None] * [1.0, 1.0, 1.0] + 90])
+    faces = np.vstack([faces, faces[5, [1, 0, 2]], [[3, 3, 4]], speck])
+    return (points, faces), dict(zip(range(len(clean[0]), len(clean[0]) + len(of)), of, strict=True)), clean
+
+
+def test_the_surface_is_the_one_without_defects_and_all_is_told():
+    mesh, twins, clean = defective()
+    surface, expected = voxflat.surface(mesh), voxflat.surface(clean)
+    np.testing.assert_array_equal(surface.points, expected.points)
+    as_sets = [{frozenset(face) for face in one.faces.tolist()} for one in (surface, expected)]
+    assert as_sets[0] == as_sets[1]
+    assert dict(surface.merged.tolist()) == twins
+    assert surface.find(list(twins)).tolist() == surface.find(list(twins.values())).tolist()
+    assert surface.remarks == (
+        f"3 of {len(mesh[0])} vertices belong to no triangle and are left out",
+        f"1 of {len(mesh[1])} triangles have the corners of others and were dropped",
+        f"12 of {len(mesh[1])} triangles have no area and were dropped",
+        f"5 of {len(mesh[0])} vertices lie where others do, and share their place in the map",
+    )
+    assert surface.metadata["mended"]["merged"] == [[a, b] for a, b in twins.items()]
+    json.dumps(surface.metadata)
+    found = voxflat.check(mesh)
+    assert found.can_flatten
+    assert set(surface.remarks) <= set(found.advice)
+    named = ("triangles without area", "triangles given twice", "vertices at the same place as another")
+    assert [len(found.defects[name]) for name in named] == [12, 1, 5]
+
+
+def test_the_map_has_every_vertex_number(tmp_path):
+    mesh, twins, clean = defective()
+    flat, expected = (voxflat.flatten(one, sources=30, keep_rows=True) for one in (mesh, clean))
+    assert set(flat.ids) == set(range(len(clean[0]))) | set(twins)
+    count = len(clean[0])
+    np.testing.assert_array_equal(flat.uv[:count], expected.uv)
+    rows = {number: row for row, number in enumerate(flat.ids.tolist())}
+    for twin, of in twins.items():
+        for name in ("uv", "points", "normals"):
+            np.testing.assert_array_equal(getattr(flat, name)[rows[twin]], getattr(flat, name)[rows[of]])
+        np.testing.assert_array_equal(flat.rows[:, rows[twin]], flat.rows[:, rows[of]])
+    assert flat.faces.max() < count
+    assert len(flat.distortion.per_point) == len(flat)
+    # files have the numbers of the mesh, as nibabel reads them
+    flat.save(tmp_path / "flat.surf.gii")
+    places = nib.load(tmp_path / "flat.surf.gii").agg_data("pointset")
+    assert len(places) == len(mesh[0])
+    np.testing.assert_allclose(places[flat.ids, :2], flat.uv, atol=1e-4)
+    flat.save(tmp_path / "lh.flat.patch.3d")
+    patch = read_patch(tmp_path / "lh.flat.patch.3d")
+    assert set(patch.vertex_ids) == set(flat.ids)
+    np.testing.assert_allclose(patch.points[:, :2], places[patch.vertex_ids, :2], atol=1e-4)
+    # by FreeSurfer's rule: all triangles of the mesh that was given, and nothing turned over
+    read = mesh[1][np.isin(mesh[1], patch.vertex_ids).all(axis=1)]
+    a, b, c = (places[read[:, k], :2].astype(float) for k in range(3))
+    doubled = np.cross(b - a, c - a)
+    assert (np.abs(doubled) < 1e-6).sum() == 11
+    turned = (doubled < -1e-6).sum()
+    assert turned == 1  # which is the duplicate that was given so
+    flat.save(tmp_path / "flat.npz")
+    assert (voxflat.load(tmp_path / "flat.npz").ids == flat.ids).all()
+    # judged on the mesh that was given, from memory and from files, and an image shows the values at the numbers
+    of_map, of_file, of_clean = (
+        voxflat.measure(*pair, sources=5)
+        for pair in ((mesh, flat), (mesh, tmp_path / "flat.surf.gii"), (clean, expected))
+    )
+    assert of_map.best_scale.relative_error == pytest.approx(of_clean.best_scale.relative_error, abs=1e-9)
+    assert of_file.best_scale.relative_error == pytest.approx(of_clean.best_scale.relative_error, rel=0.5)
+    image = flat.image(np.arange(len(mesh[0]), dtype=float)).data
+    assert 0 <= np.nanmin(image) < np.nanmax(image) < len(clean[0])
+
+
+def test_regions_and_cuts_may_name_any_of_the_merged():
+    mesh, twins, clean = defective()
+    twin, of = next(iter(twins.items()))
+    around = np.flatnonzero(np.linalg.norm(clean[0] - clean[0][of], axis=1) < 4)
+    for named in (around, np.append(around[around != of], twin)):
+        kept = voxflat.flatten(mesh, keep=named, sources=9)
+        assert {of, twin} <= set(kept.ids)
+    whole = voxflat.surface(mesh)
+    beside = next(b for b in whole.ids[whole.faces[(whole.ids[whole.faces] == of).any(axis=1)][0]] if b != of)
+    cut = voxflat.cut(whole, cuts=[[twin, int(beside)]], relax=False)
+    assert of in cut.surface.ids
+    # a cut through a merged vertex: it has both sides, and so have those that are one with it
+    ring = voxflat.path(whole, 0, of).ids
+    np.testing.assert_array_equal(voxflat.path(whole, 0, twin).ids, ring)
+    disk = voxflat.flatten(whole, cuts=[_edges(whole, [6, of, 74])], sources=9)
+    assert (disk.ids == twin).sum() == (disk.ids == of).sum() == 2
+
+
+def _edges(whole, through):
+    """A path along edges through vertices."""
+    ids = []
+    for a, b in zip(whole.find(through[:-1]), whole.find(through[1:]), strict=True):
+        ids += whole.ids[whole.core.edge_path(int(a), int(b))[0]].tolist()[bool(ids) :]
+    return ids
+
+
+def test_white_and_pial_are_measured_midway_where_only_one_of_them_is_degenerate():
+    (points, faces), twins, _ = defective()
+    pial = points + np.array([0.0, 0.0, 2.0])
+    pial[list(twins)] += np.arange(1, 6)[:, None] * [
+        0.02,
+        0.01,
+        0.0,
+    ]  # apart there: the surface midway needs no merging
+    surface = voxflat.surface((points, faces), pial=(pial, faces))
+    assert len(surface.merged) == 0
+    np.testing.assert_array_equal(surface.points, ((points + pial) / 2)[surface.ids])
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        (lambda f: np.vstack([f, [[3, 3, 4]]]), "triangle 72 has no area"),
+        (lambda f: np.vstack([f, f[:1]]), "triangle 72 has the same corners as another"),
+        (lambda f: np.array([[0, 7, 8], [8, 16, 9]]), "touches itself at vertex 8"),
+    ],
+)
+def test_none_forbids_it(faces, message, tmp_path):
+    points, good = square()
+    mesh = points, faces(good)
+    assert len(voxflat.surface(mesh).faces) > 1
+    with pytest.raises(voxflat.InputError, match=message):
+        voxflat.surface(mesh, repair="none")
+    write_mesh(tmp_path / "in.ply", Mesh(*mesh))
+    command = ["surface", str(tmp_path / "in.ply"), "-o", str(tmp_path / "out.vtp")]
+    refused = CliRunner().invoke(cli.main, [*command, "--repair", "none"])
+    assert refused.exit_code == 1
+    assert not (tmp_path / "out.vtp").exists()
+    assert CliRunner().invoke(cli.main, command).exit_code == 0
+    assert len(read_mesh(tmp_path / "out.vtp").faces) == len(voxflat.surface(mesh).faces)
+
+
+def test_lips_of_a_cut_stay_apart():
+    """Vertices that coincide and are joined by no edge may do so on purpose."""
+    whole = voxflat.surface(bump(16))
+    cut = voxflat.cut(whole, cuts=[_edges(whole, [8, 144])], relax=False).surface
+    again = voxflat.surface((cut.points, cut.faces.astype(np.int64)))
+    assert len(again) == len(cut) > len(whole)
+    assert again.remarks == ()
+    assert len(voxflat.check((cut.points, cut.faces.astype(np.int64))).defects["vertices at the same place as another"])
+
+
+def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
+    """15 mm around in files that are in mm, and twelve edges in others, whatever the unit."""
+    points, faces = square(30)
+    inside = (np.abs(points[:, :2] - 15) < 1.1).all(axis=1)  # a hole of 14 edges
+    small = faces[~(faces == 15 * 31 + 15).any(axis=1)]  # and one of 6
+    faces = faces[~inside[faces].any(axis=1)]
+    for scale in (0.5, 0.001, 1.0, 40.0):
+        closed = {}
+        for name in ("s.ply", "s.obj", "s.vtp", "s.surf.gii"):
+            for holed in (faces, small):
+                write_mesh(tmp_path / name, Mesh(points * scale, holed))
+                told = voxflat.surface(tmp_path / name)
+                flat = voxflat.check(told)
+                closed.setdefault(name, []).append(any("were closed for measuring" in one for one in flat.advice))
+        around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
+        assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale
+        in_mm = [False, True] if scale < 0.01 else (around <= 15).tolist()
+        assert closed["s.surf.gii"] == in_mm, scale
