@@ -115,7 +115,8 @@ def report(surface_name, cuts, length, surface, uncut, **patch):
         f"| {surface_name} | {cuts} | {length:.0f} | {len(flat)} | {wall:.1f} | {cpu:.1f} "
         f"| {100 * of.relative_error:.2f} | {100 * of.relative_error_30mm:.2f} | {100 * of.relative_error_10mm:.2f} "
         f"| {against} | {of.stress_1:.4f} | {100 * triangles.edge:.2f} "
-        f"| {triangles.areal_median:.3f}, {triangles.areal_p95:.3f} | {triangles.flipped} | {triangles.covering} |",
+        f"| {triangles.equal_area_median:.3f}, {triangles.equal_area_p95:.3f} "
+        f"| {triangles.flipped} | {triangles.covering} |",
         flush=True,
     )
     return flat

@@ -102,7 +102,7 @@ def hemisphere(options):
         scale = best_scale(true, flat)
         local = np.mean(np.abs(scale * flat[near] / true[near] - 1))
         triangles = voxflat.measure((points, faces), places, sources=1, reference="graph").triangles
-        figures = (least_relative(true, flat), local, least_stress(true, flat), triangles.areal_p95)
+        figures = (least_relative(true, flat), local, least_stress(true, flat), triangles.equal_area_p95)
         rows.append(
             [name, *(f"{100 * value:.2f}" for value in figures[:2]), *(f"{value:.4f}" for value in figures[2:])]
         )

@@ -20,7 +20,7 @@ LOOKS = {
 COLOURS = "viridis"
 PANELS = (
     ("relative error of distances ≤ 10 mm (%)", lambda of: 100 * of.best_scale.relative_error_10mm),
-    ("areal distortion |log2|, 95th percentile", lambda of: of.triangles.areal_p95),
+    ("areal distortion |log2|, 95th percentile", lambda of: of.triangles.equal_area_p95),
 )
 
 
@@ -41,7 +41,7 @@ def pareto(options):
     for name in comparison.maps:
         of, triangles = comparison[name].best_scale, comparison[name].triangles
         errors = of.relative_error_10mm, of.relative_error_30mm, of.relative_error
-        area = f"{triangles.areal_median:.3f}, {triangles.areal_p95:.3f}"
+        area = f"{triangles.equal_area_median:.3f}, {triangles.equal_area_p95:.3f}"
         last = ["", ""]
         if name in made:
             last = [str(len(made[name].descent.get("energies", [])) or ""), f"{made[name].cpu:.1f}"]

@@ -89,7 +89,7 @@ def cells(distortion, made=None):
         *(f"{100 * getattr(of, name):.2f} ± {100 * getattr(errors, name):.2f}" for name in names),
         f"{of.stress_1:.4f} ± {errors.stress_1:.4f}",
         f"{100 * triangles.edge:.2f}",
-        f"{triangles.areal_median:.3f}, {triangles.areal_p95:.3f}",
+        f"{triangles.equal_area_median:.3f}, {triangles.equal_area_p95:.3f}",
         str(triangles.flipped),
         str(triangles.covering),
         str(triangles.crossings),

@@ -134,8 +134,10 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
     options += (
         " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
     )
-    options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
-    options += " --store rows"
+    options += (
+        " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
+    )
+    options += " --store rows --scale areas"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
     assert [given.pop(name) for name in ("cuts", "polygon", "relax")] == [None] * 3
     assert given == {
@@ -155,6 +157,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         "bound": 1.4,
         "geodesic": "exact",
         "weighting": 0.7,
+        "scale": "areas",
         "seed": 9,
         "threads": 2,
         "memory_limit": 4 * 2**30,
@@ -430,7 +433,7 @@ def told_default(command, option, method):
 @pytest.mark.parametrize(
     ("method", "size", "options"),
     [
-        ("voxflat", 24, ["sources", "sampling", "geodesic", "weighting"]),
+        ("voxflat", 24, ["sources", "sampling", "geodesic", "weighting", "scale"]),
         ("grossmann2002", 33, ["sources", "sampling", "link_lengths"]),
         ("zigelman2002", 30, ["sources", "sampling"]),
         ("schwartz1989", 12, ["sources", "sampling", "starts"]),

@@ -123,6 +123,17 @@ def test_scanner_ras_without_a_volume_gets_a_footer_that_moves_nothing(tmp_path)
     np.testing.assert_array_equal([told[axis] for axis in ("xras", "yras", "zras")], CONFORMED)
 
 
+@pytest.mark.parametrize("filename", ["a=b\nvalid = 0.mgz", "Gehirn für später.mgz", ""])
+def test_a_footer_holds_any_name(tmp_path, filename):
+    points, faces = ball(1)
+    volume = VolumeGeometry.conformed(C_RAS, filename)
+    write_mesh(tmp_path / "lh.white", Mesh(points, faces, space=Space("tkRAS", volume)))
+    told = nib.freesurfer.read_geometry(tmp_path / "lh.white", read_metadata=True)[2]
+    np.testing.assert_array_equal(told["cras"], C_RAS)
+    assert told["valid"].startswith("1")
+    assert read_mesh(tmp_path / "lh.white").space.volume.filename == told["filename"]
+
+
 def test_freesurfers_tag_of_scanner_ras(tmp_path):
     """TAG_OLD_USEREALRAS is 1 where the file was written by mris_convert --to-scanner; nibabel does not read on."""
     (points, faces), of = ball(), header()

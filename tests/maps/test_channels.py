@@ -299,7 +299,8 @@ class TestStackFiles:
         for k, one in enumerate(stack):
             np.testing.assert_array_equal(image.get_fdata()[:, :, 0, k], one.data.astype(np.float32))
         (extension,) = image.header.extensions
-        assert json.loads(extension.get_content()) == {"names": list(NAMES)}
+        told = json.loads(extension.get_content())
+        assert told == {"names": list(NAMES), "provenance": stack.provenance}
         stack[0].save(tmp_path / "one.nii")
         np.testing.assert_array_equal(nib.load(tmp_path / "one.nii").affine, image.affine)
 

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from mesh_files import needs_workbench
+from scipy.spatial import cKDTree
 from shapes import curled_sheet
 
 import voxflat
@@ -95,14 +96,13 @@ def from_patch(path, flat):
 READERS = {"npz": from_npz, "gii": from_gifti, "flat": from_patch, "3d": from_patch}
 
 
-def rows(corners):
-    """Return one row a triangle, from its first corner in the order of places, so that both sides compare as sets."""
-    corners = np.round(np.asarray(corners, dtype=np.float64)[..., :2], 3) + 0.0
-    first = np.lexsort((corners[..., 1], corners[..., 0]))[:, 0]
-    turned = np.stack(
-        [np.take_along_axis(corners, ((first + k) % 3)[:, None, None], axis=1)[:, 0] for k in range(3)], axis=1
-    )
-    return [tuple(row) for row in turned.reshape(-1, 6)]
+def rows(corners, flat):
+    """Return one row a triangle, of the map's places nearest to its corners, so that both sides compare as sets."""
+    apart, numbers = cKDTree(np.unique(flat.uv, axis=0)).query(np.asarray(corners, dtype=np.float64)[..., :2])
+    assert (apart < 1e-3).all()  # of a file's float32 or 9 digits
+    first = numbers.argmin(axis=1)
+    turned = [np.take_along_axis(numbers, ((first + k) % 3)[:, None], axis=1)[:, 0] for k in range(3)]
+    return [tuple(row) for row in np.stack(turned, axis=1).tolist()]
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -117,8 +117,8 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
             return
         flat.save(path)
     corners, torn = READERS.get(name.rsplit(".", 1)[1], from_vtk)(path, flat)
-    found = rows(corners)
-    own = rows(flat.uv[flat.faces])
+    found = rows(corners, flat)
+    own = rows(flat.uv[flat.faces], flat)
     assert len(set(found)) == len(found)
     assert set(found) <= set(own)  # as the map has them, and turned as there
     missing = len(own) - len(found)
@@ -134,7 +134,7 @@ def test_what_comes_back(flat, name, tmp_path, caplog):
         expected = expected or flat.torn.any()
     assert (missing > 0) == expected
     if flat.torn.any():
-        kept = set(rows(flat.uv[flat.faces[~flat.torn]]))
+        kept = set(rows(flat.uv[flat.faces[~flat.torn]], flat))
         if name.endswith(".vtp"):
             assert {row for row, is_torn in zip(found, torn, strict=True) if not is_torn} == kept
         elif not name.endswith(".npz"):

@@ -231,7 +231,8 @@ class TestRangeImage:
         ):
             np.testing.assert_array_equal(by_nan.points, other.points)
             np.testing.assert_array_equal(by_nan.faces, other.faces)
-            assert by_nan.metadata == other.metadata
+            assert by_nan.metadata == {**other.metadata, "provenance": by_nan.provenance}
+            assert other.provenance["function"] == "range_image"
 
     @pytest.mark.parametrize(
         ("arguments", "message"),

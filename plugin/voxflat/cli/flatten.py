@@ -71,8 +71,8 @@ Examples:
 @click.option(
     "--geodesic",
     type=click.Choice(SOLVERS),
-    help="voxflat: what measures the distances that are kept.  [default: graph, or where that is more than 1 % off what"
-    " is not]",
+    help="voxflat: what measures the distances that are kept; left out, what is at most 1 % off if links are more."
+    "  [default: graph]",
 )
 @click.option(
     "--weighting",

@@ -53,12 +53,13 @@ def command(
     check_output(output, sidecar=sidecar, overwrite=overwrite)
     if repaired is not None:
         check_output(repaired)
+    is_kept = given["repair"] in ("none", "cuts")
     with bars() as shown:
         made = surface_of(input_, given, shown)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        if given["repair"] in ("none", "cuts"):
+        if is_kept:
             raise InputError(
                 f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
             )

@@ -61,19 +61,26 @@ def _space(footer: dict[str, Any]) -> Space:
 def write_geometry(
     path: Path, points: NDArray[np.float64], faces: NDArray[np.int64], volume: VolumeGeometry | None
 ) -> None:
-    """Write a surface file: points in tkRAS, and the volume that says where that is."""
-    footer = None
-    if volume is not None:
-        footer = {
-            "head": np.array([2, 0, 20]),
-            "valid": "1  # volume info valid",
-            "filename": "".join(letter if letter.isprintable() else "_" for letter in volume.filename) or "unknown",
-            "volume": volume.shape,
-            "voxelsize": volume.voxel_size,
-            **{axis: volume.cosines[:, n] for n, axis in enumerate(("xras", "yras", "zras"))},
-            "cras": volume.c_ras,
-        }
-    require("nibabel").freesurfer.write_geometry(path, as_float32(points), faces, "created by voxflat", footer)
+    """Write a surface file: points in tkRAS, and the volume that says where that is.
+
+    Not by nibabel, whose array.tofile does not tell of a full disk.
+    """
+    counts = np.array([len(points), len(faces)], ">i4")
+    parts = (counts, as_float32(points).astype(">f4"), faces.astype(">i4"))
+    body = b"\xff\xff\xfecreated by voxflat\n\n" + b"".join(part.tobytes() for part in parts)
+    path.write_bytes(body + (b"" if volume is None else _footer(volume)))
+
+
+def _footer(volume: VolumeGeometry) -> bytes:
+    """Return the end of a surface file, which says where its tkRAS lies."""
+    # nibabel splits lines at =
+    named = "".join(letter if letter.isprintable() and letter != "=" else "_" for letter in volume.filename)
+    lines = ["valid = 1  # volume info valid", f"filename = {named or 'unknown'}"]
+    lines.append("volume = " + " ".join(map(str, volume.shape)))
+    axes = {axis: volume.cosines[:, n] for n, axis in enumerate(("xras", "yras", "zras"))}
+    for key, values in {"voxelsize": volume.voxel_size, **axes, "cras": volume.c_ras}.items():
+        lines.append(f"{key:6} = " + " ".join(f"{value:.15e}" for value in values))
+    return np.array([2, 0, 20], ">i4").tobytes() + "".join(f"{line}\n" for line in lines).encode()
 
 
 def is_morph(data: bytes) -> bool:

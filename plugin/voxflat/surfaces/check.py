@@ -13,6 +13,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_threads
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
+from voxflat.io.reading import reading
 from voxflat.io.spaces import Space
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
@@ -191,33 +192,34 @@ memory_limit, progress
     InputError
         If the input cannot be read, or a label, threshold or patch was given that does not fit.
     """
-    how = _How(checked_threads(threads), progress)
-    place: dict[str, Any] = {"label": label, "threshold": threshold}
-    patch: dict[str, Any] = {
-        "keep": keep,
-        "drop": drop,
-        "seed_point": seed_point,
-        "radius": radius,
-        "polygon": polygon,
-        "cuts": cuts,
-    }
-    if isinstance(surface, Surface):
-        return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, how)
-    mesh = as_mesh(surface)
-    if mesh is not None:
-        return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, how)
-    volume = as_volume(surface, spacing=spacing, affine=affine)
-    check_scalar(volume)
-    path = None if volume.path is None else str(volume.path)
-    found = Check(path, "volume", _volume_contents(volume))
-    if label is None and threshold is None:
-        try:
-            foreground(volume.data)
-        except InputError as error:
-            return _and(found, advice=(str(error),))
-    making: dict[str, Any] = {**place, "memory_limit": memory_limit, "threads": how.threads, "progress": progress}
-    as_it_is = _surface(volume, **making, repair="none")
-    return _check_surface(as_it_is, found, patch, how, lambda: _surface(volume, **making))
+    with reading(memory_limit):
+        how = _How(checked_threads(threads), progress)
+        place: dict[str, Any] = {"label": label, "threshold": threshold}
+        patch: dict[str, Any] = {
+            "keep": keep,
+            "drop": drop,
+            "seed_point": seed_point,
+            "radius": radius,
+            "polygon": polygon,
+            "cuts": cuts,
+        }
+        if isinstance(surface, Surface):
+            return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, how)
+        mesh = as_mesh(surface)
+        if mesh is not None:
+            return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, how)
+        volume = as_volume(surface, spacing=spacing, affine=affine)
+        check_scalar(volume)
+        path = None if volume.path is None else str(volume.path)
+        found = Check(path, "volume", _volume_contents(volume))
+        if label is None and threshold is None:
+            try:
+                foreground(volume.data)
+            except InputError as error:
+                return _and(found, advice=(str(error),))
+        making: dict[str, Any] = {**place, "memory_limit": memory_limit, "threads": how.threads, "progress": progress}
+        as_it_is = _surface(volume, **making, repair="none")
+        return _check_surface(as_it_is, found, patch, how, lambda: _surface(volume, **making))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import is_number
 from voxflat.errors import InputError
+from voxflat.io.provenance import telling
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["pixels_of", "range_image"]
@@ -20,6 +21,7 @@ _JUMP = 8.0  # pixels: a slope of 83 degrees
 _LARGEST = 1e9  # mm; beyond, triangles have no area in floating point
 
 
+@telling
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
