@@ -18,8 +18,8 @@ use voxflat::geodesic::graph::GeodesicGraph;
 use voxflat::patch;
 use voxflat::surface::Surface as CoreSurface;
 use voxflat::surface::mesh;
-use voxflat::surface::voxels;
 use voxflat::surface::voxels::repair::to_genus_zero;
+use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
 
@@ -269,7 +269,7 @@ pub fn defects<'py>(
 #[pyfunction]
 pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bool> {
     let mask = convert::mask(&mask)?;
-    Ok(py.detach(|| voxels::is_sheet(&mask)))
+    Ok(py.detach(|| sheets::is_sheet(&mask)))
 }
 
 /// Makes a mask's surface a sphere: the mask, and what was changed.

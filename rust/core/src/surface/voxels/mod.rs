@@ -9,11 +9,9 @@ pub mod level;
 pub mod nodes;
 mod positions;
 pub mod repair;
-mod sheets;
+pub mod sheets;
 pub mod surfels;
 pub mod voxelmesh;
-
-pub use sheets::is_sheet;
 
 use nalgebra::Vector3;
 

@@ -41,7 +41,7 @@ const LONGEST_RUN: usize = 16;
 ///
 /// # Examples
 /// ```
-/// use voxflat::surface::voxels::is_sheet;
+/// use voxflat::surface::voxels::sheets::is_sheet;
 /// use voxflat::volume::Mask;
 ///
 /// let thick = |voxels| Mask::from_fn([20, 20, 9], |[_, _, k]| k < voxels);
@@ -61,7 +61,7 @@ pub fn is_sheet(mask: &Mask) -> bool {
 /// One side of a sheet's surfels, and where neighbouring normals are opposite: where the sheet has one side only, like a
 /// Möbius strip, or touches itself.
 #[derive(Debug, Clone)]
-pub struct Side {
+pub(crate) struct Side {
     /// Which surfels are on it.
     pub surfels: Vec<bool>,
     /// Pairs of neighbouring voxels whose normals do not agree.
@@ -72,7 +72,7 @@ pub struct Side {
 ///
 /// # Errors
 /// [`crate::Error::GraphTooLarge`], [`crate::Error::Cancelled`].
-pub fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) -> Result<Side> {
+pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) -> Result<Side> {
     let graph = VoxelGraph::of(voxels, [1.0; 8], control)?;
     let mut normals = spread_least(voxels, &graph, control)?;
     agree(&graph, &mut normals, control)?;
@@ -185,7 +185,7 @@ fn agree(graph: &VoxelGraph, normals: &mut [Vector3<f64>], control: &Control) ->
 }
 
 /// How far inward from each surfel the sheet's middle lies, in voxels, counted from its voxel's centre.
-pub fn depths(mask: &Mask, voxels: &VoxelSurface, surfels: &Surfels) -> Vec<f64> {
+pub(crate) fn depths(mask: &Mask, voxels: &VoxelSurface, surfels: &Surfels) -> Vec<f64> {
     let depth = |surfel: u32| {
         let inward = surfels.direction(surfel).map(|x| -x);
         let mut voxel = voxels.voxels()[surfels.voxel(surfel) as usize].map(i64::from);
