@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::mend::{Mending, is_soup, mend};
+use super::mend::{Mending, at_one_place, duplicates, has_no_area, is_soup, mend};
 use super::{BORDER, Surface, fans, finite, next, twins_of_turned};
 use crate::error::{Error, Result};
 
@@ -211,35 +211,6 @@ fn join(points: &[[f64; 3]], faces: &mut [[u32; 3]], defects: &mut Defects) -> V
     twins
 }
 
-/// What rounding leaves of zero.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
-
-/// Do a face's corners lie on a line, or at the same place?
-pub(super) fn has_no_area(points: &[[f64; 3]], &[a, b, c]: &[u32; 3]) -> bool {
-    let place = |v: u32| Vector3::from(points[v as usize]);
-    let (ab, ac) = (place(b) - place(a), place(c) - place(a));
-    let longest = ab.norm_squared().max(ac.norm_squared()).max((ac - ab).norm_squared());
-    ab.cross(&ac).norm() <= ROUNDING * longest
-}
-
-/// Are the ends of a face's shortest edge the same place, beside its longest one?
-pub(super) fn is_needle(shortest: f64, longest: f64) -> bool {
-    shortest <= ROUNDING * longest
-}
-
-/// Faces whose corners an earlier one has.
-pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
-    let sorted = |mut face: [u32; 3]| {
-        face.sort_unstable();
-        face
-    };
-    let mut keyed: Vec<([u32; 3], u32)> = faces.iter().zip(0..).map(|(&face, n)| (sorted(face), n)).collect();
-    keyed.sort_unstable();
-    let mut found: Vec<u32> = keyed.windows(2).filter(|two| two[0].0 == two[1].0).map(|two| two[1].1).collect();
-    found.sort_unstable();
-    found
-}
-
 /// For each half-edge the one that joins the same two vertices, whichever way it leads; [`BORDER`] where there is none,
 /// or more than one.
 fn pair_up(faces: &[[u32; 3]], defects: &mut Defects) -> Vec<u32> {
@@ -324,15 +295,4 @@ fn coincident(points: &[[f64; 3]]) -> Vec<u32> {
     let mut found: Vec<u32> = at_one_place(points, all).into_iter().flat_map(|group| group[1..].to_vec()).collect();
     found.sort_unstable();
     found
-}
-
-/// The vertices of faces that lie at one place, for each place that has several, ascending.
-pub(super) fn coincident_groups(points: &[[f64; 3]], faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
-    at_one_place(points, faces.as_flattened().to_vec())
-}
-
-fn at_one_place(points: &[[f64; 3]], mut vertices: Vec<u32>) -> Vec<Vec<u32>> {
-    let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
-    vertices.sort_unstable_by_key(|&v| (bits(v), v));
-    vertices.chunk_by(|&a, &b| bits(a) == bits(b)).filter(|group| group.len() > 1).map(<[u32]>::to_vec).collect()
 }

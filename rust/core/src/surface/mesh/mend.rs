@@ -15,8 +15,10 @@ use std::collections::{HashMap, VecDeque};
 
 use nalgebra::Vector3;
 
-use super::loose::{coincident_groups, duplicates, has_no_area, is_needle};
 use super::next;
+
+/// What rounding leaves of zero.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// How often what could not be mended is tried again after something else was.
 const ROUNDS: usize = 64;
@@ -50,7 +52,7 @@ pub(super) struct Mending {
 pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
     let mut groups = Groups::new(points.len());
     if is_soup(&faces, points.len()) {
-        for group in coincident_groups(points, &faces) {
+        for group in at_one_place(points, faces.as_flattened().to_vec()) {
             group[1..].iter().for_each(|&vertex| groups.join(group[0], vertex));
         }
         faces.iter_mut().for_each(|face| *face = face.map(|v| groups.of(v)));
@@ -75,6 +77,39 @@ pub(super) fn mend(points: &[[f64; 3]], mut faces: Vec<[u32; 3]>) -> Mending {
     (mending.faces, mending.numbers) = used.map(|((face, _), n)| (face.map(|v| groups.lowest(v)), n)).unzip();
     mending.merged = groups.merged();
     mending
+}
+
+/// Do a face's corners lie on a line, or at the same place?
+pub(super) fn has_no_area(points: &[[f64; 3]], &[a, b, c]: &[u32; 3]) -> bool {
+    let place = |v: u32| Vector3::from(points[v as usize]);
+    let (ab, ac) = (place(b) - place(a), place(c) - place(a));
+    let longest = ab.norm_squared().max(ac.norm_squared()).max((ac - ab).norm_squared());
+    ab.cross(&ac).norm() <= ROUNDING * longest
+}
+
+/// Are the ends of a face's shortest edge the same place, beside its longest one?
+fn is_needle(shortest: f64, longest: f64) -> bool {
+    shortest <= ROUNDING * longest
+}
+
+/// Faces whose corners an earlier one has.
+pub(super) fn duplicates(faces: &[[u32; 3]]) -> Vec<u32> {
+    let sorted = |mut face: [u32; 3]| {
+        face.sort_unstable();
+        face
+    };
+    let mut keyed: Vec<([u32; 3], u32)> = faces.iter().zip(0..).map(|(&face, n)| (sorted(face), n)).collect();
+    keyed.sort_unstable();
+    let mut found: Vec<u32> = keyed.windows(2).filter(|two| two[0].0 == two[1].0).map(|two| two[1].1).collect();
+    found.sort_unstable();
+    found
+}
+
+/// The vertices that lie at one place, for each place that has several, ascending.
+pub(super) fn at_one_place(points: &[[f64; 3]], mut vertices: Vec<u32>) -> Vec<Vec<u32>> {
+    let bits = |v: u32| points[v as usize].map(|x| (x + 0.0).to_bits()); // −0 is 0
+    vertices.sort_unstable_by_key(|&v| (bits(v), v));
+    vertices.chunk_by(|&a, &b| bits(a) == bits(b)).filter(|group| group.len() > 1).map(<[u32]>::to_vec).collect()
 }
 
 /// Does no triangle share a vertex with another?
