@@ -231,9 +231,7 @@ class TestMeasure:
         errors = [found.raw.relative_error for found in figures.values()]
         scatter = [found.standard_error.raw.relative_error for found in figures.values()]
         assert errors[1] == pytest.approx(errors[0], rel=1e-4)
-        assert abs(errors[2] - errors[0]) < 3 * np.hypot(
-            scatter[0], scatter[2]
-        )  # of other sources
+        assert abs(errors[2] - errors[0]) < 3 * np.hypot(scatter[0], scatter[2])  # of other sources
 
     @needs_workbench
     def test_areal_distortion_is_that_of_workbench(self, white, shipped, tmp_path):
