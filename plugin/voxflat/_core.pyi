@@ -17,6 +17,7 @@ __all__ = [
     "defects",
     "draw",
     "reference_sources",
+    "is_sheet",
     "repair",
     "store_memory_need",
     "vertex_normals",
