@@ -27,7 +27,6 @@ _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
 _SPOTS = 2  # sources from which a solver's distances are compared with exact ones
 _JUDGING = 200  # reference sources, as many as the core's
 _JUDGING_FEW = 40  # exact ones, where links do not serve: a minute at 80,000 vertices
-_KEPT_BYTES = 256 << 20
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def _judged(part: Surface, result: dict[str, Any], geodesic: str, links_error: f
         count = _JUDGING if geodesic == "exact" else _JUDGING_FEW
         sources = _core.reference_sources(len(part), count, how.seed)
         judge = part.core.judge
-        judged = judge([result["uv"]], sources, "exact", _KEPT_BYTES, how.seed, how.threads, how.progress)
+        judged = judge([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)
         reference, distances = "exact", judged[0]
     of_triangles = part.core.measure(result["uv"], how.progress)
     return Distortion.of(distances, of_triangles, reference, voxel_size=part.voxel_size)
