@@ -56,10 +56,9 @@ def start(widget, qtbot, sources):
 # ------------------------------------------------------------------------------------------------ trouble
 
 
-def degenerate_mesh():
+def branching_mesh():
     points, faces, _ = bumps()
-    points[faces[7, 0]] = points[faces[7, 1]]
-    return Surface((points, faces))
+    return Surface((points, np.vstack([faces, [*faces[7, :2], 600]])))
 
 
 def nan_mesh():
@@ -82,7 +81,7 @@ BAD_LAYERS = [
     (lambda: Surface((np.zeros((3, 2)), np.array([[0, 1, 2]]))), "2 dimensions"),
     (lambda: Surface((bumps()[0], np.array([[0, 1, 26, 25]]))), "4 corners instead of 3"),
     (lambda: Surface((bumps()[0], bumps()[1], np.ones((2, 625)))), "2 axes of values"),
-    (degenerate_mesh, "has no area"),
+    (branching_mesh, "edge"),
     (nan_mesh, "finite"),
 ]
 

@@ -108,8 +108,9 @@ def flatten(
         Cut the disk further, from its boundary inwards, where that relieves the map most: as long as it pays (True), or
         up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default as long as it pays,
         where nobody has said where to cut: no `cuts` are given, and no patch of triangles as `keep`. What was not
-        closed like a sphere is then cut only if that takes a tenth off the error of distances; and a disk that was
-        handed over as it is, a scan or a patch that someone has cut, only if distances would be 15 % off.
+        closed like a sphere is then cut only where distances would be more than 4 % off, and if that takes a tenth off
+        their error; and a disk that was handed over as it is, a scan or a patch that someone has cut, only where they
+        would be more than 15 % off.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
         $sources, "grossmann2002": $sources_grossmann2002, "zigelman2002": $sources_zigelman2002, "schwartz1989":

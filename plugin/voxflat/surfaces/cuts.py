@@ -21,7 +21,8 @@ from voxflat.surfaces.surface import Surface
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
 _SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
 _LEAST_RELIEF = 0.1  # share of the error of distances that cuts take off which nobody asked for
-_BEARABLE = 0.15  # error of distances up to which a disk is left as it was given
+_FINE = 0.04  # error of distances up to which no more is asked for
+_BEARABLE = 0.15  # and up to which a disk is left as it was given
 
 
 # ----------------------------------------------------------------------------------------- cuts that are given
@@ -224,9 +225,9 @@ def opened(
     if relax is False or (relax is None and is_cut and not was_closed):
         return part, cuts, remarks
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
-    unasked = relax is None and not was_closed
-    least_relief = _LEAST_RELIEF if unasked else 0.0
-    bearable = _BEARABLE if unasked and is_given and topology["euler"] == 1 else 0.0
+    least_relief, bearable = 0.0, 0.0
+    if relax is None and not was_closed:
+        least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
     core, further, errors = part.core.relax(length, least_relief, bearable, threads, progress)
     if further:
         paths, total = _counted(further, "relaxation cut")
