@@ -276,6 +276,8 @@ def test_pial_must_correspond():
         voxflat.surface((points, faces), pial=square(5))
     with pytest.raises(voxflat.InputError, match="pial is ndarray; give a mesh"):
         voxflat.surface((points, faces), pial=points)
+    with pytest.raises(voxflat.InputError, match=r"rh\.pial: there is no such file"):
+        voxflat.surface((points, faces), pial="rh.pial")
 
 
 def test_repair_of_what_cannot_be_repaired():
