@@ -85,7 +85,9 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
         other = as_mesh(pial)
         if other is None and isinstance(pial, str | os.PathLike):
             is_there = Path(pial).exists()
-            raise InputError(f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file")
+            raise InputError(
+                f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file"
+            )
         if other is None:
             raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
         if len(other.points) != len(mesh.points):
