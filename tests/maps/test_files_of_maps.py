@@ -105,6 +105,7 @@ def rows(corners, flat):
     return [tuple(row) for row in np.stack(turned, axis=1).tolist()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_what_comes_back(flat, name, tmp_path, caplog):
     path = tmp_path / name

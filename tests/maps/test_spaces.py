@@ -166,6 +166,7 @@ def test_what_no_file_says_is_told(tmp_path, volumes, caplog):
     assert "its volume geometry (VolGeom...) is damaged" in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nifti1", "nifti2", "mgz"])
 def test_a_volume_without_a_place_is_told(tmp_path, caplog, kind):
     """Its middle is the origin by nibabel; a mesh's map says so, that of a volume of the same header need not."""

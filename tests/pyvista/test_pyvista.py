@@ -158,6 +158,7 @@ def test_types_of_labels(dtype):
     assert len(image.voxflat.flatten(sources=10, method="grossmann2002")) == sheet().sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "volume"), [("grossmann2002", sheet()), ("voxflat", solid())])
 def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
     spacing = (1.0, 1.5, 1.0)

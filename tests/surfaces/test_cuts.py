@@ -128,6 +128,7 @@ def test_a_bad_length_is_refused(relax):
         voxflat.cut(ball(), relax=relax)
 
 
+@pytest.mark.slow
 def test_the_medial_wall_is_where_the_surfaces_touch():
     points, faces = ball()
     wall = points[:, 2] > 24
