@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "KEPT_BYTES",
+    "REFERENCE_SOURCES",
     "Surface",
     "TriangleFinder",
     "VoxelSurface",
@@ -25,6 +26,7 @@ __all__ = [
 
 __version__: str
 KEPT_BYTES: int
+REFERENCE_SOURCES: int
 
 _Progress = Callable[[str, int, int], bool | None]
 

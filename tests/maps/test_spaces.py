@@ -1,6 +1,5 @@
 """Volumes are sampled where they lie, whatever space the surface is in: tkRAS, scanner RAS, in each program's files."""
 
-import shutil
 import subprocess
 from dataclasses import replace
 
@@ -22,6 +21,7 @@ from brain_spaces import (
     write_gifti,
 )
 from click.testing import CliRunner
+from mesh_files import needs_workbench
 
 import voxflat
 from voxflat import cli
@@ -208,7 +208,7 @@ def test_the_command_line_tells_the_space(tmp_path, volumes):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("wb_command") is None, reason="wb_command (Debian: connectome-workbench) is missing")
+@needs_workbench
 @pytest.mark.parametrize("axes", [CONFORMED, oblique()], ids=["conformed", "oblique"])
 def test_workbench_samples_the_same(tmp_path, axes):
     """Workbench takes coordinates as stored: it gets the surface as voxflat writes GIFTI, or as wb_command moves it."""

@@ -61,6 +61,20 @@ def test_only_handles_change():
     assert made.metadata["repair"]["dropped"] == []
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_no_handle_is_left_whatever_else_stays(seed):
+    """Cavities and specks are not touched, and none of them becomes a handle by what is cut and filled beside it."""
+    rng = np.random.default_rng(seed)
+    distance = np.linalg.norm(np.indices((34, 34, 34)) - 17, axis=0)
+    noise = gaussian_filter(rng.normal(size=(34, 34, 34)), 0.7)
+    ball = distance + 18 * gaussian_filter(rng.normal(size=(34, 34, 34)), 1.2) < 13
+    volume = (ball & (noise > np.quantile(noise, 0.03))) | (noise > np.quantile(noise, 0.9995))
+    made, none = (voxflat.surface(volume, sheet=False, repair=repair) for repair in (None, "none"))
+    assert handles(made.with_core(made.core.largest_piece())) == 0
+    assert handles(none) - handles(made) >= made.metadata["repair"]["handles"] > 0
+    assert len(made.core.topology()["components"]) > 1
+
+
 def test_what_is_a_ring_stays_one_and_it_is_said():
     i, j, k = np.indices((33, 33, 13)) - np.array([16, 16, 6])[:, None, None, None]
     ring = (np.hypot(np.hypot(i, j) - 10, k) < 4.5).astype(np.uint8)

@@ -44,7 +44,7 @@ def patches(
 
     Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. Then no
     length changes by more than a factor C ≤ 1 + tan θ, nor angles by a dilatation of more than K ≤ (1 + tan θ)^1.5.
-    Nothing is cut, repaired or left out: every triangle belongs to one patch, and patches do not lie on themselves.
+    Nothing of the surface is cut or left out: every triangle belongs to one patch, and no patch lies on itself.
 
     Parameters
     ----------

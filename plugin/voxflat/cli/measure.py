@@ -72,11 +72,12 @@ def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
         compared = compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
     if heat_maps is not None:
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
-    one = compared[names[0]] if len(names) == 1 else compared
+    one = compared[names[0]] if len(names) == 1 else None
     if as_json:
-        print_json({**one.figures(), "provenance": compared.provenance})
+        figures_of = {"maps": compared.figures()} if one is None else one.figures()
+        print_json({**figures_of, "provenance": compared.provenance})
     else:
-        click.echo(one.table())
+        click.echo((one or compared).table())
 
 
 def _short_names(paths: Sequence[Path]) -> list[str]:

@@ -25,8 +25,7 @@ MUCH = 0.01
 
 _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
 _SPOTS = 2  # sources from which a solver's distances are compared with exact ones
-_JUDGING = 200  # reference sources, as many as the core's
-_JUDGING_FEW = 40  # exact ones, where links do not serve: a minute at 80,000 vertices
+_FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ def _judged(part: Surface, result: dict[str, Any], geodesic: str, links_error: f
     """Return what the map does to distances: those along links, or exact ones where links are too long."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
-        count = _JUDGING if geodesic == "exact" else _JUDGING_FEW
+        count = _core.REFERENCE_SOURCES if geodesic == "exact" else _FEW
         sources = _core.reference_sources(len(part), count, how.seed)
         judge = part.core.judge
         judged = judge([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from voxflat.arguments import is_number
+from voxflat.arguments import is_number, log
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
 from voxflat.distances.sources import choose_sources
@@ -75,6 +75,7 @@ def _solver(part: Surface, asked: str | None, links_error: float, how: How) -> t
     solver, error = "marching", error_of_distances(part, "marching", how)
     if error > MUCH:
         solver, error = "exact", 0.0
+        log.info("distances are measured exactly, which takes its time")
     return solver, error, [f"{told}; they are measured by {_NAMES[solver]} instead"]
 
 

@@ -91,3 +91,41 @@ impl Components {
         if sizes.len() > 5 { format!("{}, ...", shown.join(", ")) } else { shown.join(", ") }
     }
 }
+
+/// Any graph, for tests: the links of each vertex.
+#[cfg(test)]
+pub(crate) struct Listed(pub Vec<Vec<Arc>>);
+
+#[cfg(test)]
+impl Listed {
+    /// A graph of links that lead both ways.
+    pub fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
+        let mut arcs = vec![Vec::new(); vertices];
+        for &(a, b, length) in links {
+            arcs[a as usize].push(Arc { to: b, length });
+            arcs[b as usize].push(Arc { to: a, length });
+        }
+        arcs.iter_mut().for_each(|of| of.sort_by_key(|arc: &Arc| arc.to));
+        Self(arcs)
+    }
+}
+
+#[cfg(test)]
+impl Links for Listed {
+    fn vertices(&self) -> usize {
+        self.0.len()
+    }
+
+    fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
+        self.0[vertex as usize].iter().copied()
+    }
+
+    fn most_links(&self) -> usize {
+        self.0.iter().map(Vec::len).max().unwrap_or(0)
+    }
+
+    fn extremes(&self) -> [f32; 2] {
+        let lengths = || self.0.iter().flatten().map(|arc| arc.length);
+        [lengths().fold(f32::INFINITY, f32::min).min(1e6), lengths().fold(0.0, f32::max)]
+    }
+}

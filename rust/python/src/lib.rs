@@ -21,6 +21,7 @@ fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
+    module.add("REFERENCE_SOURCES", voxflat::distortion::judge::REFERENCE_SOURCES)?;
     module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;
     module.add_class::<voxels::VoxelSurface>()?;

@@ -42,7 +42,8 @@ pub struct Relaxation {
     pub length: f64,
     /// For each length of √area that is cut, the energy falls by so much at least.
     pub least_gain: f64,
-    /// All cuts together take at least this share off the error of the coarse map's distances; else none is made.
+    /// All cuts together take at least this share off the error of the coarse map's distances; else none is made. 0 asks nothing
+    /// of the error, which is not what the energy is.
     pub least_relief: f64,
     /// None is made, either, where without any that error is no more than this.
     pub bearable: f64,
@@ -141,7 +142,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
         control.advance();
     }
     let relieved = if cuts.is_empty() { error } else { trials.sketch.error(control)? };
-    if relieved > (1.0 - relaxation.least_relief) * error {
+    if relaxation.least_relief > 0.0 && relieved > (1.0 - relaxation.least_relief) * error {
         energies.truncate(1);
         return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies, errors: [error; 2] });
     }

@@ -204,6 +204,7 @@ pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, con
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adjacency::Listed;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
     use crate::geodesic::chain::chain_graph;
@@ -329,46 +330,12 @@ mod tests {
         assert!((row[end as usize] - 2.0 * half).abs() < 1e-4);
     }
 
-    /// A graph of given links.
-    struct Given(Vec<Vec<Arc>>);
-
-    impl Given {
-        fn new(vertices: usize, links: &[(u32, u32, f32)]) -> Self {
-            let mut arcs = vec![Vec::new(); vertices];
-            for &(a, b, length) in links {
-                arcs[a as usize].push(Arc { to: b, length });
-                arcs[b as usize].push(Arc { to: a, length });
-            }
-            arcs.iter_mut().for_each(|of| of.sort_by_key(|arc: &Arc| arc.to));
-            Self(arcs)
-        }
-    }
-
-    impl Links for Given {
-        fn vertices(&self) -> usize {
-            self.0.len()
-        }
-
-        fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
-            self.0[vertex as usize].iter().copied()
-        }
-
-        fn most_links(&self) -> usize {
-            self.0.iter().map(Vec::len).max().unwrap_or(0)
-        }
-
-        fn extremes(&self) -> [f32; 2] {
-            let lengths = || self.0.iter().flatten().map(|arc| arc.length);
-            [lengths().fold(f32::INFINITY, f32::min), lengths().fold(0.0, f32::max)]
-        }
-    }
-
     #[test]
     fn links_too_short_to_be_seen_are_no_trap() {
         // 0 is 100 mm from 4; 1, 2 and 3 lie at 4, nearer to it than a distance of 100 mm can tell, and 1 and 2 lead nowhere
         let tiny = 1e-6;
         let graph =
-            Given::new(6, &[(0, 5, 50.0), (4, 5, 50.0), (1, 4, tiny), (1, 2, tiny), (2, 3, tiny), (3, 4, tiny)]);
+            Listed::new(6, &[(0, 5, 50.0), (4, 5, 50.0), (1, 4, tiny), (1, 2, tiny), (2, 3, tiny), (3, 4, tiny)]);
         let row = row_of(&graph, 0);
         assert_eq!(row, [0.0, 100.0, 100.0, 100.0, 100.0, 50.0]);
         let control = Control::default();
@@ -391,7 +358,7 @@ mod tests {
             ends in prop::array::uniform2(0u32..12),
         ) {
             let links: Vec<_> = links.into_iter().filter(|link| link.0 != link.1).collect();
-            let graph = Given::new(12, &links);
+            let graph = Listed::new(12, &links);
             let row = row_of(&graph, ends[0]);
             match trace_path(&graph, &row, ends[0], ends[1], &Control::default()) {
                 Err(_) => prop_assert!(row[ends[1] as usize].is_infinite()),

@@ -122,9 +122,18 @@ fn what_is_too_small_or_no_disk_or_not_wanted() {
     let control = Control::default();
     let closed = relax(&shapes::surface(shapes::sphere(2)), Relaxation::default(), &control);
     assert!(matches!(closed, Err(Error::NotADisk { .. })));
-    for (length, least_gain) in [(f64::NAN, 0.0), (-1.0, 0.0), (1.0, f64::NAN), (1.0, -1.0)] {
-        let refused = relax(&cap, Relaxation { length, least_gain, ..Relaxation::default() }, &control);
-        assert!(matches!(refused, Err(Error::RelaxationOption { .. })));
+    let usual = Relaxation::default();
+    for refused in [
+        Relaxation { length: f64::NAN, ..usual },
+        Relaxation { length: -1.0, ..usual },
+        Relaxation { least_gain: f64::NAN, ..usual },
+        Relaxation { least_gain: -1.0, ..usual },
+        Relaxation { least_relief: f64::NAN, ..usual },
+        Relaxation { least_relief: 1.1, ..usual },
+        Relaxation { bearable: f64::NAN, ..usual },
+        Relaxation { bearable: -1.0, ..usual },
+    ] {
+        assert!(matches!(relax(&cap, refused, &control), Err(Error::RelaxationOption { .. })), "{refused:?}");
     }
     control.cancel();
     assert_eq!(relax(&cap, Relaxation::default(), &control), Err(Error::Cancelled));

@@ -374,7 +374,7 @@ fn chain(parts: &[Part], places: &[u32], part: u32) -> Vec<[u32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adjacency::Arc;
+    use crate::adjacency::Listed;
     use crate::error::Error;
     use crate::geodesic::Solver;
     use crate::geodesic::chain::LinkLengths;
@@ -385,43 +385,6 @@ mod tests {
     use crate::surface::voxels::graph::VoxelGraph;
     use crate::volume::{Affine, Mask};
     use proptest::prelude::*;
-
-    /// Any graph.
-    struct Any(Vec<Vec<Arc>>);
-
-    impl Any {
-        fn new(vertices: usize, links: &[(prop::sample::Index, prop::sample::Index, f32)]) -> Self {
-            let mut arcs = vec![Vec::new(); vertices];
-            for &(a, b, length) in links {
-                let (a, b) = (a.index(vertices), b.index(vertices));
-                if a != b {
-                    arcs[a].push(Arc { to: b as u32, length });
-                    arcs[b].push(Arc { to: a as u32, length });
-                }
-            }
-            arcs.iter_mut().for_each(|arcs| arcs.sort_by_key(|arc| arc.to));
-            Self(arcs)
-        }
-    }
-
-    impl Links for Any {
-        fn vertices(&self) -> usize {
-            self.0.len()
-        }
-
-        fn arcs(&self, vertex: u32) -> impl Iterator<Item = Arc> + '_ {
-            self.0[vertex as usize].iter().copied()
-        }
-
-        fn most_links(&self) -> usize {
-            self.0.iter().map(Vec::len).max().unwrap_or(0)
-        }
-
-        fn extremes(&self) -> [f32; 2] {
-            let lengths = || self.0.iter().flatten().map(|arc| arc.length);
-            [lengths().fold(f32::INFINITY, f32::min).min(1e6), lengths().fold(0.0, f32::max)]
-        }
-    }
 
     /// Dijkstra's algorithm without a queue, over the lengths as the sweep rounds them: every sum is exact.
     fn dijkstra(graph: &impl Links, quantum: f64, source: u32) -> Vec<f32> {
@@ -479,7 +442,8 @@ mod tests {
             vertices in 1usize..220,
             links in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0.2f32..9.0), 0..600),
         ) {
-            let graph = Any::new(vertices, &links);
+            let ends = links.iter().map(|(a, b, length)| (a.index(vertices) as u32, b.index(vertices) as u32, *length));
+            let graph = Listed::new(vertices, &ends.filter(|(a, b, _)| a != b).collect::<Vec<_>>());
             check_rows(&graph, &every_third(&graph));
         }
 
@@ -535,8 +499,8 @@ mod tests {
 
     #[test]
     fn graphs_without_links_or_vertices_are_swept() {
-        assert_eq!(rows_of(&Sweep::new(&Any(vec![]), &Control::default()).unwrap(), &[]), []);
-        let lonely = Sweep::new(&Any(vec![vec![]; 2]), &Control::default()).unwrap();
+        assert_eq!(rows_of(&Sweep::new(&Listed(vec![]), &Control::default()).unwrap(), &[]), []);
+        let lonely = Sweep::new(&Listed(vec![vec![]; 2]), &Control::default()).unwrap();
         assert_eq!(rows_of(&lonely, &[1, 0]), [f32::INFINITY, 0.0, 0.0, f32::INFINITY]);
     }
 
