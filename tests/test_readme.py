@@ -1,5 +1,6 @@
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,24 @@ from voxflat.io.volumes import write_volume
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
 
-@pytest.fixture
-def lab(tmp_path, monkeypatch):
-    """The directory of a user who has the files that README speaks of, white matter only around README's seed point."""
+@pytest.fixture(scope="module")
+def volumes(tmp_path_factory):
+    """The files that README speaks of: white matter only around its seed point, and nothing far beyond it."""
+    folder = tmp_path_factory.mktemp("volumes")
     white_matter, t1, _ = demo.demo_cortex()
-    near = tuple(slice(at - 48, at + 49) for at in demo.SEED_POINT)
+    near = tuple(slice(at - 32, at + 33) for at in demo.SEED_POINT)
+    ends = tuple(slice(at + 40) for at in demo.SEED_POINT)
     part = np.zeros_like(white_matter.data)
     part[near] = white_matter.data[near]
-    write_volume(tmp_path / "wm.nii.gz", part, white_matter.affine)
-    write_volume(tmp_path / "t1.nii.gz", t1.data, t1.affine)
+    write_volume(folder / "wm.nii.gz", part[ends], white_matter.affine)
+    write_volume(folder / "t1.nii.gz", t1.data[ends], t1.affine)
+    return folder
+
+
+@pytest.fixture
+def lab(volumes, tmp_path, monkeypatch):
+    """The directory of a user who has these files."""
+    shutil.copytree(volumes, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -562,7 +562,7 @@ def test_ctrl_c_during_the_long_work(tmp_path):
     import struct
     import termios
 
-    sheet = np.zeros((300, 300, 3), np.uint8)
+    sheet = np.zeros((220, 220, 3), np.uint8)
     sheet[:, :, 1] = 1
     np.save(tmp_path / "sheet.npy", sheet)
     terminal, stderr = pty.openpty()

@@ -25,25 +25,29 @@ from qtpy.QtCore import QTimer  # noqa: E402
 pytestmark = pytest.mark.slow  # a window
 
 
-@pytest.fixture(scope="module")
-def large_mesh():
-    """A dome of many triangles: some seconds of work from 4000 sources."""
-    points, faces, _ = bumps(150)
-    points[:, 2] = -0.005 * ((points[:, :2] - 149) ** 2).sum(axis=1)
+def dome(size):
+    points, faces, _ = bumps(size)
+    points[:, 2] = -0.75 / size * ((points[:, :2] - size + 1) ** 2).sum(axis=1)
     return points, faces
 
 
 @pytest.fixture(scope="module")
+def large_mesh():
+    """A dome of many triangles: some seconds of work from 4000 sources."""
+    return dome(150)
+
+
+@pytest.fixture(scope="module")
 def large():
-    """A thick shell: some seconds of work from 6000 sources."""
+    """A thick shell: some seconds of work from 6000 sources within 90 mm, one from a few within 40 mm."""
     x = np.indices((150, 150, 150)) - 75
     return (np.abs(np.sqrt((x**2).sum(axis=0)) - 65) < 1.5).astype(np.uint8)
 
 
-def start_large(widget, qtbot, large, sources=6000):
+def start_large(widget, qtbot, large, sources=6000, radius=90):
     """Start what takes seconds, and wait until the core is amid it."""
     widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
-    widget.form.radius.setValue(90)
+    widget.form.radius.setValue(radius)
     start(widget, qtbot, sources)
 
 
@@ -182,7 +186,7 @@ def test_window_stays_alive(open_widget, qtbot, large):
     timer.setInterval(5)
     timer.timeout.connect(lambda: ticks.append((time.perf_counter(), len(viewer.layers))))
     wait_until_drawn(viewer, qtbot)
-    start_large(widget, qtbot, large, sources=500)
+    start_large(widget, qtbot, large, sources=500, radius=40)
     timer.start()
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
     timer.stop()
@@ -192,8 +196,8 @@ def test_window_stays_alive(open_widget, qtbot, large):
     assert gap < 0.5  # some 0.03 s where the machine has nothing else to do
 
 
-def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot, large_mesh):
-    viewer, widget = open_widget(Surface(large_mesh, name="dome"))
+def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot):
+    viewer, widget = open_widget(Surface(dome(50), name="dome"))
     choose_whole(widget)
     start(widget, qtbot, 200)
     viewer.layers.clear()
@@ -203,7 +207,7 @@ def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot, large_mesh):
 
 def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
     viewer, widget = open_widget(Labels(large, name="shell"))
-    start_large(widget, qtbot, large, sources=300)
+    start_large(widget, qtbot, large, sources=300, radius=40)
     viewer.layers.clear()
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
     assert "shell distortion" in viewer.layers

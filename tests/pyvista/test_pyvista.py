@@ -167,7 +167,7 @@ def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
     both = image_of(volume, spacing=spacing)
     both["half"] = half.ravel(order="F")
     other = image_of(half, spacing=spacing)
-    options = {"sources": 20, "method": method}
+    options = {"sources": 20, "method": method} | ({"relax": False} if method == "voxflat" else {})
     expected = voxflat.flatten(volume, spacing=spacing, keep=half, **options).ids
     assert expected[:, 1].max() == 12
     for keep in ("half", other, half):

@@ -237,7 +237,7 @@ def test_check_cuts_the_patch_out_once(monkeypatch):
 def pv_sphere():
     import pyvista as pv
 
-    return pv.Icosphere(radius=20.0, nsub=3)
+    return pv.Icosphere(radius=20.0, nsub=2)
 
 
 def test_metres_are_suspected():

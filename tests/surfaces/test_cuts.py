@@ -10,7 +10,7 @@ import voxflat
 from voxflat.cli import main
 
 
-def ball(n=24):
+def ball(n=16):
     """A sphere of radius 30 mm, closed."""
     polar, around = np.meshgrid(np.pi * np.arange(1, n) / n, 2 * np.pi * np.arange(2 * n) / (2 * n), indexing="ij")
     places = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]

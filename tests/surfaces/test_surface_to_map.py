@@ -224,10 +224,10 @@ class TestMeasure:
         figures = {}
         for name in ("map.npz", "map.surf.gii", "map.patch.flat"):
             flat_map.save(tmp_path / name)
-            arguments = ["measure", tmp_path / "lh.white", tmp_path / name, "--sources", "30"]
+            arguments = ["measure", tmp_path / "lh.white", tmp_path / name, "--sources", "10"]
             result = CliRunner().invoke(cli.main, [str(part) for part in arguments])
             assert result.exit_code == 0, result.output
-            figures[name] = voxflat.measure(tmp_path / "lh.white", tmp_path / name, sources=30)
+            figures[name] = voxflat.measure(tmp_path / "lh.white", tmp_path / name, sources=10)
         errors = [found.raw.relative_error for found in figures.values()]
         scatter = [found.standard_error.raw.relative_error for found in figures.values()]
         assert errors[1] == pytest.approx(errors[0], rel=1e-4)
