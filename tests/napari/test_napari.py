@@ -1,5 +1,8 @@
 """The napari plugin in a real window: what it offers and what it computes."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from napari_maps import same_map
@@ -47,6 +50,10 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
             menu.aboutToShow.emit()
         return [action.text() for action in menu.actions()]
 
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    for named in re.findall(r"\*([A-Z]\w+(?: → [^*]+)+)\*", readme):
+        title, *path, entry = named.split(" → ")
+        assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
     names = ("Flatten surface", "Flatten in patches")
     assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
     assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in names]
@@ -194,7 +201,7 @@ def test_only_the_map_is_shown_then_the_volume_again(open_widget, qtbot):
     widget.results.toggle.click()
     viewer.layers.remove("T1 flattened")
     viewer.layers.remove("sheet distortion")
-    assert viewer.layers["sheet"].visible
+    qtbot.waitUntil(lambda: viewer.layers["sheet"].visible)
     assert not widget.results.toggle.isEnabled()
 
 
@@ -243,3 +250,16 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
     assert flat_map_reader(str(tmp_path / "other.npz")) is None
+
+
+def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
+    from napari._app_model import get_app_model
+
+    voxflat.flatten(cap(), method="voxflat").save(tmp_path / "map.npz")
+    answers = [str(tmp_path / "map.npz"), ""]
+    monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getOpenFileName", lambda *args: (answers.pop(0), ""))
+    viewer = make_napari_viewer()
+    for _ in range(2):  # the second time nothing is chosen
+        get_app_model().commands.execute_command("voxflat.read_flat_map").result()
+        assert [layer.name for layer in viewer.layers] == ["map distortion"]
+    assert answers == []

@@ -143,3 +143,15 @@ def test_saved_map_of_a_mesh_opens_in_napari(open_widget, tmp_path):
     opened = viewer.open(str(tmp_path / "map.npz"), plugin="voxflat")
     assert [layer.name for layer in opened] == ["map flat distortion", "map distortion"]
     assert_array_equal(opened[0].vertex_values, expected.distortion.per_point)
+
+
+def test_a_map_of_microns_fills_the_canvas(open_widget, qtbot):
+    points, faces, _ = bumps()
+    viewer, widget = open_widget(Surface((1000 * points, faces), name="bumps", units="micrometer"), show=True)
+    choose_whole(widget)
+    run(widget, qtbot)
+    extent = viewer.layers["bumps distortion"].extent.world * 1000
+    canvas = getattr(viewer, "scene", viewer).camera
+    shown = np.array(viewer.canvas.viewbox_size(viewer.layers)) / canvas.zoom
+    assert 0.85 < np.max((extent[1] - extent[0]) / shown) < 1
+    np.testing.assert_allclose(canvas.center[-2:], extent.mean(axis=0), atol=1e-3)

@@ -248,3 +248,65 @@ def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
         newest = [layer for layer in viewer.layers if layer.name.startswith("i flattened")][-1]
         means.append(np.nanmean(newest.data))
     assert 1 < means[1] - means[0] < 2  # the patch faces along i
+
+
+def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
+    """napari draws on: while it takes a layer away nothing else changes what is drawn."""
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
+    viewer.dims.ndisplay = 3
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert viewer.dims.ndisplay == 2
+    meanwhile = []
+    viewer.layers.events.removed.connect(lambda event: meanwhile.append(viewer.dims.ndisplay), position="last")
+    viewer.layers.clear()
+    assert set(meanwhile) == {2}
+    qtbot.waitUntil(lambda: viewer.dims.ndisplay == 3)
+    viewer.add_labels(cap())
+    viewer.add_points([[3, 3, 3]])
+    wait_until_drawn(viewer, qtbot)
+
+
+def test_a_surface_is_chosen_anew_when_the_chosen_one_is_gone(open_widget):
+    viewer, widget = open_widget(Labels(cap(), name="one"))
+    viewer.add_labels(cap(), name="two")
+    box = widget.form.surface
+    box.choose(viewer.layers["one"])
+    box.activated.emit(box.currentIndex())  # by the user
+    viewer.layers.clear()
+    assert box.layer is None
+    viewer.add_labels(cap(), name="three")
+    assert box.layer is viewer.layers["three"]
+
+
+def test_figures_say_of_which_map_they_are(open_widget, qtbot):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    assert widget.results.title.text() == "Map of <b>sheet</b>"
+    viewer.add_labels(np.zeros((9, 9, 9), np.uint8), name="empty")
+    widget.form.surface.choose(viewer.layers["empty"])
+    run(widget, qtbot)
+    assert "every voxel is 0" in widget.status.text()
+    assert widget.results.title.text() == "Still the earlier one: Map of <b>sheet</b>"
+
+
+def test_two_docks_fit_a_small_screen(open_widget, qtbot):
+    viewer, widget = open_widget(Labels(cap(), name="sheet"), show=True)
+    viewer.window.add_plugin_dock_widget("voxflat", "Flatten in patches")
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    window = viewer.window._qt_window
+    assert window.minimumSizeHint().height() <= 740
+    window.resize(1366, 740)
+    wait_until_drawn(viewer, qtbot)
+    assert (window.width(), window.height()) == (1366, 740)
+    bar = widget.scrolled.verticalScrollBar()
+    bar.setValue(bar.maximum())  # the last of the figures can be seen, and the buttons stay
+    inside = widget.results.save.mapTo(widget.scrolled.viewport(), widget.results.save.rect().center())
+    assert widget.scrolled.viewport().rect().contains(inside)
+    assert widget.start.visibleRegion().boundingRect() == widget.start.rect()
+    assert widget.scrolled.viewport().width() >= widget.scrolled.widget().minimumSizeHint().width()

@@ -13,22 +13,36 @@ from voxflat.atlases.saved import saved_kind
 from voxflat.maps.flat_map import load
 
 
-def flat_map_reader(path: str | list[str]) -> Callable[[str], list[LayerData]] | None:
+def flat_map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Offer to read an .npz file, if it is a flat map or an atlas of voxflat.
 
     Parameters
     ----------
-    path : str or list of str
-        The file, or files to be stacked, which flat maps are not.
+    path : str or list of str, optional
+        The file, or files to be stacked, which flat maps are not. Without one, as napari's command palette calls it,
+        the user is asked for the file, and it is opened.
 
     Returns
     -------
     callable or None
         Takes the path, and returns layers.
     """
+    if path is None:
+        _ask()
     if not isinstance(path, str):
         return None
     return {"map": _map, "atlas": _atlas, None: None}[saved_kind(path)]
+
+
+def _ask() -> None:
+    """Ask for a file, and open it in napari's window."""
+    from napari import current_viewer
+    from qtpy.QtWidgets import QFileDialog
+
+    viewer = current_viewer()
+    path, _ = QFileDialog.getOpenFileName(None, "Read a flat map", "", "Flat maps and atlases (*.npz)")
+    if viewer is not None and path:
+        viewer.open(path, plugin="voxflat")
 
 
 def _map(path: str) -> list[LayerData]:

@@ -73,6 +73,8 @@ class LayerChoice(QComboBox):
         """Offer the layers that are there now, and keep the choice if possible."""
         before = self.layer
         offered = [layer for layer in self._viewer.layers if self._rank(layer) is not None]
+        if before is not None and before not in offered:
+            self._by_user = False  # what was chosen is gone
         keep = before in offered or (before is None and self._by_user)
         wanted = before if keep else self._best(offered)
         self.blockSignals(True)

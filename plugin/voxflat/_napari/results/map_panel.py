@@ -6,7 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from napari.utils.notifications import show_error, show_info
-from qtpy.QtCore import Qt
+from qtpy.QtCore import Qt, QTimer
 from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from voxflat._napari.results.flat_layers import FlatLayers
@@ -44,6 +44,9 @@ class MapPanel(QWidget):
         self._viewer = viewer
         self.view = MapView(viewer)
         self.flat_map: FlatMap | Atlas | None = None
+        self.title = QLabel()
+        self.title.setWordWrap(True)
+        self.title.setTextFormat(Qt.TextFormat.RichText)
         self._figures = QGridLayout()
         self._figures.setColumnStretch(0, 1)
         self._figures.setVerticalSpacing(2)
@@ -63,11 +66,17 @@ class MapPanel(QWidget):
         buttons.addWidget(self.save)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.title)
         layout.addLayout(self._figures)
         layout.addWidget(self.warnings)
         layout.addWidget(colours)
         layout.addLayout(buttons)
         self.hide()
+        # amid napari's own work on a layer that goes, to turn the viewer to 3D leaves it drawing what is no more
+        self._after_removal = QTimer(self)
+        self._after_removal.setSingleShot(True)
+        self._after_removal.setInterval(0)
+        self._after_removal.timeout.connect(self._without_layers)
         viewer.layers.events.removed.connect(self._on_removed)
 
     def show_result(self, result: FlatLayers) -> None:
@@ -79,6 +88,7 @@ class MapPanel(QWidget):
             The map.
         """
         self.flat_map = result.flat_map
+        self._name_result("")
         self._show_figures(result.flat_map)
         if result.in_space:
             self.show_surface()
@@ -92,9 +102,20 @@ class MapPanel(QWidget):
         if self.view.shows_map:
             self._on_toggle()
 
+    def show_earlier(self) -> None:
+        """Say that what is shown is not of the run that just failed or was cancelled."""
+        if self.flat_map is not None:
+            self._name_result("Still the earlier one: ")
+
     def release(self) -> None:
         """Stop following the viewer."""
+        self._after_removal.stop()
         self._viewer.layers.events.removed.disconnect(self._on_removed)
+
+    def _name_result(self, before: str) -> None:
+        assert self.flat_map is not None
+        of = self.flat_map.metadata["napari"]["layer"]
+        self.title.setText(f"{before}{self._what.capitalize()} of <b>{escape(of)}</b>")
 
     def _show_figures(self, flat_map: FlatMap | Atlas) -> None:
         while item := self._figures.takeAt(0):
@@ -121,6 +142,10 @@ class MapPanel(QWidget):
         self.toggle.setEnabled(self.view.shows_map or bool(self.view.layers))
 
     def _on_removed(self) -> None:
+        if not self.view.layers:
+            self._after_removal.start()
+
+    def _without_layers(self) -> None:
         if not self.view.layers:
             self.show_surface()
             self._name_toggle()

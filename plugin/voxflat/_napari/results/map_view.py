@@ -144,12 +144,18 @@ class _State:
 
 def _frame(viewer: Viewer, layers: Sequence[Layer]) -> None:
     """Fit layers of two dimensions into the canvas, which `Viewer.reset_view` can do only in a viewer of two."""
-    corners = np.array([layer.extent.world for layer in layers])
+    corners = np.array([layer.extent.world * _in_units_of(viewer, layer) for layer in layers])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     canvas = viewer.canvas.viewbox_size(viewer.layers) if hasattr(viewer, "canvas") else viewer._canvas_size
     camera = _camera(viewer)
     camera.center = (0, *((low + high) / 2))
     camera.zoom = (1 - _MARGIN) * float(np.min(np.asarray(canvas) / (high - low)))
+
+
+def _in_units_of(viewer: Viewer, layer: Layer) -> float:
+    """Return what a layer's unit is in that of the viewer, which is the smallest of its layers'."""
+    units = getattr(viewer.layers.extent, "units", None)
+    return 1.0 if units is None else float((1 * layer.units[-1]).to(units[-1]).magnitude)
 
 
 def _grid(viewer: Viewer, enabled: bool) -> None:

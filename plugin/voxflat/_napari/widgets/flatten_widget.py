@@ -6,8 +6,18 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from napari.utils.notifications import notification_manager, show_error
-from qtpy.QtCore import QEvent, QTimer
-from qtpy.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from qtpy.QtCore import QEvent, QSize, Qt, QTimer
+from qtpy.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QStyle,
+    QVBoxLayout,
+    QWidget,
+)
 
 from voxflat._napari.results import report
 from voxflat._napari.results.flat_layers import FlatLayers
@@ -65,16 +75,23 @@ class FlattenWidget(QWidget):
         self.status.setWordWrap(True)
 
     def _lay_out(self) -> None:
+        """Put what is asked and what came out where it scrolls, and what one presses below, where it stays."""
+        inside = QWidget()
+        column = QVBoxLayout(inside)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.form)
+        column.addWidget(self.results)
+        column.addStretch(1)
+        self.scrolled = _Scroll()
+        self.scrolled.setWidget(inside)
         actions = QHBoxLayout()
         actions.addWidget(self.start, 2)
         actions.addWidget(self.stop, 1)
         layout = QVBoxLayout(self)
-        layout.addWidget(self.form)
+        layout.addWidget(self.scrolled, 1)
         layout.addLayout(actions)
         layout.addWidget(self.bar)
         layout.addWidget(self.status)
-        layout.addWidget(self.results)
-        layout.addStretch(1)
 
     # --------------------------------------------------------------------------------------- flattening
 
@@ -85,6 +102,7 @@ class FlattenWidget(QWidget):
         try:
             worker = JobWorker(self.form.job())
         except VoxflatError as error:
+            self.results.show_earlier()
             self._fail(str(error))
             return
         worker.returned.connect(self._on_returned)
@@ -133,6 +151,7 @@ class FlattenWidget(QWidget):
         self._viewer.status = summary
 
     def _on_errored(self, error: Exception) -> None:
+        self.results.show_earlier()
         if isinstance(error, Cancelled):
             return
         if isinstance(error, VoxflatError | MemoryError | OSError):
@@ -164,3 +183,28 @@ class FlattenWidget(QWidget):
         self.cancel()
         self.form.release()
         self.results.release()
+
+
+class _Scroll(QScrollArea):
+    """Scrolls up and down only: it is as wide as what it holds."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
+        if watched is self.widget() and event.type() == QEvent.Type.LayoutRequest:
+            self.updateGeometry()
+        return bool(super().eventFilter(watched, event))
+
+    def minimumSizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        inside, bar, style = self.widget(), self.verticalScrollBar(), self.style()
+        assert inside is not None
+        assert bar is not None
+        assert style is not None
+        beside = bar.sizeHint().width() + style.pixelMetric(QStyle.PixelMetric.PM_ScrollView_ScrollBarSpacing)
+        around = self.contentsMargins()
+        width = inside.minimumSizeHint().width() + beside + around.left() + around.right()
+        return QSize(width, super().minimumSizeHint().height())
