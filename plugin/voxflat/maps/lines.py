@@ -154,7 +154,7 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
 
 
 def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return edges (E, 2), smaller number first; those of each face (F, 3), corner k to k + 1; how many faces share one."""
+    """Return edges (E, 2), smaller number first; each face's (F, 3), corner k to k + 1; how many faces have one."""
     faces = faces.astype(np.int64)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = ends.min(axis=2) * count + ends.max(axis=2)

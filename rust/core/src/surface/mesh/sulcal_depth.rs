@@ -33,19 +33,22 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 /// let sheet = shapes::surface(shapes::sheet(30, 30));
 /// let waves = sheet.points().iter().map(|p| [p.x, p.y, (p.x * std::f64::consts::PI / 5.0).cos()].into()).collect();
 /// let depth = sulcal_depth(&sheet.moved(waves)?, 70.0, &Control::default())?;
-/// assert!(depth[15 * 31 + 15] > 0.8); // in a valley, at x = 15, y = 15
-/// assert!(depth[15 * 31 + 10] < -0.8); // on a ridge
+/// let at = |x: usize| depth[31 * x + 15]; // in the middle of its row
+/// assert!(at(15) - at(10) > 1.8); // from a valley to a ridge
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     control.begin("sulcal depth", STEPS as u64);
     let stiffness = Stiffness::new(surface);
-    let components = surface.components();
+    let components = surface.components(); // of the faces
+    let mut of = vec![0; surface.len()];
+    for (face, &component) in surface.faces().iter().zip(&components.labels) {
+        face.iter().for_each(|&v| of[v as usize] = component);
+    }
     let first_mass = masses(surface.points(), surface.faces());
-    let centres = means(surface.points(), &first_mass, &components.labels, components.count());
+    let centres = means(surface.points(), &first_mass, &of, components.count());
     // from each component's own centre: shrinking is towards it, and numbers stay small
-    let mut x: Vec<Vector3<f64>> =
-        surface.points().iter().zip(&components.labels).map(|(p, &c)| p - centres[c as usize]).collect();
+    let mut x: Vec<Vector3<f64>> = surface.points().iter().zip(&of).map(|(p, &c)| p - centres[c as usize]).collect();
     let mut depth = vec![0.0; x.len()];
     for _ in 0..STEPS {
         let areas = masses(&x, surface.faces());
@@ -61,8 +64,8 @@ pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<V
         control.advance();
     }
     let level: Vec<Vector3<f64>> = depth.iter().map(|&d| [d, 0.0, 0.0].into()).collect();
-    let level = means(&level, &first_mass, &components.labels, components.count());
-    Ok(depth.iter().zip(&components.labels).map(|(d, &c)| d - level[c as usize].x).collect())
+    let level = means(&level, &first_mass, &of, components.count());
+    Ok(depth.iter().zip(&of).map(|(d, &c)| d - level[c as usize].x).collect())
 }
 
 /// The mean over each component, vertices weighted by their areas.
@@ -126,8 +129,8 @@ mod tests {
         let n = points.len() as i64;
         let two: Vec<[f64; 3]> = points
             .iter()
-            .map(|p| p.map(|x| 30.0 * x))
-            .chain(points.iter().map(|p| [20.0 * p[0] + 100.0, 20.0 * p[1], 20.0 * p[2]]))
+            .map(|p| p.map(|x| 60.0 * x))
+            .chain(points.iter().map(|p| [40.0 * p[0] + 200.0, 40.0 * p[1], 40.0 * p[2]]))
             .collect();
         let both: Vec<[i64; 3]> = faces.iter().copied().chain(faces.iter().map(|f| f.map(|v| v + n))).collect();
         let together = depth(&shapes::surface((two, both)));
