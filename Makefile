@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-store soak paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -96,8 +96,16 @@ $(CT):
 paper-saucan: setup $(CT) ## the figures of Appleboim, Saucan, Zeevi (2006), paper beside ours; the CT comes from Debian
 	$(RUN) python docs/paper/saucan.py $(CT)
 
-pictures: demo ## the pictures of the docs
-	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+T1PREP := .tools/t1prep
+
+$(T1PREP):
+	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1
+
+gallery: demo $(T1PREP) ## the pictures of docs/gallery.md
+	$(RUN) python docs/gallery/flat_maps.py demo/map.npz $(T1PREP) docs/pictures
+
+pictures: demo gallery ## the pictures of the docs
+	cp demo/folds.png demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py

@@ -138,6 +138,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")
     pictures: dict[str, Callable[[Path], None]] = {
+        "folds.png": lambda path: figures.save(figures.flat_map(flat_map), path),
         "flat_image.png": lambda path: figures.save(_flat_image(flat_map, t1, "T1"), path),
         "grey_matter.png": lambda path: figures.save(_flat_image(flat_map, grey_matter, "Grey matter"), path),
         "heat_map.png": lambda path: figures.save(figures.heat_map(flat_map), path),
@@ -159,7 +160,8 @@ def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
     from voxflat import figures
 
     # right at the border of white matter T1 is the same everywhere
-    return figures.flat_image(flat_map, volume, depth=DEPTH, title=f"{name}, {DEPTH:g} mm outside white matter")
+    label = f"{name}, {DEPTH:g} mm outside white matter"
+    return figures.flat_map(flat_map, volume, depth=DEPTH, colour_map="gray", label=label)
 
 
 def _summary(flat_map: FlatMap, seconds: float) -> str:

@@ -10,10 +10,7 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, figures
-from voxflat.figures.maps import _add_scale_bar
 from voxflat.figures.space import load_pyvista
-from voxflat.io.volumes import Volume
-from voxflat.maps.raster import FlatImage
 
 SHAPE = (22, 26, 12)
 
@@ -130,7 +127,7 @@ def test_heat_map_is_drawn_where_the_map_lies(flat_map):
 
 
 def test_axes_hold_the_whole_map(flat_map):
-    for figure in (figures.heat_map(flat_map), figures.flat_image(flat_map, solid())):
+    for figure in (figures.heat_map(flat_map),):
         (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
         assert left < flat_map.uv[:, 0].min() < flat_map.uv[:, 0].max() < right
         assert bottom < flat_map.uv[:, 1].min() < flat_map.uv[:, 1].max() < top
@@ -139,74 +136,6 @@ def test_axes_hold_the_whole_map(flat_map):
 def test_a_map_without_error_can_be_shown(flat_map):
     figure = figures.heat_map(with_errors(flat_map, np.zeros(len(flat_map))))
     assert the_image(figure).get_clim() == (0, 1)
-
-
-# ---------------------------------------------------------------------------------------- flat image
-
-
-def test_flat_image_shows_scalars_in_grey(flat_map):
-    volume = np.random.default_rng(0).normal(size=SHAPE)
-    figure = figures.flat_image(flat_map, volume, title="noise")
-    image = the_image(figure)
-    expected = flat_map.image(volume).data
-    np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.nan), expected)
-    assert image.get_cmap().name == "gray"
-    assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(expected, (1, 99))))
-    assert the_bar(figure).get_ylim() == pytest.approx(image.get_clim())
-    assert figure.axes[0].get_title() == "noise"
-
-
-def test_flat_image_gives_each_label_a_colour_and_names_it(flat_map):
-    labels = np.full(SHAPE, 4, dtype=np.uint8)
-    labels[:, :, 6:] = 9
-    figure = figures.flat_image(flat_map, labels)
-    legend = figure.axes[0].get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == ["4", "9"]
-    shown, data = the_image(figure).get_array(), flat_map.image(labels).data
-    for handle, label in zip(legend.legend_handles, (4, 9), strict=True):
-        colour = np.round(255 * np.array(handle.get_facecolor())).astype(int).tolist()
-        assert np.unique(shown[data == label], axis=0).tolist() == [colour]
-    assert (shown[np.isnan(data), 3] == 0).all()
-
-
-def test_flat_image_names_no_more_labels_than_can_be_read(flat_map):
-    labels = np.indices(SHAPE)[1]
-    assert figures.flat_image(flat_map, labels.astype(np.int16)).axes[0].get_legend() is None
-
-
-def test_flat_image_shows_colours_as_they_are(flat_map):
-    colours = np.random.default_rng(0).integers(0, 255, (*SHAPE, 3), dtype=np.uint8)
-    shown = the_image(figures.flat_image(flat_map, colours)).get_array()
-    np.testing.assert_array_equal(shown, flat_map.image(colours).data)
-
-
-def test_scale_bar_is_as_long_as_it_says(flat_map):
-    axes = figures.flat_image(flat_map, solid()).axes[0]
-    (bar,) = axes.lines
-    (text,) = axes.texts
-    length = float(np.ptp(bar.get_xdata()))
-    assert text.get_text() == f"{length:g} mm"
-    assert length in (1, 2, 5, 10)
-    width = np.ptp(flat_map.uv[:, 0])
-    assert width / 10 < length < 0.3 * width
-
-
-@pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
-def test_scale_bar_hides_least_of_the_map(corner):
-    shown = np.ones((40, 60))
-    row, column = corner
-    shown[20 * row : 20 * row + 20, 30 * column : 30 * column + 30] = np.nan  # the only corner without a map
-    axes = Figure().subplots()
-    _add_scale_bar(axes, FlatImage(shown, 1.0, (0.0, 0.0), "made up"))
-    (bar,) = axes.lines
-    right, low = np.mean(bar.get_xdata()) > 30, np.mean(bar.get_ydata()) < -20
-    assert (int(low), int(right)) == corner
-
-
-def test_flat_image_refuses_a_volume_elsewhere(flat_map):
-    away = Volume(solid().astype(np.float32), np.array([[1, 0, 0, 900], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
-    with pytest.raises(InputError, match="no value anywhere on the map"):
-        figures.flat_image(flat_map, away)
 
 
 # ------------------------------------------------------------------------------------------ spectrum

@@ -1,4 +1,4 @@
-"""Figures: `scatter`, `heat_map(s)`, `flat_image`, `spectrum`, `patch_3d` of maps; `atlas_page`, ... of atlases.
+"""Figures: `flat_map`, `scatter`, `heat_map(s)`, `spectrum`, `patch_3d` of maps; `atlas_page`, ... of atlases.
 
 The two in space return a picture, which `save_picture` writes, drawn by PyVista. The others return a
 `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
@@ -7,14 +7,15 @@ threads, and beside the user's own figures.
 
 from voxflat.figures.atlases import atlas_heat_map, atlas_page
 from voxflat.figures.files import save, save_picture
-from voxflat.figures.maps import flat_image, heat_map, heat_maps, scatter, spectrum
+from voxflat.figures.flat_maps import flat_map
+from voxflat.figures.maps import heat_map, heat_maps, scatter, spectrum
 from voxflat.figures.space import atlas_3d, patch_3d
 
 __all__ = [
     "atlas_3d",
     "atlas_heat_map",
     "atlas_page",
-    "flat_image",
+    "flat_map",
     "heat_map",
     "heat_maps",
     "patch_3d",

@@ -7,17 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from voxflat.errors import InputError
+from voxflat.figures.layers import name_layers
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, as_text
 
 __all__ = ["save", "save_picture"]
 
 _DPI = 200
+_TEXT: Any = {"svg.fonttype": "none", "svg.hashsalt": "voxflat", "pdf.fonttype": 42}
+"""Text stays text, to be edited; equal figures are equal files."""
 
 
 def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = None) -> None:
@@ -28,7 +32,8 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     figure : matplotlib.figure.Figure
         A figure.
     path : path
-        Ends in ``.png``, ``.pdf``, ``.svg`` or another ending that matplotlib writes.
+        Ends in ``.png``, ``.pdf``, ``.svg`` or another ending that matplotlib writes. Names are text in SVG and PDF; an
+        SVG of `flat_map` has layers that Inkscape shows by name.
     record : dict, optional
         What made it, for PNG's text, PDF's subject, SVG's description.
 
@@ -44,7 +49,10 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     if kind not in figure.canvas.get_supported_filetypes():
         raise InputError(f"cannot write a figure as {path.name}; give a name that ends in .png, .pdf or .svg")
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format=kind, dpi=_DPI, metadata=_metadata(kind, record))
+        with rc_context(_TEXT):
+            figure.savefig(temporary, format=kind, dpi=max(_DPI, figure.dpi), metadata=_metadata(kind, record))
+        if kind == "svg":
+            name_layers(temporary)
 
 
 def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:

@@ -1,8 +1,7 @@
-"""Figures of maps in the plane: `scatter`, `heat_map`, `heat_maps`, `flat_image`, `spectrum`."""
+"""Figures of what flattening did: `scatter`, `heat_map`, `heat_maps`, `spectrum`."""
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,13 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
 from voxflat.judging.measure import Comparison
-from voxflat.maps.colours import WINDOW, label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["flat_image", "heat_map", "heat_maps", "scatter", "spectrum"]
+__all__ = ["heat_map", "heat_maps", "scatter", "spectrum"]
 
 _USED, _POSITIVE, _NEGATIVE = "#c1440e", "#8a9ba8", "#ffffff"
 _OUTLINE = "#606060"
-_MOST_LABELS = 12  # in a legend
 
 
 def scatter(flat_map: FlatMap) -> Figure:
@@ -120,55 +117,6 @@ def heat_maps(comparison: Comparison) -> Figure:
     return figure
 
 
-def flat_image(
-    flat_map: FlatMap,
-    volume: object,
-    pixel_size: float | None = None,
-    *,
-    depth: float = 0.0,
-    interpolation: str | None = None,
-    title: str | None = None,
-) -> Figure:
-    """Show a volume on the flat map.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        A flat map.
-    volume, pixel_size, depth, interpolation
-        As in `FlatMap.image`.
-    title : str, optional
-        By default the volume's file name, if it has one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Scalars in grey from the 1st to the 99th percentile, labels each in a colour of its own, colours as they are;
-        axes and scale bar in mm.
-
-    Raises
-    ------
-    InputError
-        As in `FlatMap.image`, or if the volume lies elsewhere than the map.
-    """
-    image = flat_map.image(volume, pixel_size, depth=depth, interpolation=interpolation)
-    if not _inside(image).any():
-        raise InputError("the volume has no value anywhere on the map; do their affines agree?")
-    figure, axes = _map_axes(image)
-    if image.is_colour:
-        axes.imshow(image.data, **_placed(image))
-    elif image.is_labels:
-        axes.imshow(label_colours(image.data), **_placed(image))
-        _name_labels(axes, image)
-    else:
-        low, high = np.nanpercentile(image.data, WINDOW)
-        shown = axes.imshow(image.data, cmap="gray", vmin=low, vmax=high, **_placed(image))
-        _add_colour_bar(axes, shown, "", extend="both")
-    _add_scale_bar(axes, image)
-    axes.set_title(title if title is not None else "" if image.name == "volume" else image.name)
-    return figure
-
-
 def spectrum(flat_map: FlatMap) -> Figure:
     """Plot the eigenvalues of the scaling: two that stand out mean a surface that unfolds into the plane.
 
@@ -232,39 +180,3 @@ def _inside(image: FlatImage) -> NDArray[np.bool_]:
 
 def _add_colour_bar(axes: Axes, shown: Any, label: str, **options: Any) -> None:
     axes.figure.colorbar(shown, ax=axes, label=label, fraction=0.045, pad=0.03, aspect=22, **options)
-
-
-def _name_labels(axes: Axes, image: FlatImage) -> None:
-    inside = _inside(image)
-    labels, first = np.unique(image.data[inside], return_index=True)
-    if len(labels) > _MOST_LABELS:
-        return
-    colours = label_colours(image.data)[inside][first] / 255
-    handles = [Patch(color=colour, label=f"{label:g}") for label, colour in zip(labels, colours, strict=True)]
-    axes.legend(handles=handles, title="label", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-
-
-def _add_scale_bar(axes: Axes, image: FlatImage) -> None:
-    """Draw a round length, up to a quarter of the image's width, in the corner where it hides least of the map."""
-    left, right, bottom, upper = image.extent
-    room = (right - left) / 4
-    power = 10.0 ** np.floor(np.log10(room))
-    length = power * max(step for step in (1, 2, 5) if step * power <= room)
-    inside = _inside(image)
-    high = int(np.ceil(0.08 * inside.shape[0]))
-    wide = int(np.ceil(length / (right - left) * inside.shape[1]))
-    rows = {"bottom": slice(-high, None), "top": slice(None, high)}
-    columns = {"right": slice(-wide, None), "left": slice(None, wide)}
-    at_row, at_column = min(product(rows, columns), key=lambda at: inside[rows[at[0]], columns[at[1]]].sum())
-    start = right - length if at_column == "right" else left
-    height = bottom if at_row == "bottom" else upper
-    axes.plot([start, start + length], [height, height], color="black", linewidth=3, solid_capstyle="butt")
-    axes.annotate(
-        f"{length:g} mm",
-        (start + length / 2, height),
-        xytext=(0, 4 if at_row == "bottom" else -4),
-        textcoords="offset points",
-        ha="center",
-        va="bottom" if at_row == "bottom" else "top",
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1},
-    )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colours", "levels"]
+__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colour", "label_colours", "levels", "passing"]
 
 WINDOW = (1, 99)
 """Percentiles that are shown as the ends of a colour map: black and white."""
@@ -99,17 +99,41 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
     return np.clip((data - low) / ((high - low) or 1.0), 0, 1), (low, high)
 
 
+def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
+    """Tell which values pass thresholds.
+
+    Parameters
+    ----------
+    data : ndarray
+        Values; NaN passes none.
+    above, below : float, optional
+        Greater and less than what values are. With both: where `below` is less than `above`, what is beyond either, as
+        of a statistic with two sides; else what is between them.
+
+    Returns
+    -------
+    ndarray of bool
+        Of the same shape.
+    """
+    with np.errstate(invalid="ignore"):
+        higher = data > above if above is not None else np.isfinite(data)
+        lower = data < below if below is not None else np.isfinite(data)
+    two_sided = above is not None and below is not None and below < above
+    return np.asarray((higher | lower) if two_sided else (higher & lower))
+
+
 def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:
     """Return a colour for every label (H, W, 4): the same in every image, and unlike its neighbours in number."""
     inside = np.isfinite(data)
     labels, which = np.unique(data[inside], return_inverse=True)
     pixels = np.zeros((*data.shape, 4), dtype=np.uint8)
-    pixels[inside, :3] = np.array([_colour(int(label)) for label in labels], dtype=np.uint8).reshape(-1, 3)[which]
+    pixels[inside, :3] = np.array([label_colour(int(label)) for label in labels], dtype=np.uint8).reshape(-1, 3)[which]
     pixels[inside, 3] = 255
     return pixels
 
 
-def _colour(label: int) -> tuple[int, int, int]:
+def label_colour(label: int) -> tuple[int, int, int]:
+    """Return the colour of a label that has none of its own: red, green, blue from 0 to 255."""
     if label == 0:
         return _UNLABELLED
     hue, saturation, value = label * _GOLDEN_RATIO % 1, (0.9, 0.55)[label % 2], (1.0, 0.8, 0.6)[label % 3]

@@ -35,7 +35,7 @@ __all__ = ["FlatMap", "load"]
 
 MAP_ENDINGS = (".npz", ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
-_FORMAT = 4
+_FORMAT = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +72,11 @@ class FlatMap(Planar):
     bridges : ndarray of int64, shape (B, 3)
         Vertices of triangles that the mesh has and the map has not, though all their corners are in the map: a patch
         file must not bring them back.
+    curvature : ndarray of float64, shape (N,), or None
+        Mean curvature at the points, 1/mm, positive on gyri: `Surface.mean_curvature` of the whole surface, before it
+        was cut. None for the method "grossmann2002", whose surface has no triangles.
+    sulcal_depth : ndarray of float64, shape (N,), or None
+        How deep in a fold they lie, mm, positive in sulci: `Surface.sulcal_depth`, likewise.
     """
 
     uv: NDArray[np.float64]
@@ -86,6 +91,8 @@ class FlatMap(Planar):
     metadata: dict[str, Any]
     rows: NDArray[np.float32] | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    curvature: NDArray[np.float64] | None = None
+    sulcal_depth: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -326,6 +333,9 @@ class FlatMap(Planar):
         if self.distortion.triangles is not None:
             arrays["distortion_areal"] = self.distortion.triangles.areal
             arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
+        for name in ("curvature", "sulcal_depth"):
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = self.rows
         text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)

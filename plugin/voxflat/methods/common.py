@@ -112,6 +112,7 @@ def map_over_triangles(
         warnings.append(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
+    anatomy = cut.anatomy(how.threads, how.progress)
     merged, places = part.also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
@@ -132,6 +133,7 @@ def map_over_triangles(
         metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
         rows=rows,
         bridges=part.bridges(cut.faces),
+        **{name: values[rows_of] for name, values in anatomy.items()},
     )
 
 

@@ -40,6 +40,16 @@ class Cutout:
     is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
     is_whole: bool  # whether nothing was left out of what was handed over
 
+    def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
+        """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
+        of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
+        found = {}
+        for name, of in of_whole.items():
+            placed = np.full(self.whole.count, np.nan)
+            placed[self.whole.vertices] = of(threads=threads, progress=progress)
+            found[name] = placed[self.part.vertices]
+        return found
+
 
 def cut_out(
     whole: Surface,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import log
+from voxflat.arguments import Progress, checked_number, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
@@ -172,6 +172,69 @@ class Surface:
         apart = np.linalg.norm((self.ids - np.asarray(place)) @ linear.T, axis=1)
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
+
+    def mean_curvature(
+        self, smoothing: float = 2.0, *, threads: int | None = None, progress: Progress | None = None
+    ) -> NDArray[np.float64]:
+        """Return how much the surface bends at each vertex: outwards on gyri, inwards in sulci.
+
+        Parameters
+        ----------
+        smoothing : float
+            Standard deviation of a Gaussian along the surface by which it is averaged, mm; 0 for none. 2 mm are about
+            what FreeSurfer's ``curv`` has, whose sign is the other one.
+        threads, progress
+            As in `voxflat.flatten`.
+
+        Returns
+        -------
+        ndarray of float64, shape (N,)
+            1/mm: ½ (κ₁ + κ₂), positive where it bulges outwards (Cohen-Steiner, Morvan 2003).
+
+        Raises
+        ------
+        InputError
+            If the smoothing is negative or not finite.
+        Cancelled
+            If `progress` returned False.
+        """
+        length = checked_number(smoothing, "smoothing")
+        if not 0 <= length < np.inf:
+            raise InputError(f"smoothing is {smoothing!r}; give a length in mm, 0 for none")
+        return self.core.mean_curvature(length, checked_threads(threads), progress)
+
+    def sulcal_depth(
+        self, flow: float = 70.0, *, threads: int | None = None, progress: Progress | None = None
+    ) -> NDArray[np.float64]:
+        """Return how deep in a fold each vertex lies: how far it moves outwards while the surface unfolds.
+
+        As FreeSurfer's ``sulc`` it is the displacement along the outer normal, added up; the surface unfolds by a mean
+        curvature flow that cannot tear it (Kazhdan, Solomon, Ben-Chen 2012).
+
+        Parameters
+        ----------
+        flow : float
+            How long it flows, mm²: folds of a wavelength λ shrink by exp(−(2π/λ)² flow). 70 mm² are for the human
+            cortex; for others, as the square of their size.
+        threads, progress
+            As in `voxflat.flatten`.
+
+        Returns
+        -------
+        ndarray of float64, shape (N,)
+            mm: positive in sulci, negative on gyri, 0 on average over the area of each component.
+
+        Raises
+        ------
+        InputError
+            If the flow is not positive.
+        Cancelled
+            If `progress` returned False.
+        """
+        time = checked_number(flow, "flow")
+        if not 0 < time < np.inf:
+            raise InputError(f"flow is {flow!r}; give a positive number of mm²")
+        return self.core.sulcal_depth(time, checked_threads(threads), progress)
 
     def merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return vertices of the whole surface, each replaced by the one that it was merged with.

@@ -2,7 +2,7 @@
 //!
 //! | module | concept |
 //! |---|---|
-//! | [`mesh`] | the [`Surface`] itself, loose triangles joined to one, paths along its edges, curvature |
+//! | [`mesh`] | the [`Surface`] itself, loose triangles joined to one, paths along its edges, curvature, sulcal depth |
 //! | [`topology`] | components, handles and the loops around them, boundary loops; thin places |
 //! | [`cuts`] | along paths, or until a disk is left; small holes closed |
 //! | [`decimate`] | fewer vertices, each of them one of the surface's own |

@@ -9,6 +9,8 @@ use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::geodesic::engine::Engine;
+use voxflat::surface::mesh::curvature::smooth_mean_curvature;
+use voxflat::surface::mesh::sulcal_depth::sulcal_depth;
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
@@ -17,6 +19,34 @@ use crate::work::run;
 
 #[pymethods]
 impl Surface {
+    /// The mean curvature (N), 1/mm, averaged over `smoothing` mm.
+    #[pyo3(signature = (smoothing, threads=None, progress=None))]
+    fn mean_curvature<'py>(
+        &self,
+        py: Python<'py>,
+        smoothing: f64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let inner = Arc::clone(&self.0);
+        let work = move |control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
+        Ok(run(py, threads, progress.as_ref(), work)?.into_pyarray(py))
+    }
+
+    /// The sulcal depth (N), mm, by a flow of so many mm².
+    #[pyo3(signature = (flow, threads=None, progress=None))]
+    fn sulcal_depth<'py>(
+        &self,
+        py: Python<'py>,
+        flow: f64,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let inner = Arc::clone(&self.0);
+        let work = move |control: &_| sulcal_depth(&inner.surface, flow, control);
+        Ok(run(py, threads, progress.as_ref(), work)?.into_pyarray(py))
+    }
+
     /// What a map (N, 2) does to the triangles.
     #[pyo3(signature = (uv, progress=None))]
     fn measure<'py>(

@@ -1,6 +1,14 @@
 //! How a surface bends: outwards on the crown of a gyrus, inwards in the depth of a sulcus.
 
+use nalgebra::Vector3;
+
+use crate::control::Control;
+use crate::error::Result;
 use crate::surface::mesh::Surface;
+use crate::surface::mesh::diffusion::{Stiffness, masses};
+
+/// Steps of diffusion: with three, what is spread is near to Gaussian.
+const STEPS: usize = 3;
 
 /// The mean curvature at each vertex, 1/mm: positive where the surface bulges outwards (1/r on a ball of radius r), negative in
 /// a fold's depth.
@@ -18,6 +26,55 @@ use crate::surface::mesh::Surface;
 /// assert!(mean_curvature(&sphere, 4).iter().all(|bend| (bend - 1.0).abs() < 0.05));
 /// ```
 pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
+    let mut bend = bends(surface);
+    let mut area = masses(surface.points(), surface.faces());
+    for _ in 0..rings {
+        (bend, area) = (gathered(surface, &bend), gathered(surface, &area));
+    }
+    bend.iter().zip(&area).map(|(bend, area)| if *area > 0.0 { bend / area } else { 0.0 }).collect()
+}
+
+/// The mean curvature at each vertex, 1/mm, averaged along the surface by a Gaussian of standard deviation `smoothing`, mm: as
+/// [`mean_curvature`], but by a length instead of rings, so that it depends little on how fine the triangles are.
+///
+/// The integrals of the edges are b; (M + t L)ⁿ h = b with the vertices' areas M, the stiffness of linear finite elements L, and
+/// n t = smoothing² / 2. Nothing flows through a boundary.
+///
+/// # Errors
+/// [`Error::Cancelled`](crate::Error::Cancelled).
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::surface::mesh::curvature::smooth_mean_curvature;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sphere = shapes::surface(shapes::sphere(4)); // of radius 1
+/// let curvature = smooth_mean_curvature(&sphere, 0.2, &Control::default())?;
+/// assert!(curvature.iter().all(|bend| (bend - 1.0).abs() < 0.05));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
+    control.begin("mean curvature", STEPS as u64);
+    let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));
+    let mut curvature: Vec<Vector3<f64>> = bend
+        .iter()
+        .zip(&area)
+        .map(|(bend, area)| [if *area > 0.0 { bend / area } else { 0.0 }, 0.0, 0.0].into())
+        .collect();
+    if smoothing > 0.0 {
+        let stiffness = Stiffness::new(surface);
+        for _ in 0..STEPS {
+            let b: Vec<Vector3<f64>> = curvature.iter().zip(&area).map(|(h, area)| h * *area).collect();
+            stiffness.solve(&area, smoothing * smoothing / (2 * STEPS) as f64, &b, &mut curvature, control)?;
+            control.advance();
+        }
+    }
+    Ok(curvature.into_iter().map(|h| h.x).collect())
+}
+
+/// Each vertex's part of the integral of the mean curvature, mm: of each of its edges ½ β · length / 2.
+fn bends(surface: &Surface) -> Vec<f64> {
     let normals = surface.face_normals();
     let mut bend = vec![0.0; surface.len()];
     for h in surface.edges().filter(|&h| surface.is_inner(h)) {
@@ -29,14 +86,7 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
         let angle = if length > 0.0 { (turn / length).atan2(left.dot(&right)) } else { 0.0 };
         [a, b].iter().for_each(|&v| bend[v as usize] -= angle * length / 4.0);
     }
-    let mut area = vec![0.0; surface.len()];
-    for (face, size) in surface.faces().iter().zip(surface.areas()) {
-        face.iter().for_each(|&v| area[v as usize] += size / 3.0);
-    }
-    for _ in 0..rings {
-        (bend, area) = (gathered(surface, &bend), gathered(surface, &area));
-    }
-    bend.iter().zip(&area).map(|(bend, area)| if *area > 0.0 { bend / area } else { 0.0 }).collect()
+    bend
 }
 
 /// Each vertex's value and its neighbours', added up.
@@ -65,6 +115,32 @@ mod tests {
         assert!(off(&sphere, 0, 1.0) < 0.6 && off(&sphere, 1, 1.0) < 0.08 && off(&sphere, 4, 1.0) < 0.03);
         let twice = sphere.moved(sphere.points().iter().map(|p| p * 2.0).collect()).unwrap();
         assert!(off(&twice, 4, 0.5) < 0.03);
+    }
+
+    #[test]
+    fn smoothing_by_a_length_does_not_ask_for_triangles() {
+        let cancelled = Control::default();
+        for times in [4, 5] {
+            let sphere = shapes::surface(shapes::sphere(times));
+            let smooth = smooth_mean_curvature(&sphere, 0.3, &cancelled).unwrap();
+            assert!(smooth.iter().all(|h| (h - 1.0).abs() < 0.03));
+        }
+        // on shallow waves z = a cos(k x) the curvature is a k² / 2 cos(k x), and smoothing takes exp(−k² σ² / 2) of it
+        let (a, k, sigma) = (0.1, std::f64::consts::PI / 10.0, 2.0);
+        for fine in [1usize, 2] {
+            let sheet = shapes::surface(shapes::sheet(40 * fine, 20 * fine));
+            let scaled = |x: f64| x / fine as f64;
+            let waves = |p: &Vector3<f64>| [scaled(p.x), scaled(p.y), a * (k * scaled(p.x)).cos()].into();
+            let surface = sheet.moved(sheet.points().iter().map(waves).collect()).unwrap();
+            let smooth = smooth_mean_curvature(&surface, sigma, &cancelled).unwrap();
+            let most = a * k * k / 2.0;
+            for (p, h) in surface.points().iter().zip(smooth) {
+                let expected = most * (k * p.x).cos() * (-k * k * sigma * sigma / 2.0).exp();
+                assert!(p.x < 10.0 || p.x > 30.0 || (h - expected).abs() < 0.05 * most, "{p} {h} {expected}");
+            }
+        }
+        cancelled.cancel();
+        assert!(smooth_mean_curvature(&shapes::surface(shapes::sphere(3)), 1.0, &cancelled).is_err());
     }
 
     #[test]

@@ -5,10 +5,12 @@
 //! [`ids`](Surface::ids) say which vertex of the input each vertex is.
 
 pub mod curvature;
+pub(crate) mod diffusion;
 pub mod loose;
 mod mend;
 pub mod paths;
 pub mod shapes;
+pub mod sulcal_depth;
 
 use nalgebra::Vector3;
 

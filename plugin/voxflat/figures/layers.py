@@ -1,0 +1,70 @@
+"""Layers of a figure in SVG files: those that Inkscape shows by name."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+__all__ = ["LAYERS", "name_layers"]
+
+LAYERS = ("curvature", "data", "parcels", "names", "marks")
+"""Layers of a flat map, from below, by the gid of the artists that they hold."""
+
+_SVG = "http://www.w3.org/2000/svg"
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+_PREFIXES = {
+    "": _SVG,
+    "xlink": "http://www.w3.org/1999/xlink",
+    "inkscape": _INKSCAPE,
+    "cc": "http://creativecommons.org/ns#",
+    "dc": "http://purl.org/dc/elements/1.1/",
+    "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
+}
+
+
+def name_layers(path: Path) -> None:
+    """Sort what an SVG file of matplotlib draws into layers, where artists have their names as gid.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a figure without such artists stays as it is.
+    """
+    text = path.read_text(encoding="utf-8")
+    if not any(f'id="{name}"' in text for name in LAYERS):
+        return
+    head = re.match(r"(?s).*?(?=<svg)", text)
+    for prefix, uri in _PREFIXES.items():
+        ElementTree.register_namespace(prefix, uri)
+    root = ElementTree.fromstring(text)
+    layers: dict[str, Any] = {name: _layer(name) for name in ("background", *LAYERS)}
+    figure = next(child for child in root if child.get("id", "").startswith("figure"))
+    _sort(figure, layers)
+    at = list(root).index(figure)
+    root.remove(figure)
+    for layer in reversed([layer for layer in layers.values() if len(layer)]):
+        root.insert(at, layer)
+    body = ElementTree.tostring(root, encoding="unicode")
+    path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8")
+
+
+def _layer(name: str) -> Any:
+    layer = ElementTree.Element(f"{{{_SVG}}}g", {"id": f"layer-{name}"})
+    layer.set(f"{{{_INKSCAPE}}}groupmode", "layer")
+    layer.set(f"{{{_INKSCAPE}}}label", name)
+    return layer
+
+
+def _sort(group: Any, layers: dict[str, Any]) -> None:
+    """Move what has a layer's name into it, and what is drawn elsewhere into the lowest one."""
+    for child in list(group):
+        name = child.get("id", "")
+        if name in layers:
+            del child.attrib["id"]
+            layers[name].append(child)
+        elif name.startswith("axes"):
+            _sort(child, layers)
+        else:
+            layers["background"].append(child)

@@ -1,0 +1,135 @@
+"""Marks of a map: where anterior and superior are, which side it is, names of its cuts, a round length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.maps.flat_map import FlatMap
+
+__all__ = ["Direction", "cut_names", "directions", "round_length", "side"]
+
+_MIDDLE = 0.35  # of the radius of a disk of the map's area
+_TELLING = 0.3  # R² from which a direction lies in the plane
+_APART = np.cos(np.radians(30))
+_SIDES = {"CortexLeft": "L", "CortexRight": "R", "left": "L", "right": "R"}
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction of the body on the map.
+
+    Parameters
+    ----------
+    letter : {"R", "A", "S"}
+        Right, anterior, superior.
+    u, v : float
+        Where it points, a unit vector.
+    share : float
+        R² of the linear fit: how much of the coordinate's variance the plane explains.
+    """
+
+    letter: str
+    u: float
+    v: float
+    share: float
+
+
+def directions(flat_map: FlatMap) -> list[Direction]:
+    """Find the two directions of the body that lie best in the plane, at the middle of the map.
+
+    To the points around the middle each of their coordinates is fitted linearly in (u, v); its gradient points where it
+    grows most.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+
+    Returns
+    -------
+    list of Direction
+        Two at most, those of the greatest R²; none where the space of the points is unknown.
+    """
+    is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
+    if not is_known:
+        return []
+    points = flat_map.space.to_scanner(flat_map.points)
+    corners = flat_map.uv[flat_map.faces[~flat_map.torn]]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    middle = (corners.mean(axis=1) * area[:, None]).sum(axis=0) / area.sum()
+    apart = np.linalg.norm(flat_map.uv - middle, axis=1)
+    near = apart <= max(_MIDDLE * np.sqrt(area.sum() / np.pi), float(np.sort(apart)[min(20, len(apart) - 1)]))
+    design = np.column_stack([flat_map.uv[near] - middle, np.ones(near.sum())])
+    found = []
+    for letter, values in zip("RAS", points[near].T, strict=True):
+        fit, *_ = np.linalg.lstsq(design, values, rcond=None)
+        rest, spread = values - design @ fit, values - values.mean()
+        share = 1 - float(rest @ rest) / max(float(spread @ spread), 1e-12)
+        length = float(np.hypot(fit[0], fit[1]))
+        if share >= _TELLING and length > 0:
+            found.append(Direction(letter, float(fit[0]) / length, float(fit[1]) / length, share))
+    found.sort(key=lambda one: -one.share)
+    chosen = found[:1]
+    for one in found[1:]:
+        if len(chosen) < 2 and abs(one.u * chosen[0].u + one.v * chosen[0].v) < _APART:
+            chosen.append(one)
+    return chosen
+
+
+def side(flat_map: FlatMap) -> str | None:
+    """Return "L" or "R" where it is known of which hemisphere a map is, by its file or its registration."""
+    told = (flat_map.metadata.get("structure"), flat_map.metadata.get("side"))
+    return next((_SIDES[one] for one in told if one in _SIDES), None)
+
+
+def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
+    """Find where the names of cuts belong: between the lips, where they are farthest apart.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map; ``metadata["cut_names"]`` has a name, or None, for each of ``metadata["cuts"]``.
+
+    Returns
+    -------
+    list of (name, u, v)
+        Places in mm.
+    """
+    names = flat_map.metadata.get("cut_names") or []
+    paths = flat_map.metadata.get("cuts") or []
+    rows: dict[object, list[int]] = {}
+    if any(names):
+        used = np.unique(flat_map.faces)
+        keys = flat_map.ids[used].tolist()
+        for row, key in zip(used.tolist(), keys, strict=True):
+            rows.setdefault(tuple(key) if isinstance(key, list) else key, []).append(row)
+    found = []
+    for name, path in zip(names, paths, strict=False):
+        lips = [rows.get(tuple(key) if isinstance(key, list) else key, []) for key in path]
+        places = [flat_map.uv[lip] for lip in lips if lip]
+        if name and places:
+            u, v = _widest(places)
+            found.append((str(name), u, v))
+    return found
+
+
+def _widest(places: list[NDArray[np.float64]]) -> tuple[float, float]:
+    """Return the middle of the lips a third of the way in from where they are farthest apart to where they meet."""
+    gaps = [float(np.ptp(lip, axis=0).max()) for lip in places]
+    widest = int(np.argmax(gaps))
+    if gaps[widest] == 0:
+        return tuple(places[len(places) // 2].mean(axis=0).tolist())
+    order = sorted(range(len(places)), key=lambda n: -gaps[n])
+    at = order[len(order) // 3]
+    u, v = places[at].mean(axis=0).tolist()
+    return (u, v)
+
+
+def round_length(room: float) -> float:
+    """Return the greatest of 1, 2, 5 times a power of ten that is no longer than the room."""
+    power = 10.0 ** np.floor(np.log10(room))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= room * (1 + 1e-9)))

@@ -1,0 +1,151 @@
+"""Names inside their regions: where they have room, and in which size."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from matplotlib.textpath import TextPath
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+__all__ = ["PlacedName", "place_names", "text_size"]
+
+_SIZES = (7.0, 6.0, 5.0, 4.5)  # points, largest first
+_READABLE = 6.0
+_LINE = 1.25  # height of a line, in sizes of the font
+_POINT = 25.4 / 72  # mm
+_MARGIN = 0.3  # around a name, mm
+
+
+@dataclass(frozen=True)
+class PlacedName:
+    """A name and its place.
+
+    Parameters
+    ----------
+    label : int
+        The region's.
+    text : str
+        The name, in lines.
+    row, column : float
+        The middle of its box, pixels.
+    height, width : int
+        The box, pixels: it lies in the region, so no two boxes meet.
+    size : float
+        Of the font, points.
+    is_upright : bool
+        Whether it is read from below, turned by 90°.
+    """
+
+    label: int
+    text: str
+    row: float
+    column: float
+    height: int
+    width: int
+    size: float
+    is_upright: bool = False
+
+
+def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
+    """Find a place for each name whose box lies in its region, as far from the region's border as can be.
+
+    Parameters
+    ----------
+    labels : ndarray of int64, shape (H, W)
+        The label of each pixel.
+    names : dict
+        Label: name.
+    pixel : float
+        Side of a pixel on paper, mm.
+
+    Returns
+    -------
+    placed : list of PlacedName
+        In the largest size, in one line or several, level or upright, in which they fit.
+    left_out : list of str
+        Names that fit in no size.
+    """
+    placed, left_out = [], []
+    for label, name in names.items():
+        mask = labels == label
+        if not mask.any():
+            continue
+        found = _place(mask, label, name, pixel)
+        if found is None:
+            left_out.append(name)
+        else:
+            placed.append(found)
+    return placed, left_out
+
+
+def text_size(text: str, size: float) -> tuple[float, float]:
+    """Return width and height of a text on paper, mm.
+
+    Parameters
+    ----------
+    text : str
+        In lines.
+    size : float
+        Of the font, points.
+    """
+    lines = text.split("\n")
+    return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)
+
+
+def _place(mask: NDArray[np.bool_], label: int, name: str, pixel: float) -> PlacedName | None:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    top, left = int(rows[0]), int(columns[0])
+    part = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
+    inside = distance_transform_edt(part)
+    sums = np.pad(part.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    for text, size, is_upright in _tries(name):
+        width, height = (int(np.ceil((of + 2 * _MARGIN) / pixel)) for of in text_size(text, size))
+        if is_upright:
+            width, height = height, width
+        if height > part.shape[0] or width > part.shape[1]:
+            continue
+        full = sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width] + sums[:-height, :-width]
+        row, column = (full == height * width).nonzero()
+        if len(row) == 0:
+            continue
+        best = int(inside[row + height // 2, column + width // 2].argmax())
+        middle = row[best] - 1 + top + (height - 1) / 2, column[best] - 1 + left + (width - 1) / 2
+        return PlacedName(label, text, middle[0], middle[1], height, width, size, is_upright)
+    return None
+
+
+def _tries(name: str) -> Iterable[tuple[str, float, bool]]:
+    """Return a name in all sizes, and whether it is upright: readable ones, in one or more lines, before small ones."""
+    broken = list(dict.fromkeys([name, _broken(name, 2), _broken(name, 3)]))
+    for sizes in ([size for size in _SIZES if size >= _READABLE], [size for size in _SIZES if size < _READABLE]):
+        yield from ((text, size, upright) for size in sizes for upright in (False, True) for text in broken)
+
+
+def _broken(name: str, lines: int) -> str:
+    """Return a name in so many lines of nearly the same length, broken after separators or before capitals."""
+    places = [found.end() for found in re.finditer(r"[\s_\-./]+|[a-z](?=[A-Z])", name) if found.end() < len(name)]
+    if len(places) < lines - 1:
+        return name
+    parts, rest, start = [], places, 0
+    for line in range(lines - 1, 0, -1):
+        wanted = start + (len(name) - start) / (line + 1)
+        rest = [place for place in rest if place > start]
+        if not rest:
+            break
+        end = min(rest, key=lambda place: abs(place - wanted))
+        parts.append(name[start:end].rstrip())
+        start = end
+    return "\n".join([*parts, name[start:]])
+
+
+@lru_cache(maxsize=4096)
+def _width(line: str) -> float:
+    """Return the width of a line, in sizes of the font."""
+    path: Any = TextPath((0, 0), line or " ", size=100)
+    return float(path.get_extents().width) / 100 + 0.1

@@ -1,0 +1,157 @@
+"""Names and colours of labels: of files that hold their own, and from lookup tables beside them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from voxflat.errors import InputError
+from voxflat.io import formats, gifti
+from voxflat.io.channels import is_cifti, opened
+from voxflat.io.files import REMEDY, contents, naming, require
+
+__all__ = ["LabelTable", "own_table", "read_table"]
+
+Colour = tuple[int, int, int]
+
+_NO_NAMES = {"", "???", "unknown", "none", "background", "clear label"}
+
+
+@dataclass(frozen=True, eq=False)
+class LabelTable:
+    """What labels are called and how they are coloured.
+
+    Parameters
+    ----------
+    names : dict
+        Label: name.
+    colours : dict
+        Label: red, green, blue from 0 to 255.
+    """
+
+    names: dict[int, str] = field(default_factory=dict)
+    colours: dict[int, Colour] = field(default_factory=dict)
+
+    def is_region(self, label: int) -> bool:
+        """Tell whether a label is one of a region: neither negative, nor called unknown, nor 0 without a name."""
+        return label >= 0 and self.names.get(label, str(label) if label else "").strip().lower() not in _NO_NAMES
+
+
+def read_table(path: str | os.PathLike[str]) -> LabelTable:
+    """Read a lookup table.
+
+    Parameters
+    ----------
+    path : path
+        Lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt; or ``.tsv`` with the columns ``index``,
+        ``name`` and perhaps ``color`` (``#rrggbb``), as BIDS has them beside a dseg.
+
+    Returns
+    -------
+    LabelTable
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    FileNotFoundError, PermissionError
+        If it cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
+        text = contents(path).decode("utf-8-sig")
+        found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
+        if not found.names:
+            raise InputError("has no labels")
+        return found
+
+
+def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | None:
+    """Read the names and colours that a file of labels holds itself.
+
+    Parameters
+    ----------
+    path : path
+        ``.annot``, ``.label.gii`` or ``.dlabel.nii``.
+    channel : int
+        The map that is meant, where they differ between maps (CIFTI).
+
+    Returns
+    -------
+    LabelTable or None
+        None for files without.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    FileNotFoundError, PermissionError
+        If it cannot be opened.
+    """
+    path = Path(path)
+    name = path.name.lower()
+    with naming(path, REMEDY):
+        if name.endswith(".annot"):
+            _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
+            decoded = (name.decode("utf-8", "replace") for name in names)
+            return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(decoded, table, strict=False)))
+        if formats.by_name(path) == formats.GIFTI:
+            labels = gifti.load(contents(path)).labeltable.labels
+            found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in labels)
+            return found if found.names else None
+        if name.endswith(".nii"):
+            image, _ = opened(path)
+            if image is not None and is_cifti(image) and hasattr(image.header.get_axis(0), "label"):
+                axis = image.header.get_axis(0)
+                labels = axis.label[min(channel, len(axis) - 1)]
+                return _table((key, name, _bytes(rgba[:3])) for key, (name, rgba) in labels.items())
+        return None
+
+
+def _table(rows: Iterable[tuple[Any, Any, Any]]) -> LabelTable:
+    names, colours = {}, {}
+    for label, name, colour in rows:
+        names[int(label)] = str(name)
+        if colour is not None:
+            red, green, blue = (int(part) for part in colour)
+            if not all(0 <= part <= 255 for part in (red, green, blue)):
+                raise InputError(f"label {label} has the colour {red}, {green}, {blue}: give 0 to 255")
+            colours[int(label)] = (red, green, blue)
+    return LabelTable(names, colours)
+
+
+def _bytes(parts: Any) -> list[int]:
+    """Return a colour's parts, of 0 to 1, as bytes."""
+    return [round(255 * float(np.nan_to_num(part if part is not None else 0))) for part in parts]
+
+
+def _of_lines(text: str) -> LabelTable:
+    rows: list[tuple[int, str, list[str]]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        found = re.fullmatch(r"\s*(\d+)\s+(\S.*?)\s+(\d+)\s+(\d+)\s+(\d+)(?:\s+\d+)?\s*", line)
+        if found is None:
+            raise InputError(f"line {number} is {line.strip()[:60]!r}, and not a label, a name, red, green, blue")
+        rows.append((int(found[1]), found[2], [found[3], found[4], found[5]]))
+    return _table(rows)
+
+
+def _of_columns(text: str) -> LabelTable:
+    rows = []
+    reader = csv.DictReader(io.StringIO(text), delimiter="\t")
+    if not {"index", "name"} <= set(reader.fieldnames or ()):
+        raise InputError("has no columns index and name")
+    for row in reader:
+        colour = (row.get("color") or "").strip().lstrip("#")
+        is_known = re.fullmatch(r"[0-9a-fA-F]{6}", colour) is not None
+        rows.append((int(row["index"]), row["name"], list(bytes.fromhex(colour)) if is_known else None))
+    return _table(rows)

@@ -1,0 +1,195 @@
+"""Lines on a map: its outline, and the smooth borders between regions of labels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["borders", "chains", "outline", "region_corners"]
+
+_STEPS = 60  # of smoothing
+_NEAREST = 0.1  # to a vertex, as a part of the edge that the line crosses
+
+
+def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
+    """Return the outline of a map: the edges that only one triangle has, as lines.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        Places, mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+
+    Returns
+    -------
+    list of ndarray of float64, shape (k, 2)
+        A closed line's first and last place are the same.
+    """
+    edges, _, counts = _edges(faces, len(uv))
+    rim = edges[counts == 1]
+    return [uv[line] for line in chains(rim)]
+
+
+def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    """Return the borders between labels, by marching triangles, smoothed.
+
+    A border crosses the edges whose ends have different labels, at first midway. It is smoothed by moving each crossing
+    along its own edge towards the middle of its neighbours, and never to an end: so each vertex stays on its side, and
+    a border lies within half an edge of where the labels change. Where three labels meet it goes through the triangle's
+    centre, straight from its edges' middles.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        Places, mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+    labels : ndarray of int64, shape (N,)
+        A label a point.
+
+    Returns
+    -------
+    list of ndarray of float64, shape (k, 2)
+        Lines, mm.
+    """
+    edges, share, links, centres = _crossings(uv, faces, labels)
+    places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
+    places = np.concatenate([places, centres])
+    return [places[line] for line in chains(links)]
+
+
+def region_corners(
+    uv: NDArray[np.float64],
+    faces: NDArray[Any],
+    labels: NDArray[np.int64],
+    corners: NDArray[Any],
+    weights: NDArray[np.floating[Any]],
+) -> NDArray[np.int64]:
+    """Tell on which corner's side of the borders places in triangles lie.
+
+    Parameters
+    ----------
+    uv, faces, labels
+        As in `borders`.
+    corners : ndarray of int, shape (M, 3)
+        The points of each place's triangle.
+    weights : ndarray of float, shape (M, 3)
+        Barycentric coordinates in it.
+
+    Returns
+    -------
+    ndarray of int64, shape (M,)
+        A point of the map that has the label of the place.
+    """
+    corners = corners.astype(np.int64)
+    own = labels[corners]
+    best = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+    same = own == np.roll(own, -1, axis=1)  # corner k and k + 1
+    two = same.sum(axis=1) == 1
+    if not two.any():
+        return best
+    edges, share, _, _ = _crossings(uv, faces, labels)
+    keys = edges[:, 0] * len(uv) + edges[:, 1]
+    order = np.argsort(keys)
+    lone = (same[two].argmax(axis=1) + 2) % 3  # the corner that is unlike the two others
+    rows = np.arange(len(lone))
+    inside = corners[two]
+    away = np.zeros(len(lone))
+    for step in (1, 2):
+        other = (lone + step) % 3
+        a, b = inside[rows, lone], inside[rows, other]
+        at = order[np.searchsorted(keys[order], np.minimum(a, b) * len(uv) + np.maximum(a, b))]
+        from_lone = np.where(edges[at, 0] == a, share[at], 1 - share[at])
+        away += weights[two][rows, other] / from_lone
+    pair = (lone + 1) % 3
+    best[two] = np.where(away < 1, inside[rows, lone], inside[rows, pair])
+    return best
+
+
+def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
+    """Join links to lines that end where not two of them meet.
+
+    Parameters
+    ----------
+    links : ndarray of int, shape (L, 2)
+        Pairs of numbers.
+
+    Returns
+    -------
+    list of ndarray of int64
+        Each line's numbers, in order; a closed line's first is its last, too. All links are in one line each.
+    """
+    around: dict[int, list[int]] = {}
+    for number, pair in enumerate(links.tolist()):
+        for end in pair:
+            around.setdefault(end, []).append(number)
+    ends = links.tolist()
+    is_used = [False] * len(ends)
+
+    def follow(start: int, number: int) -> NDArray[np.int64]:
+        line, at = [start], start
+        while True:
+            is_used[number] = True
+            a, b = ends[number]
+            at = b if a == at else a
+            line.append(at)
+            ways = around[at]
+            if len(ways) != 2 or at == start:
+                return np.array(line)
+            number = ways[0] if ways[1] == number else ways[1]
+            if is_used[number]:
+                return np.array(line)
+
+    lines = []
+    for at, ways in around.items():  # from ends and junctions, then what is closed
+        if len(ways) != 2:
+            lines += [follow(at, number) for number in ways if not is_used[number]]
+    for number, (a, _) in enumerate(ends):
+        if not is_used[number]:
+            lines.append(follow(a, number))
+    return lines
+
+
+def _edges(faces: NDArray[Any], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return edges (E, 2), smaller number first; each face's (F, 3), corner k to k + 1; how many faces have one."""
+    faces = faces.astype(np.int64)
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+    keys = ends.min(axis=2) * count + ends.max(axis=2)
+    known, which, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    return np.column_stack([known // count, known % count]), which.reshape(faces.shape), counts
+
+
+def _crossings(
+    uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the edges that borders cross, where (as a share), the links between crossings, and the triangles' centres.
+
+    Centres are numbered after the edges.
+    """
+    edges, of_face, _ = _edges(faces, len(uv))
+    differs = labels[edges[:, 0]] != labels[edges[:, 1]]
+    number = np.full(len(edges), -1)
+    number[differs] = np.arange(differs.sum())
+    edges = edges[differs]
+    crossed = number[of_face]
+    many = (crossed >= 0).sum(axis=1)
+    two, three = crossed[many == 2], crossed[many == 3]
+    pairs = two[two >= 0].reshape(-1, 2)
+    middles = len(edges) + np.arange(len(three))
+    links = np.concatenate([pairs, np.column_stack([three.ravel(), np.repeat(middles, 3)])])
+    share = np.full(len(edges), 0.5)
+    sums, count = np.zeros((len(edges), 2)), np.bincount(pairs.ravel(), minlength=len(edges))
+    is_free = (count == 2) & ~np.isin(np.arange(len(edges)), three)
+    start, along = uv[edges[:, 0]], uv[edges[:, 1]] - uv[edges[:, 0]]
+    length = np.maximum((along**2).sum(axis=1), 1e-300)
+    for _ in range(_STEPS):
+        places = start + share[:, None] * along
+        sums[:] = 0
+        np.add.at(sums, pairs[:, 0], places[pairs[:, 1]])
+        np.add.at(sums, pairs[:, 1], places[pairs[:, 0]])
+        wanted = ((sums / 2 - start) * along).sum(axis=1) / length
+        share = np.where(is_free, np.clip((share + wanted) / 2, _NEAREST, 1 - _NEAREST), share)
+    return edges, share, links, uv[faces[many == 3].astype(np.int64)].mean(axis=1)

@@ -1,0 +1,150 @@
+"""Parcels on a map: labels of its points, with names and colours as their file has them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.label_tables import LabelTable, own_table, read_table
+from voxflat.maps.colours import all_whole, label_colour
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import borders, region_corners
+from voxflat.maps.raster import Raster
+
+__all__ = ["Parcels", "parcels_of"]
+
+_NONE = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Parcels:
+    """Labels of a map's points.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        The map.
+    labels : ndarray of int64, shape (N,)
+        A label a point; −1 where there is no parcel.
+    table : LabelTable
+        Names and colours; what it lacks is the label's number, and a colour as in PNGs of labels.
+    """
+
+    flat_map: FlatMap
+    labels: NDArray[np.int64]
+    table: LabelTable
+
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """The name of each parcel on the map, by its label."""
+        shown = (int(label) for label in np.unique(self.labels) if label != _NONE)
+        return {label: self.table.names.get(label, str(label)) for label in shown}
+
+    @cached_property
+    def colours(self) -> dict[int, tuple[int, int, int]]:
+        """The colour of each parcel on the map, by its label: red, green, blue from 0 to 255."""
+        return {label: self.table.colours.get(label) or label_colour(label) for label in self.names}
+
+    @cached_property
+    def borders(self) -> list[NDArray[np.float64]]:
+        """The borders between them, smooth lines of shape (k, 2), mm: `lines.borders`."""
+        return borders(self.flat_map.uv, self._faces, self.labels)
+
+    @property
+    def _faces(self) -> NDArray[np.uint32]:
+        return self.flat_map.faces[~self.flat_map.torn]
+
+    def raster(self, raster: Raster) -> NDArray[np.int64]:
+        """Return the label of each pixel, parted by the same lines as `borders`.
+
+        Parameters
+        ----------
+        raster : Raster
+            Pixels of the map.
+
+        Returns
+        -------
+        ndarray of int64, shape (H, W)
+            −1 where there is no parcel, and outside the map.
+        """
+        inside = raster.inside
+        found = np.full(raster.shape, _NONE)
+        corners, weights = raster.corners[inside], np.asarray(raster.weights[inside], dtype=np.float64)
+        point = region_corners(self.flat_map.uv, self._faces, self.labels, corners, weights)
+        found[inside] = self.labels[point]
+        return found
+
+    def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return the colours of labels: RGBA, opacity 0 where there is no parcel.
+
+        Parameters
+        ----------
+        labels : ndarray of int64, shape (...)
+            Labels, as from `raster`.
+
+        Returns
+        -------
+        ndarray of uint8, shape (..., 4)
+        """
+        known, which = np.unique(labels, return_inverse=True)
+        rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
+        return np.array(rows, dtype=np.uint8)[which.reshape(labels.shape)]
+
+
+def parcels_of(
+    flat_map: FlatMap, labels: object, *, table: object = None, channel: int | str | None = None, depth: float = 0.0
+) -> Parcels:
+    """Carry labels to a map.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    labels : path, ndarray, image object or Volume
+        Labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, whole numbers of shape (V,)),
+        or a volume of labels, of which each point has the nearest voxel's.
+    table : path or LabelTable, optional
+        Names and colours, where the file has none: a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
+    channel : int or str, optional
+        Which map of the file, as in `FlatMap.image`.
+    depth : float
+        How far outside the surface to sample a volume, mm.
+
+    Returns
+    -------
+    Parcels
+
+    Raises
+    ------
+    InputError
+        If they are no labels, or lie elsewhere.
+    """
+    points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
+    weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)
+    on_points = Raster(points, weights, (0.0, 0.0), 1.0)
+    sampler = flat_map._triangles.on_surface
+    stack = sampler.images(on_points, labels, depth=depth, interpolation="nearest")
+    number = stack.channels.find(channel)
+    values: NDArray[Any] = stack[number].data
+    name = labels if isinstance(labels, str | os.PathLike) else "the labels"
+    if values.ndim != 2 or not all_whole(values):
+        raise InputError(f"{name}: has no labels, which are whole numbers; show values as an overlay")
+    if not np.isfinite(values).any():
+        raise InputError(f"{name}: shows nothing on the map; do the affines agree?")
+    known = table if isinstance(table, LabelTable) else None
+    if known is None and isinstance(table, str | os.PathLike):
+        known = read_table(table)
+    if known is None and isinstance(labels, str | os.PathLike):
+        known = own_table(labels, number)
+    known = known or LabelTable()
+    found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
+    for label in np.unique(found):
+        if not known.is_region(int(label)):
+            found[found == label] = _NONE
+    return Parcels(flat_map, found, known)

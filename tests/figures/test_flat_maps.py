@@ -1,0 +1,347 @@
+"""The figure of a flat map: folds, data over them pixel by pixel, names, marks, layers."""
+
+import dataclasses
+import logging
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib import colormaps
+from matplotlib.textpath import TextPath
+from PIL import Image
+
+import voxflat
+from voxflat import InputError, cli, figures
+from voxflat.figures.flat_maps import folds, painted
+from voxflat.figures.marks import cut_names, directions, round_length, side
+from voxflat.figures.names import place_names, text_size
+from voxflat.io.label_tables import LabelTable
+from voxflat.io.volumes import Volume
+from voxflat.maps.parcels import parcels_of
+
+LONG, HIGH = 40, 16  # vertices of the sheet, 1 mm apart
+COUNT = LONG * HIGH
+
+
+@pytest.fixture(scope="module")
+def flat_map():
+    """The map of a sheet in a sagittal plane, with upright furrows, seen from the left."""
+    y, z = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
+    corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
+    quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # outside is towards −x
+    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    points = np.column_stack([-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z])
+    flat = voxflat.flatten((points, faces), sources=40, relax=False)
+    return dataclasses.replace(flat, metadata={**flat.metadata, "structure": "CortexLeft"})
+
+
+@pytest.fixture
+def saved(flat_map, tmp_path):
+    flat_map.save(tmp_path / "map.npz")
+    return tmp_path / "map.npz"
+
+
+def layer(figure, gid):
+    """Return the images of a layer of the map."""
+    return [image.get_array() for image in figure.axes[1].images if image.get_gid() == gid]
+
+
+def texts(figure, gid=None):
+    return [text for text in figure.axes[0].texts if gid in (None, text.get_gid())]
+
+
+# ---------------------------------------------------------------------------------------------- folds
+
+
+def test_gyri_are_light_and_sulci_dark(flat_map):
+    (shown,) = layer(figures.flat_map(flat_map), "curvature")
+    assert len(np.unique(shown[..., 0])) > 10
+    raster = flat_map.raster(0.1)
+    pixels = folds(flat_map, raster)
+    y = raster.interpolate(flat_map.points)[..., 1]
+    inner, wave = raster.inside & (y > 8) & (y < 32), np.cos(2 * np.pi * y / 10)
+    crown, bottom = inner & (wave > 0.9), inner & (wave < -0.9)
+    assert (pixels[crown, 0] > pixels[bottom, 0].max() + 40).all()
+    assert (pixels[..., :3] == pixels[..., :1]).all()  # grey
+    assert (pixels[..., 3] == np.where(raster.inside, 255, 0)).all()
+    depth = folds(flat_map, raster, "sulcal depth")
+    assert depth[crown, 0].mean() > depth[bottom, 0].mean() + 40
+
+
+def test_without_curvature_it_is_even(flat_map):
+    bare = dataclasses.replace(flat_map, curvature=None, sulcal_depth=None)
+    pixels = folds(bare, bare.raster(0.5))
+    assert len(np.unique(pixels[pixels[..., 3] > 0], axis=0)) == 1
+
+
+# ---------------------------------------------------------------------------------------------- data
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "passes"),
+    [
+        (None, None, lambda v: np.isfinite(v)),
+        (0.5, None, lambda v: v > 0.5),
+        (None, -0.5, lambda v: v < -0.5),
+        (0.5, -0.5, lambda v: np.abs(v) > 0.5),
+        (-0.5, 0.5, lambda v: np.abs(v) < 0.5),
+    ],
+)
+@pytest.mark.parametrize("opacity", [1.0, 0.4])
+def test_thresholds_and_opacity_pixel_by_pixel(above, below, passes, opacity):
+    data = np.linspace(-1, 1, 2001).reshape(1, -1)
+    data[0, ::100] = np.nan
+    pixels = painted(data, "RdBu_r", (-1.0, 1.0), above=above, below=below, opacity=opacity)
+    with np.errstate(invalid="ignore"):
+        shown = passes(data)
+    assert (pixels[..., 3] == np.where(shown, round(255 * opacity), 0)).all()
+    expected = colormaps["RdBu_r"]((data[shown] + 1) / 2, bytes=True)
+    np.testing.assert_array_equal(pixels[shown][:, :3], expected[:, :3])
+
+
+def test_an_overlay_lies_where_the_map_shows_it(flat_map):
+    values = np.zeros(COUNT)
+    values[:] = np.repeat(np.arange(LONG), HIGH)  # y
+    figure = figures.flat_map(flat_map, values, above=20, limits=(0, 40), colour_map="magma")
+    (shown,) = layer(figure, "data")
+    pixel = figure.axes[1].images[1].get_extent()
+    size = (pixel[1] - pixel[0]) / shown.shape[1]
+    expected = flat_map.image(values, size).data
+    assert shown.shape[:2] == expected.shape
+    with np.errstate(invalid="ignore"):
+        assert ((shown[..., 3] == 255) == (expected > 20)).all()
+    assert figure.axes[2].get_title() == "overlay"
+
+
+def test_limits_by_percentiles_and_by_sign(flat_map):
+    values = np.linspace(0, 100, COUNT)
+    bar = figures.flat_map(flat_map, values, limits=("10%", "90%")).axes[2]
+    assert bar.get_xlim() == pytest.approx((10, 90), abs=1)
+    bar = figures.flat_map(flat_map, values - 30, label="effect (%)").axes[2]
+    assert bar.get_xlim()[0] == pytest.approx(-bar.get_xlim()[1])
+    assert bar.get_title() == "effect (%)"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"above": 1.0}, "of an overlay"),
+        ({"overlay": np.ones(3)}, "3 values"),
+        ({"overlay": np.arange(640.0), "limits": (3, 2)}, "lower one first"),
+        ({"overlay": np.arange(640.0), "limits": (3,)}, "two numbers"),
+        ({"overlay": np.arange(640.0), "limits": ("a", "2%")}, "a limit is 'a'"),
+        ({"overlay": np.arange(640.0), "colour_map": "nothing"}, "no colour map"),
+        ({"overlay": np.full(640, np.nan)}, "no value"),
+        ({"opacity": 2.0}, "opacity"),
+        ({"underlay": "sulc"}, "underlay"),
+        ({"width": 5.0}, "width"),
+    ],
+)
+def test_what_is_wrong_is_named(flat_map, wrong, said):
+    with pytest.raises(InputError, match=said):
+        figures.flat_map(flat_map, **wrong)
+
+
+def test_colours_and_labels_are_shown_as_they_are(flat_map):
+    colours = np.random.default_rng(0).integers(0, 255, (COUNT, 3), dtype=np.uint8)
+    (shown,) = layer(figures.flat_map(flat_map, colours), "data")
+    assert (shown[..., 3] > 0).sum() > 1000
+    with pytest.raises(InputError, match="for values"):
+        figures.flat_map(flat_map, colours, above=3)
+    labels = np.repeat([3, 9], COUNT // 2)
+    figure = figures.flat_map(flat_map, labels)
+    assert len(figure.axes) == 2  # no colour bar
+    (shown,) = layer(figure, "data")
+    assert len(np.unique(shown[shown[..., 3] > 0], axis=0)) == 2
+
+
+def test_a_volume_elsewhere_is_refused(flat_map):
+    away = Volume(np.ones((4, 4, 4), np.float32), np.eye(4) + np.eye(4, k=3) * 900)
+    with pytest.raises(InputError, match="no value anywhere on the map"):
+        figures.flat_map(flat_map, away)
+
+
+def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
+    figures.flat_map(flat_map, np.linspace(0, 1, COUNT), above=7)
+    assert "no value of the overlay passes" in caplog.text
+
+
+# ---------------------------------------------------------------------------------------------- parcels
+
+
+def test_names_lie_in_their_regions_and_boxes_are_disjoint():
+    labels = np.full((300, 400), -1)
+    labels[:, :200], labels[:150, 200:], labels[150:, 200:230], labels[150:, 230:] = 1, 2, 3, 4
+    names = {
+        1: "superior frontal",
+        2: "G_and_S_cingul-Mid-Ant",
+        3: "thin",
+        4: "a name that is much too long for this " * 3,
+    }
+    placed, left_out = place_names(labels, names, 0.1)
+    assert left_out == [names[4]]
+    seen = np.zeros(labels.shape, bool)
+    for name in placed:
+        top, left = round(name.row - (name.height - 1) / 2), round(name.column - (name.width - 1) / 2)
+        box = np.s_[top : top + name.height, left : left + name.width]
+        assert (labels[box] == name.label).all()
+        assert not seen[box].any()
+        seen[box] = True
+        ink = TextPath((0, 0), max(name.text.split("\n"), key=len), size=name.size).get_extents()
+        along = (name.height if name.is_upright else name.width) * 0.1
+        assert ink.width * 25.4 / 72 < along
+    assert {name.label for name in placed if name.is_upright} == {3}
+    assert text_size("a\nb", 6.0)[1] == pytest.approx(2 * text_size("a", 6.0)[1])
+
+
+def test_parcels_have_the_colours_and_names_of_the_table(flat_map, caplog):
+    caplog.set_level(logging.INFO, logger="voxflat")
+    labels = np.repeat([1, 2, 0, 5], COUNT // 4)
+    names = {0: "Unknown", 1: "one", 2: "namewithoutanyroominitsparcelhoweversmallitis", 5: "five"}
+    table = LabelTable(names, {1: (10, 200, 30), 2: (0, 0, 250), 5: (7, 7, 7)})
+    found = parcels_of(flat_map, labels, table=table)
+    figure = figures.flat_map(flat_map, parcels=found, opacity=0.5)
+    (shown,) = layer(figure, "parcels")
+    colours = {tuple(colour) for colour in np.unique(shown[shown[..., 3] > 0], axis=0).tolist()}
+    assert colours == {(10, 200, 30, 128), (0, 0, 250, 128), (7, 7, 7, 128)}
+    assert {text.get_text() for text in texts(figure, "names")} == {"one", "five"}
+    assert "1 of 3 names have no room" in caplog.text
+    over = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), parcels=found)
+    assert layer(over, "parcels") == []  # data have the colours
+    assert [lines.get_gid() for lines in over.axes[1].collections] == ["parcels", "marks"]
+
+
+# ---------------------------------------------------------------------------------------------- marks
+
+
+def test_directions_are_those_of_the_points(flat_map):
+    found = {one.letter: np.array([one.u, one.v]) for one in directions(flat_map)}
+    assert set(found) == {"A", "S"}
+    centre = flat_map.points.mean(axis=0)
+    for letter, axis in (("A", 1), ("S", 2)):
+        ahead = flat_map.points[:, axis] > centre[axis] + 4
+        behind = flat_map.points[:, axis] < centre[axis] - 4
+        towards = flat_map.uv[ahead].mean(axis=0) - flat_map.uv[behind].mean(axis=0)
+        assert found[letter] @ towards / np.linalg.norm(towards) > 0.999
+    assert found["A"][0] < -0.99  # seen from the left, the front is left
+    assert {"A", "S", "L"} <= {text.get_text() for text in texts(figures.flat_map(flat_map), "marks")}
+
+
+def test_an_unknown_space_has_no_directions_and_no_side(flat_map, caplog):
+    caplog.set_level(logging.INFO, logger="voxflat")
+    metadata = {**flat_map.metadata, "structure": None}
+    bare = dataclasses.replace(flat_map, metadata=metadata)
+    assert (directions(bare), side(bare)) == ([], None)
+    marks = {text.get_text() for text in texts(figures.flat_map(bare), "marks")}
+    assert len(marks) == 1  # the scale bar
+    assert "space of the surface is unknown" in caplog.text
+    assert side(dataclasses.replace(bare, metadata={**metadata, "side": "right"})) == "R"
+
+
+def test_the_scale_bar_is_as_long_as_it_says(flat_map):
+    figure = figures.flat_map(flat_map)
+    paper, axes = figure.axes[:2]
+    (bar,) = paper.lines
+    (text,) = (text for text in texts(figure) if text.get_text().endswith(" mm"))
+    pixels = np.ptp(paper.transData.transform(np.column_stack(bar.get_data()))[:, 0])
+    one_mm = np.diff(axes.transData.transform([(0, 0), (1, 0)])[:, 0])[0]
+    assert pixels / one_mm == pytest.approx(float(text.get_text()[:-3]))
+    across = np.diff(axes.transData.transform([(0, 0), (0, 1)])[:, 1])[0]
+    assert across == pytest.approx(one_mm)  # mm are mm in both directions
+    assert [round_length(room) for room in (0.7, 1, 4.9, 5, 99)] == [0.5, 1, 2, 5, 50]
+
+
+def test_cuts_have_their_names_between_their_lips(flat_map):
+    doubled = flat_map.ids.copy()
+    a, b = 5, 20
+    doubled[b] = doubled[a]
+    metadata = {**flat_map.metadata, "cuts": [[int(doubled[a])], [1, 2]], "cut_names": ["calcarine", None]}
+    cut = dataclasses.replace(flat_map, ids=doubled, metadata=metadata)
+    ((name, u, v),) = cut_names(cut)
+    assert name == "calcarine"
+    np.testing.assert_allclose((u, v), flat_map.uv[[a, b]].mean(axis=0))
+    assert "calcarine" in {text.get_text() for text in texts(figures.flat_map(cut), "marks")}
+
+
+# ---------------------------------------------------------------------------------------------- files
+
+
+def test_pictures_are_wide_and_their_fonts_readable(flat_map, tmp_path):
+    figure = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), title="sheet")
+    figures.save(figure, tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width >= 1600
+    assert figure.get_size_inches()[0] * 25.4 == pytest.approx(85)
+    sizes = [text.get_fontsize() for text in texts(figure)]
+    sizes += [text.get_fontsize() for text in (figure.axes[2].title, *figure.axes[2].get_xticklabels())]
+    assert min(sizes) >= 6
+
+
+def test_an_svg_has_layers_and_its_text_is_text(flat_map, tmp_path):
+    labels = np.repeat([1, 2], COUNT // 2)
+    found = parcels_of(flat_map, labels, table=LabelTable({1: "front", 2: "back"}))
+    figure = figures.flat_map(flat_map, np.arange(COUNT, dtype=float), parcels=found)
+    figures.save(figure, tmp_path / "a.svg", {"voxflat": "x"})
+    figures.save(figure, tmp_path / "b.svg", {"voxflat": "x"})
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    ink = "{http://www.inkscape.org/namespaces/inkscape}"
+    groups = [child for child in root if child.get(f"{ink}groupmode") == "layer"]
+    names = [group.get(f"{ink}label") for group in groups]
+    assert names == ["background", "curvature", "data", "parcels", "names", "marks"]
+    by_name = dict(zip(names, groups, strict=True))
+    tag = "{http://www.w3.org/2000/svg}"
+    assert [text.text for text in by_name["names"].iter(f"{tag}text")] == ["front", "back"]
+    assert len(list(by_name["curvature"].iter(f"{tag}image"))) == 1
+    assert list(by_name["parcels"].iter(f"{tag}path"))
+    ids = re.findall(r'\bid="([^"]+)"', (tmp_path / "a.svg").read_text())
+    assert len(ids) == len(set(ids))
+    used = set(re.findall(r"url\(#([^)]+)\)", (tmp_path / "a.svg").read_text()))
+    assert used <= set(ids)
+
+
+def test_other_figures_have_no_layers(flat_map, tmp_path):
+    figures.save(figures.scatter(flat_map), tmp_path / "a.svg")
+    assert "inkscape" not in (tmp_path / "a.svg").read_text()
+
+
+class TestCommand:
+    def run(self, *arguments):
+        return CliRunner().invoke(cli.main, ["figure", *map(str, arguments)], prog_name="voxflat")
+
+    def test_the_map_alone_is_its_folds(self, saved, tmp_path):
+        done = self.run(saved, "-o", tmp_path / "a.png")
+        assert done.exit_code == 0, done.output
+        assert "1700 x" in done.output
+        with Image.open(tmp_path / "a.png") as picture:
+            assert '"function": "flat_map"' in picture.text["Provenance"]
+
+    def test_data_and_parcels(self, saved, tmp_path):
+        np.save(tmp_path / "stat.npy", np.linspace(-3, 3, COUNT))
+        np.save(tmp_path / "areas.npy", np.repeat([1, 2], COUNT // 2))
+        (tmp_path / "areas.tsv").write_text("index\tname\n1\tfront\n2\tback\n")
+        look = ["--above", 1, "--below", -1, "--range", "2%,98%", "--cmap", "seismic", "--opacity", 0.8, "--unit", "z"]
+        parcels = ["--parcels", tmp_path / "areas.npy", "--table", tmp_path / "areas.tsv"]
+        done = self.run(saved, "--overlay", tmp_path / "stat.npy", *look, *parcels, "-o", tmp_path / "a.svg")
+        assert done.exit_code == 0, done.output
+        text = (tmp_path / "a.svg").read_text()
+        assert all(word in text for word in ("stat.npy (z)", ">front<", 'label="data"'))
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            (["--above", "2"], "--above: only with --overlay"),
+            (["--table", "MAP"], "--table is for --parcels"),
+            (["--overlay", "MAP", "--range", "1"], "no pair"),
+            (["--opacity", "3"], "opacity"),
+        ],
+    )
+    def test_wrong_usage(self, saved, tmp_path, options, said):
+        done = self.run(saved, *(str(saved) if word == "MAP" else word for word in options), "-o", tmp_path / "a.png")
+        assert done.exit_code == 2
+        assert said in done.output
+
+    def test_other_endings_are_refused(self, saved, tmp_path):
+        assert self.run(saved, "-o", tmp_path / "a.tif").exit_code != 0

@@ -1,0 +1,92 @@
+"""Names and colours of labels: as independent writers put them into files."""
+
+import nibabel as nib
+import numpy as np
+import pytest
+
+from voxflat import InputError
+from voxflat.io.label_tables import LabelTable, own_table, read_table
+
+NAMES = ["unknown", "bankssts", "Größe"]
+COLOURS = [(25, 5, 25), (25, 100, 40), (220, 20, 100)]
+
+
+def test_annot(tmp_path):
+    table = np.array([(*colour, 0, 0) for colour in COLOURS])
+    labels = np.array([0, 1, 2, 2, 1])
+    path = tmp_path / "lh.aparc.annot"
+    nib.freesurfer.write_annot(path, labels, table, [name.encode() for name in NAMES], fill_ctab=True)
+    found = own_table(path)
+    assert found.names == dict(enumerate(NAMES))
+    assert found.colours == dict(enumerate(COLOURS))
+    assert [found.is_region(label) for label in (-1, 0, 1, 2)] == [False, False, True, True]
+
+
+def test_gifti(tmp_path):
+    table = nib.gifti.GiftiLabelTable()
+    for key, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
+        label = nib.gifti.GiftiLabel(10 * key, *(part / 255 for part in colour), 1.0)
+        label.label = name
+        table.labels.append(label)
+    values = nib.gifti.GiftiDataArray(np.array([0, 10, 20], "i4"), "NIFTI_INTENT_LABEL")
+    path = tmp_path / "lh.areas.label.gii"
+    nib.save(nib.gifti.GiftiImage(labeltable=table, darrays=[values]), path)
+    found = own_table(path)
+    assert found.names == {0: "unknown", 10: "bankssts", 20: "Größe"}
+    assert found.colours == dict(zip((0, 10, 20), COLOURS, strict=True))
+
+
+def test_cifti_has_a_table_for_each_map(tmp_path):
+    axes = nib.cifti2.cifti2_axes
+    tables = [{0: ("???", (0, 0, 0, 0)), 3: ("V1", (1.0, 0.2, 0.0, 1.0))}, {3: ("other", (0.0, 0.0, 1.0, 1.0))}]
+    models = axes.BrainModelAxis.from_surface([0, 1, 2], 4, "CortexLeft")
+    image = nib.Cifti2Image(np.array([[3.0, 0, 3], [3, 3, 3]]), (axes.LabelAxis(["a", "b"], tables), models))
+    path = tmp_path / "areas.dlabel.nii"
+    nib.save(image, path)
+    assert own_table(path).colours[3] == (255, 51, 0)
+    assert own_table(path, 1).names == {3: "other"}
+
+
+def test_what_has_no_table(tmp_path):
+    nib.save(nib.Nifti1Image(np.zeros((3, 3, 3), "u1"), np.eye(4)), tmp_path / "labels.nii.gz")
+    nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", np.zeros(5))
+    assert own_table(tmp_path / "labels.nii.gz") is None
+    assert own_table(tmp_path / "lh.thickness") is None
+
+
+def test_the_lookup_table_of_freesurfer(tmp_path):
+    path = tmp_path / "FreeSurferColorLUT.txt"
+    path.write_text(
+        "#$Id$\n\n#No. Label Name:   R   G   B   A\n0   Unknown   0 0 0 0\n17  Left-Hippocampus  220 216 20 0\n"
+    )
+    found = read_table(path)
+    assert (found.names[17], found.colours[17]) == ("Left-Hippocampus", (220, 216, 20))
+    assert not found.is_region(0)
+
+
+def test_the_tsv_of_bids(tmp_path):
+    path = tmp_path / "atlas_dseg.tsv"
+    path.write_text("index\tname\tabbreviation\tcolor\n1\tGray Matter\tGM\t#ff53bb\n2\tno colour\tn\tn/a\n")
+    found = read_table(path)
+    assert found.names == {1: "Gray Matter", 2: "no colour"}
+    assert found.colours == {1: (255, 83, 187)}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.txt", "1 name 1 2\n", "line 1"),
+        ("a.txt", "1 name 1 2 300\n", "label 1 has the colour"),
+        ("a.txt", "# nothing\n", "no labels"),
+        ("a.tsv", "label\tname\n1\tx\n", "index and name"),
+        ("a.tsv", "index\tname\nx\ty\n", "table"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_table(tmp_path / name)
+
+
+def test_labels_without_names():
+    assert [LabelTable().is_region(label) for label in (-1, 0, 1)] == [False, False, True]

@@ -1,0 +1,143 @@
+"""Parcels: labels carried to a map, borders between them, and pixels on the same side of them."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import voxflat
+from voxflat import InputError
+from voxflat.io.label_tables import LabelTable
+from voxflat.maps.lines import borders, chains, outline
+from voxflat.maps.parcels import parcels_of
+
+
+def grid(n=24, seed=0):
+    """Return places (N, 2) in a square of n mm, out of order, and triangles."""
+    x, y = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    quads = np.column_stack([corner, corner + n, corner + n + 1, corner + 1])
+    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    uv = np.column_stack([x, y]) + np.random.default_rng(seed).uniform(-0.25, 0.25, (n * n, 2))
+    return uv, faces
+
+
+def three(uv):
+    """Return labels of three regions around the middle."""
+    away = uv - uv.mean(axis=0)
+    return np.floor((np.arctan2(away[:, 1], away[:, 0]) + np.pi) / (2 * np.pi / 3)).clip(0, 2).astype(np.int64)
+
+
+def to_segments(points, lines):
+    """Return the distance of points to the nearest of lines' segments."""
+    ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    share = ((points[:, None] - start) * along).sum(-1) / (along**2).sum(-1)
+    return np.linalg.norm(points[:, None] - start - share.clip(0, 1)[..., None] * along, axis=-1).min(axis=1)
+
+
+class TestLines:
+    def test_chains_join_each_link_once(self):
+        links = np.array([[0, 1], [2, 1], [2, 3], [4, 5], [5, 6], [6, 4], [3, 7], [3, 8]])
+        lines = chains(links)
+        found = sorted(tuple(sorted(pair)) for line in lines for pair in pairwise(line))
+        assert found == sorted(tuple(sorted(pair)) for pair in links.tolist())
+        assert sorted(map(len, lines)) == [2, 2, 4, 4]  # two from the junction, one to it, a closed one
+
+    def test_the_outline_is_one_closed_line_around_the_map(self):
+        uv, faces = grid()
+        (line,) = outline(uv, faces)
+        np.testing.assert_array_equal(line[0], line[-1])
+        assert len(line) == 4 * 23 + 1
+
+    def test_borders_lie_within_half_an_edge_of_where_labels_change(self):
+        uv, faces = grid()
+        labels = three(uv)
+        lines = borders(uv, faces, labels)
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edges = edges[labels[edges[:, 0]] != labels[edges[:, 1]]]
+        middles, half = uv[edges].mean(axis=1), np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1) / 2
+        assert (to_segments(middles, lines) <= half).all()
+        places = np.concatenate(lines)
+        near = np.linalg.norm(places[:, None] - middles, axis=-1)
+        assert (near.min(axis=1) <= half[near.argmin(axis=1)] + 1e-9).all()
+
+    def test_borders_are_smoother_than_the_edges_middles(self):
+        uv, faces = grid(seed=1)
+        lines = borders(uv, faces, (uv[:, 0] > 11.3).astype(np.int64))
+        assert len(lines) == 1
+        length = np.linalg.norm(np.diff(lines[0], axis=0), axis=1).sum()
+        straight = np.linalg.norm(lines[0][0] - lines[0][-1])
+        assert length < 1.02 * straight  # a straight border
+        assert np.abs(lines[0][:, 0] - 11.3).max() < 0.8
+
+    def test_three_regions_meet_at_a_point(self):
+        uv, faces = grid()
+        lines = borders(uv, faces, three(uv))
+        ends = np.array([end for line in lines for end in (line[0], line[-1])])
+        shared = [np.linalg.norm(ends - end, axis=1) < 1e-9 for end in ends]
+        assert max(same.sum() for same in shared) == 3
+
+    def test_a_single_label_has_no_border(self):
+        uv, faces = grid()
+        assert borders(uv, faces, np.zeros(len(uv), np.int64)) == []
+
+
+@pytest.fixture(scope="module")
+def flat_map():
+    uv, faces = grid(30, seed=2)
+    return voxflat.flatten((np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), sources=40, relax=False)
+
+
+class TestParcels:
+    def test_pixels_lie_on_the_side_of_their_corner(self, flat_map):
+        labels = np.zeros(30 * 30, np.int64)
+        middle = flat_map.points[:, :2].mean(axis=0)
+        labels[flat_map.ids] = 1 + three(flat_map.points[:, :2] - middle)
+        found = parcels_of(flat_map, labels)
+        raster = flat_map.raster(0.2)
+        shown = found.raster(raster)
+        at = np.argwhere(raster.inside)
+        places = np.array(raster.origin) + at[:, ::-1] * raster.pixel_size * [1, -1]
+        near = to_segments(places, found.borders) < 0.1  # half a pixel: either side is right
+        point = raster.nearest[raster.inside]
+        # away from borders by more than an edge the nearest point says it; and each point's own place has its label
+        far = to_segments(places, found.borders) > 1.5
+        assert (shown[raster.inside][far] == found.labels[point[far]]).all()
+        for start, step in zip(places[::37][~near[::37]], shown[raster.inside][::37][~near[::37]], strict=True):
+            reached = np.linalg.norm(flat_map.uv - start, axis=1).argsort()[:4]
+            assert step in found.labels[reached]
+        assert (shown[~raster.inside] == -1).all()
+        row, column = (np.rint((flat_map.uv - raster.origin) / raster.pixel_size * [1, -1])).astype(int).T[::-1]
+        on_map = (row >= 0) & (row < shown.shape[0]) & (column >= 0) & (column < shown.shape[1])
+        of_points = shown[row[on_map], column[on_map]]  # the outline runs through some of their pixels
+        assert (of_points == found.labels[on_map])[of_points >= 0].all()
+
+    def test_names_and_colours_are_the_tables(self, flat_map):
+        labels = np.repeat([0, 4, 7], 300)
+        table = LabelTable({0: "Unknown", 4: "four"}, {4: (1, 2, 3)})
+        found = parcels_of(flat_map, labels, table=table)
+        assert found.names == {4: "four", 7: "7"}
+        assert found.colours[4] == (1, 2, 3)
+        pixels = found.coloured(np.array([[-1, 4], [7, 4]]))
+        assert pixels[0].tolist() == [[0, 0, 0, 0], [1, 2, 3, 255]]
+        assert pixels[1, 0, 3] == 255
+
+    def test_what_are_no_labels_is_refused(self, flat_map):
+        with pytest.raises(InputError, match="whole numbers"):
+            parcels_of(flat_map, np.linspace(0, 1, 900))
+        with pytest.raises(InputError, match="900 vertices"):
+            parcels_of(flat_map, np.zeros(7, np.int64))
+        away = voxflat.io.Volume(np.ones((4, 4, 4), np.uint8), np.eye(4) + np.eye(4, k=3) * 500)
+        with pytest.raises(InputError, match="nothing on the map"):
+            parcels_of(flat_map, away)
+
+    def test_labels_of_a_volume_are_those_of_the_nearest_voxel(self, flat_map):
+        data = np.zeros((40, 40, 5), np.int16)
+        data[:12], data[12:] = 3, 8
+        affine = np.eye(4)
+        affine[:3, 3] = -2
+        found = parcels_of(flat_map, voxflat.io.Volume(data, affine))
+        x = flat_map.points[:, 0]
+        clear = np.abs(x - 9.5) > 0.01
+        assert (found.labels[clear] == np.where(x < 9.5, 3, 8)[clear]).all()

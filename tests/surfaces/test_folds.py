@@ -1,0 +1,128 @@
+"""Curvature and sulcal depth: analytic shapes, FreeSurfer's own values, the whole surface before it is cut."""
+
+import lab
+import nibabel as nib
+import numpy as np
+import pytest
+
+import voxflat
+from voxflat import Cancelled, InputError
+
+
+def sheet(n, step):
+    """Return a square of n x n vertices, `step` mm apart."""
+    x, y = (axis.ravel() * step for axis in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate(
+        [np.column_stack([corner, corner + n, corner + n + 1]), np.column_stack([corner, corner + n + 1, corner + 1])]
+    )
+    return x, y, faces
+
+
+def ball(radius):
+    """Return a ball's surface from voxels of 1 mm; its places are finer than the grid."""
+    grid = np.indices((2 * radius + 9,) * 3) - (radius + 4)
+    return voxflat.surface((np.linalg.norm(grid, axis=0) < radius).astype(np.uint8), spacing=(1.0, 1.0, 1.0))
+
+
+class TestCurvature:
+    def test_a_ball_of_voxels_bends_by_its_radius(self):
+        curvature = ball(15).mean_curvature()
+        assert curvature.mean() == pytest.approx(1 / 15, rel=0.03)
+        assert (curvature * 15).std() < 0.25  # steps of voxels are left, smoothed over 2 mm
+
+    @pytest.mark.parametrize("step", [0.5, 1.0])
+    def test_waves_bend_as_the_formula_says(self, step):
+        x, y, faces = sheet(round(40 / step) + 1, step)
+        k, a, smoothing = 2 * np.pi / 20, 0.2, 1.5
+        surface = voxflat.surface((np.column_stack([x, y, a * np.cos(k * x)]), faces))
+        expected = a * k**2 / 2 * np.cos(k * x) * np.exp(-(k**2) * smoothing**2 / 2)
+        sign = np.sign(surface.core.normals[:, 2].mean())
+        inner = (np.abs(x - 20) < 12) & (np.abs(y - 20) < 12)
+        off = sign * surface.mean_curvature(smoothing) - expected
+        assert np.abs(off[inner]).max() < 0.06 * a * k**2 / 2
+
+    def test_without_smoothing_the_integral_is_that_of_the_sphere(self):
+        surface = ball(12)
+        corners = surface.points[surface.faces]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        area = np.bincount(surface.faces.ravel(), np.repeat(areas / 3, 3))
+        raw, smooth = surface.mean_curvature(0), surface.mean_curvature(3)
+        assert (raw * area).sum() == pytest.approx(4 * np.pi * 12, rel=0.03)
+        assert (smooth * area).sum() == pytest.approx((raw * area).sum(), rel=5e-3)  # diffusion keeps it
+
+    @pytest.mark.parametrize("smoothing", [-1, np.inf, np.nan, "wide"])
+    def test_a_wrong_smoothing_is_refused(self, smoothing):
+        with pytest.raises(InputError, match="smoothing"):
+            ball(6).mean_curvature(smoothing)
+
+
+class TestSulcalDepth:
+    def test_a_ball_has_no_depth(self):
+        assert np.abs(ball(20).sulcal_depth()).max() < 0.45  # half a voxel
+
+    @pytest.mark.parametrize("step", [0.7, 1.0])
+    def test_shallow_waves_have_their_height(self, step):
+        x, y, faces = sheet(round(40 / step) + 1, step)
+        height = 0.5 * np.cos(2 * np.pi / 10 * x)
+        surface = voxflat.surface((np.column_stack([x, y, height]), faces))
+        sign = np.sign(surface.core.normals[:, 2].mean())
+        inner = (np.abs(x - 20) < 10) & (np.abs(y - 20) < 10)
+        depth = sign * surface.sulcal_depth()
+        assert np.abs((depth - depth[inner].mean() + height - height[inner].mean())[inner]).max() < 0.1
+
+    def test_it_asks_not_for_the_triangles(self):
+        white, _, faces = lab.hemisphere()
+        fine = voxflat.surface(lab.fsaverage5("white_left"))
+        coarse = voxflat.surface((white, faces))
+        at = fine.sulcal_depth()[: lab.VERTICES]
+        depth = coarse.sulcal_depth()
+        assert np.corrcoef(depth, at)[0, 1] > 0.995
+        assert np.abs(depth - at).mean() < 0.25
+
+    def test_threads_change_no_bit(self):
+        surface = voxflat.surface(lab.fsaverage5("white_left"))
+        np.testing.assert_array_equal(surface.sulcal_depth(threads=1), surface.sulcal_depth(threads=2))
+
+    @pytest.mark.parametrize("flow", [0, -3.0, np.inf])
+    def test_a_wrong_flow_is_refused(self, flow):
+        with pytest.raises(InputError, match="flow"):
+            ball(6).sulcal_depth(flow)
+
+    def test_it_can_be_cancelled(self):
+        with pytest.raises(Cancelled):
+            voxflat.surface(lab.fsaverage5("white_left")).sulcal_depth(progress=lambda *_: False)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_they_agree_with_freesurfer(side):
+    surface = voxflat.surface(lab.fsaverage5(f"white_{side}"))
+    folder = lab.Path(lab.find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    curv, sulc = (nib.load(folder / f"{name}_{side}.gii.gz").agg_data() for name in ("curv", "sulc"))
+    assert np.corrcoef(surface.mean_curvature(), curv)[0, 1] < -0.96  # the other sign
+    assert np.corrcoef(surface.sulcal_depth(), sulc)[0, 1] > 0.97
+
+
+def test_a_map_has_them_of_the_whole_surface(tmp_path):
+    white, _, faces = lab.hemisphere()
+    surface = voxflat.surface((white, faces))
+    flat = voxflat.flatten(surface, seed_point=1000, radius=25.0)
+    assert len(flat) < 0.3 * len(surface)
+    np.testing.assert_array_equal(flat.curvature, surface.mean_curvature()[flat.ids])
+    np.testing.assert_array_equal(flat.sulcal_depth, surface.sulcal_depth()[flat.ids])
+    flat.save(tmp_path / "map.npz")
+    again = voxflat.load(tmp_path / "map.npz")
+    np.testing.assert_array_equal(again.curvature, flat.curvature)
+    np.testing.assert_array_equal(again.sulcal_depth, flat.sulcal_depth)
+
+
+def test_the_graph_of_voxels_has_none(tmp_path):
+    half = np.zeros((24, 24, 24), dtype=np.uint8)
+    half[4:8, 2:22, 2:22] = 1
+    keep = np.zeros_like(half)
+    keep[7] = half[7]
+    flat = voxflat.flatten(half, keep=keep, method="grossmann2002", sources=60, spacing=(1, 1, 1))
+    assert flat.curvature is None
+    assert flat.sulcal_depth is None
+    flat.save(tmp_path / "map.npz")
+    assert voxflat.load(tmp_path / "map.npz").curvature is None
