@@ -35,7 +35,7 @@ __all__ = ["FlatMap", "load"]
 
 MAP_ENDINGS = (".npz", ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
-_FORMAT = 4
+_FORMAT = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +72,8 @@ class FlatMap(Planar):
     bridges : ndarray of int64, shape (B, 3)
         Vertices of triangles that the mesh has and the map has not, though all their corners are in the map: a patch
         file must not bring them back.
+    white_points, pial_points : ndarray of float64, shape (N, 3), or None
+        The points on the white and on the pial surface, in `space`, where both are known: between them lies the cortex.
     """
 
     uv: NDArray[np.float64]
@@ -86,6 +88,8 @@ class FlatMap(Planar):
     metadata: dict[str, Any]
     rows: NDArray[np.float32] | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    white_points: NDArray[np.float64] | None = None
+    pial_points: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -103,7 +107,8 @@ class FlatMap(Planar):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces)
+        cortex = (self.white_points, self.pial_points)
+        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces, *cortex)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
 
     @property
@@ -326,6 +331,8 @@ class FlatMap(Planar):
         if self.distortion.triangles is not None:
             arrays["distortion_areal"] = self.distortion.triangles.areal
             arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
+        if self.white_points is not None and self.pial_points is not None:
+            arrays["white_points"], arrays["pial_points"] = self.white_points, self.pial_points
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = self.rows
         text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import checked_number
 from voxflat.io.provenance import Record, telling
+from voxflat.maps.depth import Depths
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
@@ -140,7 +142,9 @@ class Planar(ABC):
         pixel_size: float | None = None,
         *,
         channel: int | str | None = None,
-        depth: float = 0.0,
+        depth: float | Sequence[float] = 0.0,
+        fraction: float | Sequence[float] | None = None,
+        layering: str = "equivolume",
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatImage:
@@ -160,8 +164,15 @@ class Planar(ABC):
             As in `raster`.
         channel : int or str, optional
             Which one, where there are several: its number, from 0, or its name. `images` gives all of them.
-        depth : float
+        depth : float or sequence of float
             How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
+            Of several depths the mean is shown (`images` gives each).
+        fraction : float or sequence of float, optional
+            Instead, where the map was made of a white surface with ``pial=``: how much of the cortex lies below, from
+            0, the white surface, to 1, the pial one. Of several the mean.
+        layering : {"equivolume", "equidistant"}
+            What a fraction is of: the volume of the cortex there (Waehnert et al. 2014), which layers follow through
+            gyri and sulci, or the way from white to pial.
         interpolation : {"linear", "nearest"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours.
@@ -171,14 +182,17 @@ class Planar(ABC):
         Returns
         -------
         FlatImage
-            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value.
+            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value; of a mean, where it
+            has none at one of the depths.
 
         Raises
         ------
         InputError
-            If the volume does not fit or cannot be read, or there are several and none is chosen.
+            If the volume does not fit or cannot be read, or there are several and none is chosen; if a mean of labels
+            is asked for, or fractions where no pial surface is known.
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        depths = Depths.of(depth, fraction, layering)
+        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
     @telling
@@ -187,26 +201,36 @@ class Planar(ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
-        depth: float = 0.0,
+        channel: int | str | None = None,
+        depth: float | Sequence[float] = 0.0,
+        fraction: float | Sequence[float] | None = None,
+        layering: str = "equivolume",
+        average: bool = False,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Sample all maps of a file, or a series of volumes, onto the plane: each when it is asked for.
+        """Sample a volume at several depths, all maps of a file, or a series of volumes: each when it is asked for.
 
         Parameters
         ----------
-        volume, pixel_size, depth, interpolation, name
+        volume, pixel_size, depth, fraction, layering, interpolation, name
             As in `image`.
+        channel : int or str, optional
+            Only this one, where there are several.
+        average : bool
+            Show of several depths the mean, channel by channel.
 
         Returns
         -------
         FlatStack
-            A sequence of `FlatImage`, by number or name; `FlatStack.save` writes them one after the other.
+            A sequence of `FlatImage`, by number or name: of each channel all depths. `FlatStack.data` is the array
+            (depth, row, column); `FlatStack.save` writes it.
 
         Raises
         ------
         InputError
             As `image`.
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
-        return self._triangles.on_surface.images(self.raster(pixel_size), volume, **how)
+        depths = Depths.of(depth, fraction, layering)
+        how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
+        return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

@@ -220,6 +220,8 @@ class FlatStack(Sequence[FlatImage]):
         What they show.
     provenance : dict
         As of `FlatImage`.
+    layers : tuple of str
+        The names of the depths, where each channel is shown at several: all those of the first channel come first.
     """
 
     channels: Channels
@@ -227,6 +229,7 @@ class FlatStack(Sequence[FlatImage]):
     origin: tuple[float, float]
     name: str
     provenance: Record = field(default_factory=dict)
+    layers: tuple[str, ...] = ()
 
     def with_provenance(self, record: Record) -> FlatStack:
         """Return the same images with a record of what made them.
@@ -254,6 +257,33 @@ class FlatStack(Sequence[FlatImage]):
         """The name of each channel, empty where it has none."""
         return self.channels.names
 
+    @property
+    def data(self) -> NDArray[Any]:
+        """All images as one array: (depth, row, column), (channel, row, column), or (channel, depth, row, column).
+
+        Colours have one more axis, the last.
+        """
+        images = np.stack([self.channels.read(n) for n in range(len(self))])
+        several = 0 < len(self.layers) < len(self)
+        return images.reshape(-1, len(self.layers), *images.shape[1:]) if several else images
+
+    def of_channel(self, channel: int) -> FlatStack:
+        """Return the images of one channel: one, or one a depth.
+
+        Parameters
+        ----------
+        channel : int
+            Its number, from 0.
+
+        Returns
+        -------
+        FlatStack
+        """
+        each, all_names = max(1, len(self.layers)), self.channels
+        first = channel * each
+        names = all_names.names[first : first + each]
+        return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
+
     @overload
     def __getitem__(self, channel: int | str) -> FlatImage: ...
 
@@ -270,7 +300,9 @@ class FlatStack(Sequence[FlatImage]):
         name = ", ".join(part for part in (self.name, self.names[n]) if part)
         record = self.provenance
         if record:
-            record = {**record, "parameters": {**record["parameters"], "channel": n}}
+            of, layer = divmod(n, len(self.layers)) if self.layers else (n, None)
+            own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
+            record = {**record, "parameters": {**record["parameters"], **own}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
@@ -279,9 +311,9 @@ class FlatStack(Sequence[FlatImage]):
         Parameters
         ----------
         path : path
-            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: a volume each of (H, W, 1, K), the
-            names in a header extension (JSON). ``.npy``: (K, H, W), without names. The values are float32, NaN outside
-            the map. All but ``.npy`` hold `provenance`.
+            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: (H, W, D, K) of K channels at D
+            depths, the names in a header extension (JSON). ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without
+            names. The values are float32, NaN outside the map. All but ``.npy`` hold `provenance`.
         sidecar, overwrite
             As of `FlatImage.save`.
 
@@ -360,10 +392,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
     """
     data = volume.data
     colour = data.ndim == 4
-    if interpolation is None:
-        interpolation = "linear" if colour or data.dtype.kind == "f" else "nearest"
-    if interpolation not in ("linear", "nearest"):
-        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    interpolation = _way(volume, interpolation)
     inverse = np.linalg.inv(volume.affine)
     where = points @ inverse[:3, :3].T + inverse[:3, 3]
     # a voxel reaches half a voxel beyond its centre
@@ -385,3 +414,73 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
     if data.shape[3] == 3:
         rgba[inside, 3] = 255
     return rgba
+
+
+def sample_layers(
+    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
+) -> NDArray[Any]:
+    """Sample a volume at several depths.
+
+    Parameters
+    ----------
+    volume, interpolation
+        As in `sample`.
+    places : sequence of ndarray, shape (..., 3)
+        RAS+ mm, one array a depth.
+
+    Returns
+    -------
+    ndarray
+        As of `sample`; the first axis is the depth.
+
+    Raises
+    ------
+    InputError
+        As `sample`.
+    """
+    return np.stack([sample(volume, points, interpolation) for points in places])
+
+
+def sample_mean(
+    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
+) -> NDArray[Any]:
+    """Sample a volume at several depths, and return the mean.
+
+    Parameters
+    ----------
+    volume, places, interpolation
+        As in `sample_layers`.
+
+    Returns
+    -------
+    ndarray
+        As of `sample`; NaN, or alpha 0, where a point lies outside the volume at one of the depths.
+
+    Raises
+    ------
+    InputError
+        As `sample`, and if labels are to be averaged.
+    """
+    if len(places) > 1 and _way(volume, interpolation) == "nearest":
+        raise InputError(
+            f"values of type {volume.data.dtype} may be labels, which have no mean over depths: give "
+            "interpolation='linear' if they are none, one depth, or each depth by itself (images)"
+        )
+    layers = sample_layers(volume, places, interpolation)
+    if len(layers) == 1:
+        return np.asarray(layers[0])
+    mean = np.asarray(layers.mean(axis=0))
+    if volume.data.ndim == 3:
+        return mean
+    mean = np.round(mean).astype(np.uint8)
+    mean[(layers[..., 3] == 0).any(axis=0)] = 0
+    return mean
+
+
+def _way(volume: Volume, interpolation: str | None) -> str:
+    """Return how to sample a volume."""
+    if interpolation is None:
+        return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
+    if interpolation not in ("linear", "nearest"):
+        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+    return interpolation

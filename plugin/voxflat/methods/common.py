@@ -132,6 +132,8 @@ def map_over_triangles(
         metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
         rows=rows,
         bridges=part.bridges(cut.faces),
+        white_points=None if part.white_points is None else part.white_points[ids],
+        pial_points=None if part.pial_points is None else part.pial_points[ids],
     )
 
 
