@@ -8,7 +8,21 @@ from __future__ import annotations
 import click
 
 from voxflat._core import __version__
-from voxflat.cli import check, cut, demo, flatten, image, measure, patches, path, rows, surface, texture
+from voxflat.cli import (
+    check,
+    cut,
+    demo,
+    flatten,
+    image,
+    measure,
+    patches,
+    path,
+    points,
+    regions,
+    rows,
+    surface,
+    texture,
+)
 from voxflat.cli.console import Program
 
 __all__ = ["main"]
@@ -24,5 +38,6 @@ def main() -> None:
     """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
 
 
-for module in (flatten, check, surface, cut, path, measure, patches, rows, image, texture, demo):  # a command each
+_COMMANDS = (flatten, check, surface, cut, path, measure, patches, rows, image, points, regions, texture, demo)
+for module in _COMMANDS:
     main.add_command(module.command)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 
-__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colours", "levels"]
+__all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colour", "label_colours", "levels"]
 
 WINDOW = (1, 99)
 """Percentiles that are shown as the ends of a colour map: black and white."""
@@ -104,12 +104,13 @@ def label_colours(data: NDArray[Any]) -> NDArray[np.uint8]:
     inside = np.isfinite(data)
     labels, which = np.unique(data[inside], return_inverse=True)
     pixels = np.zeros((*data.shape, 4), dtype=np.uint8)
-    pixels[inside, :3] = np.array([_colour(int(label)) for label in labels], dtype=np.uint8).reshape(-1, 3)[which]
+    pixels[inside, :3] = np.array([label_colour(int(label)) for label in labels], dtype=np.uint8).reshape(-1, 3)[which]
     pixels[inside, 3] = 255
     return pixels
 
 
-def _colour(label: int) -> tuple[int, int, int]:
+def label_colour(label: int) -> tuple[int, int, int]:
+    """Return the colour of a label, red, green, blue; grey of 0."""
     if label == 0:
         return _UNLABELLED
     hue, saturation, value = label * _GOLDEN_RATIO % 1, (0.9, 0.55)[label % 2], (1.0, 0.8, 0.6)[label % 3]

@@ -26,6 +26,7 @@ from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
+from voxflat.maps.regions import Regions, regions_of
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.texture import TexturedSurface
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
@@ -233,6 +234,36 @@ class FlatMap(Planar):
         volume = np.full((*self.volume_shape, *values.shape[1:]), background, dtype=values.dtype)
         volume[tuple(self.ids.T)] = values
         return volume
+
+    @telling
+    def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
+        """Take regions of interest that were drawn on the map, to carry them to vertices and voxels.
+
+        Parameters
+        ----------
+        rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
+            Polygons in mm: (k, 2), several in a list, or by their names, {"V1": polygon}; a name may have several,
+            which enclose a region together. A label image on the map's pixels, shape (H, W), 0 for none. A Shapes layer
+            over the map in napari, with the column "name" of its features. A file: ``.svg``, a figure of voxflat with
+            paths in a layer; ``.json``, polygons by their names; ``.npy``, ``.png``, ``.tif``, ``.nii``, ``.nii.gz``, a
+            label image.
+        layer : str
+            The layer of an SVG file in which the regions were drawn.
+        pixel_size : float, optional
+            At which a label image was drawn, mm; by default what its file says, else `pixel_size`.
+
+        Returns
+        -------
+        Regions
+
+        Raises
+        ------
+        InputError
+            If they cannot be understood, are empty, or lie beside the map.
+        FileNotFoundError, PermissionError
+            If a file cannot be opened.
+        """
+        return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
     def description(self) -> dict[str, Any]:
         """Return the metadata with the distortion figures, ready for JSON.

@@ -11,14 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_number
+from voxflat import _core
+from voxflat.arguments import checked_number, log
+from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-__all__ = ["FlatTriangles", "Planar"]
+__all__ = ["LIMIT", "FlatTriangles", "Planar"]
+
+
+LIMIT = 5.0
+"""How far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +135,58 @@ class Planar(ABC):
         """
         of = self._triangles
         return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
+
+    @cached_property
+    def _nearest_finder(self) -> _core.NearestFinder:
+        of = self._triangles
+        return _core.NearestFinder(
+            np.ascontiguousarray(of.on_surface.points, dtype=np.float64),
+            np.ascontiguousarray(of.faces[~of.torn], dtype=np.uint32),
+        )
+
+    def points_to_map(
+        self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Find where points in space lie on the map: each at the place of the surface that is nearest to it.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            RAS+ mm.
+        limit : float
+            How far from the surface a point may lie, mm; 5 by default, more than the cortex is thick. The surface is
+            that of the map's `points`: with ``pial=`` the one midway.
+        space : {"surface", "scanner"}
+            Where the points lie: in the surface's own `space`, as `locate` gives them, or in scanner RAS, as volumes.
+
+        Returns
+        -------
+        uv : ndarray of float64, shape (..., 2)
+            Places on the map, mm; NaN beyond the limit. On a cut, either of its sides.
+        distance : ndarray of float64, shape (...)
+            From each point to the surface, exact over its triangles, mm; NaN beyond the limit.
+
+        Raises
+        ------
+        InputError
+            If the points have another shape, or the limit or the space is none.
+        """
+        wanted = np.asarray(points, dtype=np.float64)
+        if wanted.ndim == 0 or wanted.shape[-1] != 3:
+            raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
+        limit = checked_number(limit, "limit")
+        if not limit >= 0:
+            raise InputError(f"the limit is {limit:g} mm; give a number that is not negative")
+        if space not in ("surface", "scanner"):
+            raise InputError(f"space is {space!r}; give 'surface' or 'scanner'")
+        of = self._triangles
+        if space == "scanner":
+            if of.on_surface.space.doubt:
+                log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
+            wanted = of.on_surface.space.from_scanner(wanted)
+        triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
+        uv = np.einsum("pc,pcx->px", weights, of.uv[of.faces[~of.torn][triangles]])  # NaN where there is none
+        return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
     @property
     @abstractmethod

@@ -203,8 +203,8 @@ class Sampler:
             self._doubt_place(series[1], path)
             return series[0], lambda voxels: Volume(voxels, series[1], path), path
         if isinstance(volume, np.ndarray) and volume.ndim == 4 and volume.dtype != np.uint8 and volume.shape[3] > 1:
-            return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self._placed, None
-        placed = self._placed(volume)
+            return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self.placed, None
+        placed = self.placed(volume)
         self._doubt_place(placed.affine, placed.path)
         return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
 
@@ -337,8 +337,23 @@ class Sampler:
             raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
         return self.normals
 
-    def _placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
+    def placed(self, volume: object) -> Volume:
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies.
+
+        Parameters
+        ----------
+        volume : object
+            Whatever `as_volume` takes.
+
+        Returns
+        -------
+        Volume
+
+        Raises
+        ------
+        InputError
+            If it has neither a place nor the flattened volume's shape.
+        """
         given = as_volume(volume)
         if given.is_placed:
             return given
