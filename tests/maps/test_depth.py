@@ -190,6 +190,9 @@ class TestRefusals:
         labels = Volume(np.ones((61, 61, 61), np.uint8), GRID)
         with pytest.raises(InputError, match=r"uint8 may be labels, which have no mean over depths"):
             shells.image(labels, 1.0, fraction=(0.2, 0.8))
+        assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="majority").data) == 1
+        with pytest.raises(InputError, match=r"'majority', which is of labels, but values are no whole numbers"):
+            shells.image(volume_of(lambda x, y, z: x + 0.1), 1.0, interpolation="majority")
         assert np.nanmax(shells.image(labels, 1.0, fraction=(0.2, 0.8), interpolation="linear").data) == 1
         with pytest.raises(InputError, match=r"overlay has values on the surface alone"):
             shells.image(np.arange(2562.0), fraction=0.5)

@@ -20,6 +20,7 @@ from voxflat.io.reading import reading
 from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.sampling import INTERPOLATIONS
 
 
 @click.command(
@@ -38,7 +39,12 @@ Examples:
 """,
 )
 @click.argument("map_", metavar="MAP", type=FILE)
-@click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option(
+    "--volume",
+    type=FILE,
+    metavar="V",
+    help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+)
 @click.option(
     "--channel",
     metavar="NAME|N",
@@ -81,8 +87,9 @@ Examples:
 @click.option("--average", is_flag=True, help="Of several depths show the mean.")
 @click.option(
     "--interpolation",
-    type=click.Choice(["linear", "nearest"]),
-    help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
+    type=click.Choice(INTERPOLATIONS),
+    help="Between voxels. Majority: of labels that which most of the voxels around have, over all depths.  [default: "
+    "nearest for whole numbers, which may be labels; linear for others]",
 )
 @options.beside
 @options.as_json

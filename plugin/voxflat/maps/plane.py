@@ -213,9 +213,10 @@ class Planar(ABC):
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies, in scanner RAS. A bare array must have the flattened volume's shape,
-            and lies where that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,)
-            or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8 colours
-            there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
+            and lies where that lies. A dask or zarr array, or a path of OME-Zarr, may be larger than memory: each chunk
+            that the surface meets is read once. For meshes also an overlay: values at the mesh's vertices, an array of
+            shape (V,) or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8
+            colours there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
             (Zigelman et al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of
             volumes.
         pixel_size : float, optional
@@ -231,9 +232,10 @@ class Planar(ABC):
         layering : {"equivolume", "equidistant"}
             What a fraction is of: the volume of the cortex there (Waehnert et al. 2014), which layers follow through
             gyri and sulci, or the way from white to pial.
-        interpolation : {"linear", "nearest"}, optional
+        interpolation : {"linear", "nearest", "majority"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours.
+            volumes and colours. "majority" is of labels: that which has the greatest weight among the voxels around (of
+            an overlay the triangle's corners), over all depths; its borders are smoother than voxels.
         name : str, optional
             What the image shows.
 

@@ -9,15 +9,14 @@ from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.provenance import Record, resolved, saving
-from voxflat.io.volumes import Volume
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image, write_stack
+from voxflat.maps.sampling import INTERPOLATIONS, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -330,12 +329,16 @@ class FlatStack(Sequence[FlatImage]):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Carry an overlay's values to the pixels: whole numbers, which may be labels, from the nearest point."""
+    """Carry an overlay's values to the pixels: whole numbers, which may be labels, usually from the nearest point."""
     way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
     if way == "linear":
         return raster.interpolate(values)
+    if way == "majority":
+        inside, found = raster.inside, np.full(raster.shape, np.nan)
+        found[inside] = majority(values[raster.corners[inside]], raster.weights[inside])
+        return found
     if way != "nearest":
-        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
     nearest = raster.nearest
     return np.where(nearest >= 0, values[nearest], np.nan)
 
@@ -365,122 +368,3 @@ def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bo
     """
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))
-
-
-def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at places in the world.
-
-    Parameters
-    ----------
-    volume : Volume
-        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
-    points : ndarray, shape (..., 3)
-        RAS+ mm; NaN rows give NaN.
-    interpolation : {"linear", "nearest"}, optional
-        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-        volumes and colours.
-
-    Returns
-    -------
-    ndarray, shape (...), float64; or (..., 4), uint8 for colours
-        NaN, or alpha 0, where a point lies outside the volume.
-
-    Raises
-    ------
-    InputError
-        If `interpolation` is unknown.
-    """
-    data = volume.data
-    colour = data.ndim == 4
-    interpolation = _way(volume, interpolation)
-    inverse = np.linalg.inv(volume.affine)
-    where = points @ inverse[:3, :3].T + inverse[:3, 3]
-    # a voxel reaches half a voxel beyond its centre
-    size = np.asarray(data.shape[:3])
-    inside = np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
-    order = 1 if interpolation == "linear" else 0
-    at = where[inside].T
-
-    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
-        image = np.full(points.shape[:-1], np.nan)
-        image[inside] = map_coordinates(values, at, output=np.float64, order=order, mode="nearest")
-        return image
-
-    if not colour:
-        return channel(data)
-    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
-    for c in range(data.shape[3]):
-        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
-    if data.shape[3] == 3:
-        rgba[inside, 3] = 255
-    return rgba
-
-
-def sample_layers(
-    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
-) -> NDArray[Any]:
-    """Sample a volume at several depths.
-
-    Parameters
-    ----------
-    volume, interpolation
-        As in `sample`.
-    places : sequence of ndarray, shape (..., 3)
-        RAS+ mm, one array a depth.
-
-    Returns
-    -------
-    ndarray
-        As of `sample`; the first axis is the depth.
-
-    Raises
-    ------
-    InputError
-        As `sample`.
-    """
-    return np.stack([sample(volume, points, interpolation) for points in places])
-
-
-def sample_mean(
-    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
-) -> NDArray[Any]:
-    """Sample a volume at several depths, and return the mean.
-
-    Parameters
-    ----------
-    volume, places, interpolation
-        As in `sample_layers`.
-
-    Returns
-    -------
-    ndarray
-        As of `sample`; NaN, or alpha 0, where a point lies outside the volume at one of the depths.
-
-    Raises
-    ------
-    InputError
-        As `sample`, and if labels are to be averaged.
-    """
-    if len(places) > 1 and _way(volume, interpolation) == "nearest":
-        raise InputError(
-            f"values of type {volume.data.dtype} may be labels, which have no mean over depths: give "
-            "interpolation='linear' if they are none, one depth, or each depth by itself (images)"
-        )
-    layers = sample_layers(volume, places, interpolation)
-    if len(layers) == 1:
-        return np.asarray(layers[0])
-    mean = np.asarray(layers.mean(axis=0))
-    if volume.data.ndim == 3:
-        return mean
-    mean = np.round(mean).astype(np.uint8)
-    mean[(layers[..., 3] == 0).any(axis=0)] = 0
-    return mean
-
-
-def _way(volume: Volume, interpolation: str | None) -> str:
-    """Return how to sample a volume."""
-    if interpolation is None:
-        return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
-    if interpolation not in ("linear", "nearest"):
-        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
-    return interpolation

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, points_of_nibabel, series_of
+from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
@@ -23,7 +24,8 @@ from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.maps.depth import Depths, equivolume, vertex_areas
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, sample_layers, sample_mean, show
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, show
+from voxflat.maps.sampling import sample_layers, sample_mean
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
@@ -198,6 +200,14 @@ class Sampler:
         """Return voxels, read one by one where there are several volumes, how they become a volume, and their file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
+            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
+        if chunks is not None:
+            own = volume.affine if isinstance(volume, Volume) else chunks[1]
+            if own is None:
+                own = self._own_place(chunks[0].read(0).shape)
+            at: NDArray[np.float64] = own
+            return chunks[0], lambda voxels: Volume(voxels, at, path), path
+        with naming(path or type(volume).__name__, REMEDY):
             series = series_of(path or volume)
         if series is not None:
             self._doubt_place(series[1], path)
@@ -220,8 +230,10 @@ class Sampler:
     def _overlay(self, volume: object) -> Channels | None:
         """Return values at the mesh's vertices, if that is what was given."""
         count, structure = self.metadata["vertices"], self.metadata.get("structure")
+        if is_chunked(volume):
+            return None
         if isinstance(volume, str | os.PathLike):
-            if holds_volume(volume):
+            if is_zarr_path(volume) or holds_volume(volume):
                 return None
             refuse_other_side(volume, structure)
             channels = read_channels(volume, count, structure=structure)
@@ -355,14 +367,16 @@ class Sampler:
             If it has neither a place nor the flattened volume's shape.
         """
         given = as_volume(volume)
-        if given.is_placed:
-            return given
-        if given.data.shape[:3] != self.volume_shape:
+        return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
+
+    def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Return the affine of the flattened volume for one of the same shape."""
+        if shape[:3] != self.volume_shape:
             raise InputError(
-                f"the volume has shape {given.data.shape} and no affine, the flattened volume {self.volume_shape}; "
+                f"the volume has shape {shape} and no affine, the flattened volume {self.volume_shape}; "
                 "give a volume of that shape, or one with its affine"
             )
-        return replace(given, affine=self.affine)
+        return self.affine
 
 
 def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
