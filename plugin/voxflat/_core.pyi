@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 __all__ = [
     "KEPT_BYTES",
     "REFERENCE_SOURCES",
+    "NearestFinder",
     "Surface",
     "TriangleFinder",
     "VoxelSurface",
@@ -20,6 +21,7 @@ __all__ = [
     "is_sheet",
     "reference_sources",
     "repair",
+    "ribbon_voxels",
     "store_memory_need",
     "vertex_normals",
 ]
@@ -49,6 +51,22 @@ def repair(
 def reference_sources(points: int, count: int, seed: int) -> NDArray[np.uint32]: ...
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
 def vertex_normals(points: NDArray[np.float64], faces: NDArray[np.uint32]) -> NDArray[np.float64]: ...
+def ribbon_voxels(
+    inner: NDArray[np.float64],
+    outer: NDArray[np.float64],
+    faces: NDArray[np.uint32],
+    numbers: NDArray[np.int64],
+    shape: list[int],
+    middle: float,
+    progress: _Progress | None = None,
+) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+class NearestFinder:
+    def __new__(cls, points: NDArray[np.float64], faces: NDArray[np.uint32]) -> NearestFinder: ...
+    def find(
+        self, points: NDArray[np.float64], limit: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 @final
 class TriangleFinder:

@@ -215,7 +215,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}])
     def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
-        with pytest.raises(InputError, match="depth and interpolation are for volumes and overlays, not for textures"):
+        with pytest.raises(InputError, match="depth, fraction and interpolation are for volumes, not for textures"):
             flat_map.image(save_obj(tmp_path, mesh, chessboard()), **options)
 
     @pytest.mark.parametrize("name", ["picture.png", "picture.mtl"])

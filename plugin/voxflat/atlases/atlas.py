@@ -169,7 +169,7 @@ class Atlas(FlatPieces, ABC):
         pixel_size: float | None = None,
         *,
         channel: int | str | None = None,
-        depth: float = 0.0,
+        depth: float | Sequence[float] = 0.0,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatImage:
@@ -178,7 +178,7 @@ class Atlas(FlatPieces, ABC):
         Parameters
         ----------
         volume, pixel_size, channel, depth, interpolation, name
-            As in `FlatMap.image`.
+            As in `FlatMap.image`; an atlas knows no pial surface.
 
         Returns
         -------
@@ -193,22 +193,25 @@ class Atlas(FlatPieces, ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
-        depth: float = 0.0,
+        channel: int | str | None = None,
+        depth: float | Sequence[float] = 0.0,
+        average: bool = False,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Sample all maps of a file, or a series of volumes, onto the page.
+        """Sample a volume at several depths, all maps of a file, or a series of volumes, onto the page.
 
         Parameters
         ----------
-        volume, pixel_size, depth, interpolation, name
+        volume, pixel_size, channel, depth, average, interpolation, name
             As in `FlatMap.images`.
 
         Returns
         -------
         FlatStack
         """
-        return self.page().images(volume, pixel_size, depth=depth, interpolation=interpolation, name=name)
+        how: dict[str, Any] = {"depth": depth, "average": average, "interpolation": interpolation, "name": name}
+        return self.page().images(volume, pixel_size, channel=channel, **how)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle on the page: `page` and `FlatPage.heat_map` in one.

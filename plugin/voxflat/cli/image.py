@@ -15,11 +15,12 @@ from voxflat.cli import options
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, naming
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
+from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.sampling import INTERPOLATIONS
 
 
 @click.command(
@@ -33,10 +34,17 @@ Examples:
   voxflat image atlas.npz --volume lh.sulc -o page.png
   voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
   voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
+  voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif
+  voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 --average -o bold.nii.gz
 """,
 )
 @click.argument("map_", metavar="MAP", type=FILE)
-@click.option("--volume", type=FILE, metavar="V", help="The volume to show; for a mesh an overlay, or its own texture.")
+@click.option(
+    "--volume",
+    type=FILE,
+    metavar="V",
+    help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+)
 @click.option(
     "--channel",
     metavar="NAME|N",
@@ -60,14 +68,28 @@ Examples:
 )
 @click.option(
     "--depth",
-    type=float,
-    metavar="MM",
-    help="How far outside the surface to sample, mm; negative is inside.  [default: 0]",
+    metavar="MM[,MM...]",
+    callback=options.numbers,
+    help="How far outside the surface to sample, mm; negative is inside. Several give an image each.  [default: 0]",
 )
 @click.option(
+    "--fraction",
+    metavar="F[,F...]",
+    callback=options.numbers,
+    help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0, the white surface, "
+    "to 1, the pial one. Several give an image each.",
+)
+@click.option(
+    "--layering",
+    type=click.Choice(LAYERINGS),
+    help="What --fraction is of: the cortex' volume there, or its thickness.  [default: equivolume]",
+)
+@click.option("--average", is_flag=True, help="Of several depths show the mean.")
+@click.option(
     "--interpolation",
-    type=click.Choice(["linear", "nearest"]),
-    help="Between voxels.  [default: nearest for whole numbers, which may be labels; linear for others]",
+    type=click.Choice(INTERPOLATIONS),
+    help="Between voxels. Majority: of labels that which most of the voxels around have, over all depths.  [default: "
+    "nearest for whole numbers, which may be labels; linear for others]",
 )
 @options.beside
 @options.as_json
@@ -79,7 +101,10 @@ def command(
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
-    depth: float | None,
+    depth: tuple[float, ...] | None,
+    fraction: tuple[float, ...] | None,
+    layering: str | None,
+    average: bool,
     interpolation: str | None,
     sidecar: bool,
     overwrite: bool,
@@ -94,23 +119,35 @@ def command(
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    if heat_map and (interpolation or channel is not None or depth is not None):
-        raise click.UsageError("--channel, --interpolation and --depth are for --volume.")
+    how: dict[str, Any] = {"depth": depth, "fraction": fraction, "layering": layering}
+    how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in how.items()}
+    given = {key: value for key, value in how.items() if value is not None}
+    if heat_map and (interpolation or channel is not None or given or average):
+        raise click.UsageError(
+            "--channel, --interpolation, --depth, --fraction, --layering and --average are for --volume."
+        )
+    if layering is not None and fraction is None:
+        raise click.UsageError("--layering is for --fraction.")
+    if depth is not None and fraction is not None:
+        raise click.UsageError("Give --depth or --fraction.")
     check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
     saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
     with reading() as files:
         flat_map = _load(map_)
+        if fraction is not None and not isinstance(flat_map, FlatMap):
+            raise InputError("an atlas knows no pial surface, and so no --fraction; give --depth in mm")
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
-            stack = flat_map.images(volume, pixel_size, depth=depth or 0.0, interpolation=interpolation)
-            with naming(volume, REMEDY):
-                picture = stack[0 if channel is None and len(stack) > 1 else stack.channels.find(channel)]
+            stack = flat_map.images(
+                volume, pixel_size, channel=channel, average=average, interpolation=interpolation, **given
+            )
+            picture = stack[0]
     picture = picture.with_provenance({**picture.provenance, "files": files})
     count = 1
     if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
-    if volume is not None and channel is None and len(stack) > 1:
+    if volume is not None and len(stack) > 1:
         count = len(stack)
         stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved)
     elif heat_map and output.suffix.lower() == ".png":

@@ -32,6 +32,7 @@ __all__ = [
     "link_lengths",
     "making",
     "memory_limit",
+    "numbers",
     "places",
     "quiet",
     "region",
@@ -125,6 +126,14 @@ def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) 
             raise click.BadParameter("a file of cuts (.json) holds all of them; give no other.")
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
+
+
+def numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    """Take an option's text as one number, or several between commas."""
+    try:
+        return None if value is None else tuple(float(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} must be a number, or several between commas, like 0.25,0.5.") from None
 
 
 class _File(click.Path):

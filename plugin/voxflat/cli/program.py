@@ -8,7 +8,22 @@ from __future__ import annotations
 import click
 
 from voxflat._core import __version__
-from voxflat.cli import check, cut, demo, figure, flatten, image, measure, patches, path, rows, surface, texture
+from voxflat.cli import (
+    check,
+    cut,
+    demo,
+    figure,
+    flatten,
+    image,
+    measure,
+    patches,
+    path,
+    points,
+    regions,
+    rows,
+    surface,
+    texture,
+)
 from voxflat.cli.console import Program
 
 __all__ = ["main"]
@@ -24,7 +39,7 @@ def main() -> None:
     """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
 
 
-for module in (
+_COMMANDS = (
     flatten,
     check,
     surface,
@@ -35,7 +50,10 @@ for module in (
     rows,
     image,
     figure,
+    points,
+    regions,
     texture,
     demo,
-):  # a command each
+)
+for module in _COMMANDS:
     main.add_command(module.command)

@@ -9,6 +9,7 @@ import io
 import math
 import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,39 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
             return vertices, _label_columns(data, 4)[:, 1:]
         except ValueError:  # it has numbers only
             return vertices, np.zeros((len(vertices), 3))
+
+
+def write_annot(
+    path: Path,
+    labels: NDArray[np.int64],
+    keys: Sequence[int],
+    names: Sequence[str],
+    colours: NDArray[np.uint8],
+) -> None:
+    """Write labels of all points, 0 for none, with names and colours, by which the format tells labels apart."""
+    table = np.zeros((len(keys) + 1, 5), dtype=np.int64)
+    rows, taken = [(25, 5, 25), *map(tuple, colours.tolist())], set()
+    for n, (red, green, blue) in enumerate(rows):
+        code = red | green << 8 | blue << 16
+        while code in taken or code == 0:  # the next one that nobody has
+            code = (code + 1) % (1 << 24)
+        taken.add(code)
+        table[n, :3] = code & 255, code >> 8 & 255, code >> 16
+    index = np.searchsorted(np.array([0, *sorted(keys)]), labels)
+    order = [0, *(1 + n for n in np.argsort(keys))]
+    named = ["unknown", *names]
+    nibabel = require("nibabel")
+    nibabel.freesurfer.write_annot(
+        path, index.astype(np.int32), table[order].astype(np.int32), [named[n] for n in order], fill_ctab=True
+    )
+
+
+def write_label(path: Path, vertices: NDArray[np.int64], points: NDArray[np.float64], name: str) -> None:
+    """Write a label: numbers of points, and where they lie in tkRAS."""
+    shown = "".join(letter if letter.isprintable() else "_" for letter in name)
+    rows = [f"{v}  {x:.3f}  {y:.3f}  {z:.3f} 0.0000000000\n" for v, (x, y, z) in zip(vertices, points, strict=True)]
+    text = f"#!ascii label {shown}, from voxflat vox2ras=TkReg\n{len(vertices)}\n" + "".join(rows)
+    path.write_text(text, encoding="utf-8")
 
 
 def _label_columns(data: bytes, count: int) -> NDArray[np.float64]:

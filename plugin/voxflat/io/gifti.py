@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Sequence
 from typing import Any
 from xml.parsers.expat import ParserCreate
 
@@ -318,6 +319,35 @@ def surface_bytes(
             data, intent=intent, datatype=data.dtype, meta=gifti.GiftiMetaData(meta), **of_points
         )
         image.add_gifti_data_array(array)
+    return bytes(image.to_bytes())
+
+
+def label_bytes(
+    labels: NDArray[np.int64],
+    keys: Sequence[int],
+    names: Sequence[str],
+    colours: NDArray[np.uint8],
+    structure: str | None,
+    record: Record | None = None,
+) -> bytes:
+    """Write labels at points as Workbench expects them, 0 for none, with names and colours."""
+    nibabel = require("nibabel")
+    gifti = nibabel.gifti
+    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
+    if record is not None:
+        meta["Provenance"] = as_text(record)
+    table = gifti.GiftiLabelTable()
+    rows = [(0, "???", (0.0, 0.0, 0.0, 0.0))]
+    shares = [(*(channel / 255 for channel in colour), 1.0) for colour in colours.tolist()]
+    for key, name, (red, green, blue, alpha) in [*rows, *zip(keys, names, shares, strict=True)]:
+        label = gifti.GiftiLabel(key=int(key), red=red, green=green, blue=blue, alpha=alpha)
+        label.label = name
+        table.labels.append(label)
+    data = labels.astype(np.int32)
+    array = gifti.GiftiDataArray(
+        data, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=gifti.GiftiMetaData({"Name": "regions"})
+    )
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), labeltable=table, darrays=[array])
     return bytes(image.to_bytes())
 
 

@@ -249,6 +249,23 @@ class Space:
         matrix = self._matrix
         return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
 
+    def to_tkras(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Carry points of this space to tkRAS.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            mm.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 3)
+            As they are where the way is not known, or none.
+        """
+        if self.name != "scanner" or self.volume is None:
+            return _carried(points, None)
+        return _carried(points, np.asarray(np.linalg.inv(self.volume.matrix), dtype=np.float64))
+
     def __str__(self) -> str:
         if self.name == "scanner":
             return "scanner RAS"

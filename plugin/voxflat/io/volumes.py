@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.chunks import Chunked, is_chunked
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
 from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
 from voxflat.io.provenance import Record, as_text
@@ -165,7 +166,9 @@ def write_volume(
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
-    """Check type and shape, drop trailing axes of length 1, and take the native byte order."""
+    """Check type and shape, drop trailing axes of length 1, take the native byte order; chunks stay where they are."""
+    if isinstance(data, Chunked) or is_chunked(data):
+        return data
     if data.dtype.kind not in "biuf":
         raise InputError(f"values of type {data.dtype} are no bool, integer or float: convert them")
     shape = volume_shape(data.shape, data.dtype)
@@ -176,7 +179,7 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
 def _parts(obj: object) -> tuple[NDArray[Any], NDArray[Any] | None, Path | None]:
     """Return the voxels of anything, its own affine or None, and its file or None."""
     if isinstance(obj, Volume):
-        return obj.data, obj.affine if obj.is_placed else None, obj.path
+        return as_array(obj.data), obj.affine if obj.is_placed else None, obj.path
     if isinstance(obj, str | os.PathLike):
         return *read(Path(obj)), Path(obj)
     if hasattr(obj, "dataobj") and hasattr(obj, "affine"):

@@ -26,6 +26,7 @@ from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
+from voxflat.maps.regions import Regions, regions_of
 from voxflat.maps.sampler import Sampler, usual_spacing
 from voxflat.maps.texture import TexturedSurface
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
@@ -77,6 +78,8 @@ class FlatMap(Planar):
         was cut. None for the method "grossmann2002", whose surface has no triangles.
     sulcal_depth : ndarray of float64, shape (N,), or None
         How deep in a fold they lie, mm, positive in sulci: `Surface.sulcal_depth`, likewise.
+    white_points, pial_points : ndarray of float64, shape (N, 3), or None
+        The points on the white and on the pial surface, in `space`, where both are known: between them lies the cortex.
     """
 
     uv: NDArray[np.float64]
@@ -93,6 +96,8 @@ class FlatMap(Planar):
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     curvature: NDArray[np.float64] | None = None
     sulcal_depth: NDArray[np.float64] | None = None
+    white_points: NDArray[np.float64] | None = None
+    pial_points: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -110,7 +115,8 @@ class FlatMap(Planar):
 
     @cached_property
     def _triangles(self) -> FlatTriangles:
-        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces)
+        cortex = (self.white_points, self.pial_points)
+        on_surface = Sampler(self.points, self.normals, self.ids, self.metadata, self.faces, *cortex)
         return FlatTriangles(self.uv, self.faces, self.torn, on_surface)
 
     @property
@@ -236,6 +242,36 @@ class FlatMap(Planar):
         volume[tuple(self.ids.T)] = values
         return volume
 
+    @telling
+    def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
+        """Take regions of interest that were drawn on the map, to carry them to vertices and voxels.
+
+        Parameters
+        ----------
+        rois : dict, ndarray, sequence, FlatImage, path or napari Shapes layer
+            Polygons in mm: (k, 2), several in a list, or by their names, {"V1": polygon}; a name may have several,
+            which enclose a region together. A label image on the map's pixels, shape (H, W), 0 for none. A Shapes layer
+            over the map in napari, with the column "name" of its features. A file: ``.svg``, a figure of voxflat with
+            paths in a layer; ``.json``, polygons by their names; ``.npy``, ``.png``, ``.tif``, ``.nii``, ``.nii.gz``, a
+            label image.
+        layer : str
+            The layer of an SVG file in which the regions were drawn.
+        pixel_size : float, optional
+            At which a label image was drawn, mm; by default what its file says, else `pixel_size`.
+
+        Returns
+        -------
+        Regions
+
+        Raises
+        ------
+        InputError
+            If they cannot be understood, are empty, or lie beside the map.
+        FileNotFoundError, PermissionError
+            If a file cannot be opened.
+        """
+        return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
+
     def description(self) -> dict[str, Any]:
         """Return the metadata with the distortion figures, ready for JSON.
 
@@ -333,7 +369,7 @@ class FlatMap(Planar):
         if self.distortion.triangles is not None:
             arrays["distortion_areal"] = self.distortion.triangles.areal
             arrays["distortion_is_flipped"] = self.distortion.triangles.is_flipped
-        for name in ("curvature", "sulcal_depth"):
+        for name in ("curvature", "sulcal_depth", "white_points", "pial_points"):
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
         if self.rows is not None and "store" not in self.metadata:

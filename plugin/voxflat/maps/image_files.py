@@ -129,6 +129,10 @@ class Stack(Protocol):
     def names(self) -> tuple[str, ...]:
         """Of each image."""
 
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Of the depths of each channel, where there are several."""
+
     def __len__(self) -> int:
         """Return the number of images."""
 
@@ -212,7 +216,8 @@ def _write_nifti_series(path: Path, stack: Stack, first: Image, record: Record) 
         raise InputError(f"{len(stack)} images of {width} x {height} pixels are too many for NIfTI-1: use .npy")
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
-    header.set_data_shape((height, width, 1, len(stack)))
+    depths = max(1, len(stack.layers))
+    header.set_data_shape((height, width, depths, len(stack) // depths))
     header.set_zooms((*[float(first.affine[2, 2])] * 3, 1.0))
     header.set_sform(first.affine, "scanner")
     header.set_qform(first.affine, "scanner")
@@ -232,7 +237,9 @@ def _write_nifti_series(path: Path, stack: Stack, first: Image, record: Record) 
 
 
 def _write_npy_series(path: Path, stack: Stack, first: Image, record: Record) -> None:
-    described = {"descr": "<f4", "fortran_order": False, "shape": (len(stack), *first.data.shape)}
+    depths = len(stack.layers)
+    shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
+    described = {"descr": "<f4", "fortran_order": False, "shape": (*shape, *first.data.shape)}
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, described)
         for n in range(len(stack)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,13 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_number
+from voxflat import _core
+from voxflat.arguments import checked_number, log
+from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
+from voxflat.maps.depth import Depths
 from voxflat.maps.look_up import Places, TriangleFinder
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, draw
 from voxflat.maps.sampler import Sampler
 
-__all__ = ["FlatTriangles", "Planar"]
+__all__ = ["LIMIT", "FlatTriangles", "Planar"]
+
+
+LIMIT = 5.0
+"""How far from the surface points may lie that are shown on the map, mm: cortex is up to 4.5 mm thick."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +136,58 @@ class Planar(ABC):
         of = self._triangles
         return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
 
+    @cached_property
+    def _nearest_finder(self) -> _core.NearestFinder:
+        of = self._triangles
+        return _core.NearestFinder(
+            np.ascontiguousarray(of.on_surface.points, dtype=np.float64),
+            np.ascontiguousarray(of.faces[~of.torn], dtype=np.uint32),
+        )
+
+    def points_to_map(
+        self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Find where points in space lie on the map: each at the place of the surface that is nearest to it.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            RAS+ mm.
+        limit : float
+            How far from the surface a point may lie, mm; 5 by default, more than the cortex is thick. The surface is
+            that of the map's `points`: with ``pial=`` the one midway.
+        space : {"surface", "scanner"}
+            Where the points lie: in the surface's own `space`, as `locate` gives them, or in scanner RAS, as volumes.
+
+        Returns
+        -------
+        uv : ndarray of float64, shape (..., 2)
+            Places on the map, mm; NaN beyond the limit. On a cut, either of its sides.
+        distance : ndarray of float64, shape (...)
+            From each point to the surface, exact over its triangles, mm; NaN beyond the limit.
+
+        Raises
+        ------
+        InputError
+            If the points have another shape, or the limit or the space is none.
+        """
+        wanted = np.asarray(points, dtype=np.float64)
+        if wanted.ndim == 0 or wanted.shape[-1] != 3:
+            raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
+        limit = checked_number(limit, "limit")
+        if not limit >= 0:
+            raise InputError(f"the limit is {limit:g} mm; give a number that is not negative")
+        if space not in ("surface", "scanner"):
+            raise InputError(f"space is {space!r}; give 'surface' or 'scanner'")
+        of = self._triangles
+        if space == "scanner":
+            if of.on_surface.space.doubt:
+                log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
+            wanted = of.on_surface.space.from_scanner(wanted)
+        triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
+        uv = np.einsum("pc,pcx->px", weights, of.uv[of.faces[~of.torn][triangles]])  # NaN where there is none
+        return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
+
     @property
     @abstractmethod
     def provenance(self) -> Record:
@@ -140,7 +200,9 @@ class Planar(ABC):
         pixel_size: float | None = None,
         *,
         channel: int | str | None = None,
-        depth: float = 0.0,
+        depth: float | Sequence[float] = 0.0,
+        fraction: float | Sequence[float] | None = None,
+        layering: str = "equivolume",
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatImage:
@@ -151,34 +213,46 @@ class Planar(ABC):
         volume : path, ndarray, image object or Volume
             Scalars or labels (I, J, K), or uint8 colours (I, J, K, 3 or 4). It may have another grid than the flattened
             volume: its affine says where it lies, in scanner RAS. A bare array must have the flattened volume's shape,
-            and lies where that lies. For meshes also an overlay: values at the mesh's vertices, an array of shape (V,)
-            or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8 colours
-            there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
+            and lies where that lies. A dask or zarr array, or a path of OME-Zarr, may be larger than memory: each chunk
+            that the surface meets is read once. For meshes also an overlay: values at the mesh's vertices, an array of
+            shape (V,) or a file (GIFTI, CIFTI, FreeSurfer curv, annot or .mgh, also NIfTI of shape (V, 1, 1)); uint8
+            colours there, shape (V, 3) or (V, 4); or the texture that the surface has of its own, as .obj, .vtp or .ply
             (Zigelman et al. 2002, figure 3). One of several: maps of such a file, an array of shape (V, K), a series of
             volumes.
         pixel_size : float, optional
             As in `raster`.
         channel : int or str, optional
             Which one, where there are several: its number, from 0, or its name. `images` gives all of them.
-        depth : float
+        depth : float or sequence of float
             How far outside the surface to sample, mm; negative is inside. 2 mm outside white matter lies grey matter.
-        interpolation : {"linear", "nearest"}, optional
+            Of several depths the mean is shown (`images` gives each).
+        fraction : float or sequence of float, optional
+            Instead, where the map was made of a white surface with ``pial=``: how much of the cortex lies below, from
+            0, the white surface, to 1, the pial one. Of several the mean.
+        layering : {"equivolume", "equidistant"}
+            What a fraction is of: the volume of the cortex there (Waehnert et al. 2014), which layers follow through
+            gyri and sulci, or the way from white to pial.
+        interpolation : {"linear", "nearest", "majority"}, optional
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-            volumes and colours.
+            volumes and colours. "majority" is of labels: that which has the greatest weight among the voxels around (of
+            an overlay the triangle's corners), over all depths; its borders are smoother than voxels.
         name : str, optional
             What the image shows.
 
         Returns
         -------
         FlatImage
-            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value.
+            NaN (colours: alpha 0) where there is no triangle, and where the volume has no value; of a mean, where it
+            has none at one of the depths.
 
         Raises
         ------
         InputError
-            If the volume does not fit or cannot be read, or there are several and none is chosen.
+            If the volume does not fit or cannot be read, or there are several and none is chosen; if a mean of labels
+            is asked for, or fractions where no pial surface is known.
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        depths = Depths.of(depth, fraction, layering)
+        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
     @telling
@@ -187,26 +261,36 @@ class Planar(ABC):
         volume: object,
         pixel_size: float | None = None,
         *,
-        depth: float = 0.0,
+        channel: int | str | None = None,
+        depth: float | Sequence[float] = 0.0,
+        fraction: float | Sequence[float] | None = None,
+        layering: str = "equivolume",
+        average: bool = False,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatStack:
-        """Sample all maps of a file, or a series of volumes, onto the plane: each when it is asked for.
+        """Sample a volume at several depths, all maps of a file, or a series of volumes: each when it is asked for.
 
         Parameters
         ----------
-        volume, pixel_size, depth, interpolation, name
+        volume, pixel_size, depth, fraction, layering, interpolation, name
             As in `image`.
+        channel : int or str, optional
+            Only this one, where there are several.
+        average : bool
+            Show of several depths the mean, channel by channel.
 
         Returns
         -------
         FlatStack
-            A sequence of `FlatImage`, by number or name; `FlatStack.save` writes them one after the other.
+            A sequence of `FlatImage`, by number or name: of each channel all depths. `FlatStack.data` is the array
+            (depth, row, column); `FlatStack.save` writes it.
 
         Raises
         ------
         InputError
             As `image`.
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
-        return self._triangles.on_surface.images(self.raster(pixel_size), volume, **how)
+        depths = Depths.of(depth, fraction, layering)
+        how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
+        return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

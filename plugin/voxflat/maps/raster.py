@@ -9,15 +9,14 @@ from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
 from voxflat.io.provenance import Record, resolved, saving
-from voxflat.io.volumes import Volume
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image, write_stack
+from voxflat.maps.sampling import INTERPOLATIONS, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -220,6 +219,8 @@ class FlatStack(Sequence[FlatImage]):
         What they show.
     provenance : dict
         As of `FlatImage`.
+    layers : tuple of str
+        The names of the depths, where each channel is shown at several: all those of the first channel come first.
     """
 
     channels: Channels
@@ -227,6 +228,7 @@ class FlatStack(Sequence[FlatImage]):
     origin: tuple[float, float]
     name: str
     provenance: Record = field(default_factory=dict)
+    layers: tuple[str, ...] = ()
 
     def with_provenance(self, record: Record) -> FlatStack:
         """Return the same images with a record of what made them.
@@ -254,6 +256,33 @@ class FlatStack(Sequence[FlatImage]):
         """The name of each channel, empty where it has none."""
         return self.channels.names
 
+    @property
+    def data(self) -> NDArray[Any]:
+        """All images as one array: (depth, row, column), (channel, row, column), or (channel, depth, row, column).
+
+        Colours have one more axis, the last.
+        """
+        images = np.stack([self.channels.read(n) for n in range(len(self))])
+        several = 0 < len(self.layers) < len(self)
+        return images.reshape(-1, len(self.layers), *images.shape[1:]) if several else images
+
+    def of_channel(self, channel: int) -> FlatStack:
+        """Return the images of one channel: one, or one a depth.
+
+        Parameters
+        ----------
+        channel : int
+            Its number, from 0.
+
+        Returns
+        -------
+        FlatStack
+        """
+        each, all_names = max(1, len(self.layers)), self.channels
+        first = channel * each
+        names = all_names.names[first : first + each]
+        return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
+
     @overload
     def __getitem__(self, channel: int | str) -> FlatImage: ...
 
@@ -270,7 +299,9 @@ class FlatStack(Sequence[FlatImage]):
         name = ", ".join(part for part in (self.name, self.names[n]) if part)
         record = self.provenance
         if record:
-            record = {**record, "parameters": {**record["parameters"], "channel": n}}
+            of, layer = divmod(n, len(self.layers)) if self.layers else (n, None)
+            own = {"channel": of} if layer is None else {"channel": of, "layer": self.layers[layer]}
+            record = {**record, "parameters": {**record["parameters"], **own}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
@@ -279,9 +310,9 @@ class FlatStack(Sequence[FlatImage]):
         Parameters
         ----------
         path : path
-            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: a volume each of (H, W, 1, K), the
-            names in a header extension (JSON). ``.npy``: (K, H, W), without names. The values are float32, NaN outside
-            the map. All but ``.npy`` hold `provenance`.
+            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: (H, W, D, K) of K channels at D
+            depths, the names in a header extension (JSON). ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without
+            names. The values are float32, NaN outside the map. All but ``.npy`` hold `provenance`.
         sidecar, overwrite
             As of `FlatImage.save`.
 
@@ -298,12 +329,16 @@ class FlatStack(Sequence[FlatImage]):
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
-    """Carry an overlay's values to the pixels: whole numbers, which may be labels, from the nearest point."""
+    """Carry an overlay's values to the pixels: whole numbers, which may be labels, usually from the nearest point."""
     way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
     if way == "linear":
         return raster.interpolate(values)
+    if way == "majority":
+        inside, found = raster.inside, np.full(raster.shape, np.nan)
+        found[inside] = majority(values[raster.corners[inside]], raster.weights[inside])
+        return found
     if way != "nearest":
-        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
+        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
     nearest = raster.nearest
     return np.where(nearest >= 0, values[nearest], np.nan)
 
@@ -333,55 +368,3 @@ def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bo
     """
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))
-
-
-def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
-    """Sample a volume at places in the world.
-
-    Parameters
-    ----------
-    volume : Volume
-        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
-    points : ndarray, shape (..., 3)
-        RAS+ mm; NaN rows give NaN.
-    interpolation : {"linear", "nearest"}, optional
-        By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-        volumes and colours.
-
-    Returns
-    -------
-    ndarray, shape (...), float64; or (..., 4), uint8 for colours
-        NaN, or alpha 0, where a point lies outside the volume.
-
-    Raises
-    ------
-    InputError
-        If `interpolation` is unknown.
-    """
-    data = volume.data
-    colour = data.ndim == 4
-    if interpolation is None:
-        interpolation = "linear" if colour or data.dtype.kind == "f" else "nearest"
-    if interpolation not in ("linear", "nearest"):
-        raise InputError(f"interpolation is {interpolation!r}; give 'linear' or 'nearest'")
-    inverse = np.linalg.inv(volume.affine)
-    where = points @ inverse[:3, :3].T + inverse[:3, 3]
-    # a voxel reaches half a voxel beyond its centre
-    size = np.asarray(data.shape[:3])
-    inside = np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
-    order = 1 if interpolation == "linear" else 0
-    at = where[inside].T
-
-    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
-        image = np.full(points.shape[:-1], np.nan)
-        image[inside] = map_coordinates(values, at, output=np.float64, order=order, mode="nearest")
-        return image
-
-    if not colour:
-        return channel(data)
-    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
-    for c in range(data.shape[3]):
-        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
-    if data.shape[3] == 3:
-        rgba[inside, 3] = 255
-    return rgba

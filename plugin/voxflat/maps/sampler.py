@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,19 +13,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, points_of_nibabel, series_of
+from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, sample, show
+from voxflat.maps.depth import Depths, equivolume, vertex_areas
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, show
+from voxflat.maps.sampling import sample_layers, sample_mean
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
+
+ON_SURFACE = Depths((0.0,))
+"""The depth of who asks for none."""
 
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
@@ -71,6 +77,8 @@ class Sampler:
         the ``space`` of the points.
     faces : ndarray of int, shape (F, 3)
         Triangles of the points.
+    white_points, pial_points : ndarray of float64, shape (N, 3), or None
+        The points on the white and on the pial surface, where both are known.
     """
 
     points: NDArray[np.float64]
@@ -78,6 +86,8 @@ class Sampler:
     ids: NDArray[np.int64]
     metadata: dict[str, Any]
     faces: NDArray[Any]
+    white_points: NDArray[np.float64] | None = None
+    pial_points: NDArray[np.float64] | None = None
 
     @property
     def is_voxels(self) -> bool:
@@ -126,28 +136,50 @@ class Sampler:
         return ids, raster.interpolate(self.points)
 
     def images(
-        self, raster: Raster, volume: object, *, depth: float = 0.0, interpolation: str | None = None, name: str = ""
+        self,
+        raster: Raster,
+        volume: object,
+        *,
+        channel: int | str | None = None,
+        depths: Depths = ON_SURFACE,
+        average: bool = False,
+        interpolation: str | None = None,
+        name: str = "",
     ) -> FlatStack:
-        """Sample all channels of a volume, an overlay or a texture onto pixels: as `FlatMap.images`."""
-        depth = checked_number(depth, "depth")
+        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`."""
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
+        layers: tuple[str, ...] = ()
         texture = None if self.is_voxels else self._surface_texture(volume)
         overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
-            if depth != 0 or interpolation is not None:
-                raise InputError(
-                    "depth and interpolation are for volumes and overlays, not for textures; leave them out"
-                )
+            if depths != ON_SURFACE or interpolation is not None:
+                raise InputError("depth, fraction and interpolation are for volumes, not for textures; leave them out")
             colours = paint(texture, raster, self.ids)
-            channels = Channels(("",), lambda _: colours)
+            names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
-            channels = overlay.mapped(lambda values: show(raster, values[self.ids], interpolation))
+            if depths != ON_SURFACE:
+                raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
+            names = channels = overlay.mapped(lambda values: show(raster, values[self.ids], interpolation))
         else:
             volumes, placed, path = self._volumes(volume)
+            names = volumes
             title = name or (path.name if path else "volume")
-            places = self._in_world(raster, depth)
-            channels = volumes.mapped(lambda voxels: sample(placed(voxels), places, interpolation))
-        return FlatStack(channels, raster.pixel_size, raster.origin, title)
+            places = self._in_world(raster, depths)
+            if average or len(depths) == 1:
+                channels = volumes.mapped(lambda voxels: sample_mean(placed(voxels), places, interpolation))
+            else:
+                layers = depths.names
+                channels = _one_by_one(
+                    volumes.mapped(lambda voxels: sample_layers(placed(voxels), places, interpolation)), layers
+                )
+        stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers)
+        return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
+
+    @staticmethod
+    def _found(volume: object, channels: Channels, channel: int | str | None) -> int:
+        """Return the number of a channel; its absence is told with the volume's name."""
+        with naming(volume if isinstance(volume, str | os.PathLike) else type(volume).__name__, REMEDY):
+            return channels.find(channel)
 
     def image(
         self,
@@ -155,27 +187,34 @@ class Sampler:
         volume: object,
         *,
         channel: int | str | None = None,
-        depth: float = 0.0,
+        depths: Depths = ON_SURFACE,
         interpolation: str | None = None,
         name: str = "",
     ) -> FlatImage:
         """Sample one channel of a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
-        stack = self.images(raster, volume, depth=depth, interpolation=interpolation, name=name)
-        with naming(volume if isinstance(volume, str | os.PathLike) else type(volume).__name__, REMEDY):
-            shown = stack[stack.channels.find(channel)]
+        stack = self.images(raster, volume, depths=depths, average=True, interpolation=interpolation, name=name)
+        shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
     def _volumes(self, volume: object) -> tuple[Channels, Callable[[NDArray[Any]], Volume], Path | None]:
         """Return voxels, read one by one where there are several volumes, how they become a volume, and their file."""
         path = Path(volume) if isinstance(volume, str | os.PathLike) else None
         with naming(path or type(volume).__name__, REMEDY):
+            chunks = chunked_of(volume.data if isinstance(volume, Volume) else volume)
+        if chunks is not None:
+            own = volume.affine if isinstance(volume, Volume) else chunks[1]
+            if own is None:
+                own = self._own_place(chunks[0].read(0).shape)
+            at: NDArray[np.float64] = own
+            return chunks[0], lambda voxels: Volume(voxels, at, path), path
+        with naming(path or type(volume).__name__, REMEDY):
             series = series_of(path or volume)
         if series is not None:
             self._doubt_place(series[1], path)
             return series[0], lambda voxels: Volume(voxels, series[1], path), path
         if isinstance(volume, np.ndarray) and volume.ndim == 4 and volume.dtype != np.uint8 and volume.shape[3] > 1:
-            return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self._placed, None
-        placed = self._placed(volume)
+            return Channels(("",) * volume.shape[3], lambda n: volume[..., n]), self.placed, None
+        placed = self.placed(volume)
         self._doubt_place(placed.affine, placed.path)
         return Channels(("",), lambda _: placed.data), lambda _: placed, placed.path
 
@@ -191,8 +230,10 @@ class Sampler:
     def _overlay(self, volume: object) -> Channels | None:
         """Return values at the mesh's vertices, if that is what was given."""
         count, structure = self.metadata["vertices"], self.metadata.get("structure")
+        if is_chunked(volume):
+            return None
         if isinstance(volume, str | os.PathLike):
-            if holds_volume(volume):
+            if is_zarr_path(volume) or holds_volume(volume):
                 return None
             refuse_other_side(volume, structure)
             channels = read_channels(volume, count, structure=structure)
@@ -246,36 +287,109 @@ class Sampler:
                 path.name,
             )
 
-    def _in_world(self, raster: Raster, depth: float) -> NDArray[np.float64]:
-        """Return where to sample for each pixel in the world of the volumes, shape (H, W, 3), scanner RAS, mm."""
+    def _in_world(self, raster: Raster, depths: Depths) -> list[NDArray[np.float64]]:
+        """Return where to sample for each pixel in the world of the volumes, (H, W, 3) a depth, scanner RAS, mm."""
         if self.space.doubt:
             log.warning(
                 "the volume may be sampled beside the surface: %s; give a file that says it: FreeSurfer's own with its "
                 "footer, such as lh.white, or what mris_convert --to-scanner of FreeSurfer 7.4 or later writes",
                 self.space.doubt,
             )
-        return self.space.to_scanner(self._at_depth(raster, depth))
+        if depths.layering is None:
+            return [self.space.to_scanner(self._at_depth(raster, depth)) for depth in depths.values]
+        return [self.space.to_scanner(raster.interpolate(points)) for points in self.at(depths)]
 
     def _at_depth(self, raster: Raster, depth: float) -> NDArray[np.float64]:
         """Return where to sample for each pixel, shape (H, W, 3), RAS+ mm in the space of the points."""
         points = raster.interpolate(self.points)
         if depth == 0:
             return points
-        if not np.isfinite(depth):
-            raise InputError(f"the depth is {depth}; give a finite number of mm")
-        if np.isnan(self.normals).all():
-            raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
-        normals = raster.interpolate(self.normals)
+        normals = raster.interpolate(self._outward(depth))
         return np.asarray(points + depth * normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
-    def _placed(self, volume: object) -> Volume:
-        """Return a volume with its place; without one of its own it lies where the flattened volume lies."""
-        given = as_volume(volume)
-        if given.is_placed:
-            return given
-        if given.data.shape[:3] != self.volume_shape:
+    def at(self, depths: Depths) -> list[NDArray[np.float64]]:
+        """Return the points at depths.
+
+        Parameters
+        ----------
+        depths : Depths
+            In mm, or as fractions of the cortex.
+
+        Returns
+        -------
+        list of ndarray of float64, shape (N, 3)
+            RAS+ mm in the space of the points, one array a depth.
+
+        Raises
+        ------
+        InputError
+            If the surface has no outside, or no pial surface is known.
+        """
+        if depths.layering is None:
+            return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
+        if self.white_points is None or self.pial_points is None:
             raise InputError(
-                f"the volume has shape {given.data.shape} and no affine, the flattened volume {self.volume_shape}; "
+                "fraction is of the way from white to pial surface, and this map knows no pial one: flatten the white "
+                "surface with pial=, or give depth= in mm"
+            )
+        way = self.pial_points - self.white_points
+        if depths.layering == "equidistant":
+            return [self.white_points + value * way for value in depths.values]
+        inner, outer = self._areas(self.white_points), self._areas(self.pial_points)
+        return [self.white_points + equivolume(value, inner, outer)[:, None] * way for value in depths.values]
+
+    def _areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the area around each point, whose sides of a cut have one."""
+        one = np.unique(self.ids, return_inverse=True)[1].ravel()
+        return np.asarray(np.bincount(one, vertex_areas(points, self.faces))[one], dtype=np.float64)
+
+    def _outward(self, depth: float) -> NDArray[np.float64]:
+        """Return the normals for a depth."""
+        if np.isnan(self.normals).all():
+            raise InputError(f"depth is {depth:g} mm, but this sheet has background on both sides and so no outside")
+        return self.normals
+
+    def placed(self, volume: object) -> Volume:
+        """Return a volume with its place; without one of its own it lies where the flattened volume lies.
+
+        Parameters
+        ----------
+        volume : object
+            Whatever `as_volume` takes.
+
+        Returns
+        -------
+        Volume
+
+        Raises
+        ------
+        InputError
+            If it has neither a place nor the flattened volume's shape.
+        """
+        given = as_volume(volume)
+        return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))
+
+    def _own_place(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Return the affine of the flattened volume for one of the same shape."""
+        if shape[:3] != self.volume_shape:
+            raise InputError(
+                f"the volume has shape {shape} and no affine, the flattened volume {self.volume_shape}; "
                 "give a volume of that shape, or one with its affine"
             )
-        return replace(given, affine=self.affine)
+        return self.affine
+
+
+def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
+    """Return images of several depths a channel as a channel each; those of one are sampled together."""
+    held: dict[int, Any] = {}
+
+    def read(n: int) -> NDArray[Any]:
+        channel, layer = divmod(n, len(names))
+        if channel not in held:
+            held.clear()
+            held[channel] = layers.read(channel)
+        image: NDArray[Any] = held[channel][layer]
+        return image
+
+    titles = [", ".join(part for part in (own, layer) if part) for own in layers.names for layer in names]
+    return Channels(tuple(titles), read)

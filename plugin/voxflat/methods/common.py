@@ -134,6 +134,8 @@ def map_over_triangles(
         rows=rows,
         bridges=part.bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
+        white_points=None if part.white_points is None else part.white_points[ids],
+        pial_points=None if part.pial_points is None else part.pial_points[ids],
     )
 
 

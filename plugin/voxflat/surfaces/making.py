@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,4 +126,4 @@ def _cut_handles(whole: Surface, threads: int | None, progress: Progress | None)
     lengths = [handle["length"] for handle in handles]
     remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
     metadata = {**whole.metadata, "handles_cut": handles}
-    return Surface(core, whole.voxels, metadata, (*whole.remarks, remark))
+    return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

@@ -79,7 +79,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
         If it is no manifold, or the pial surface does not correspond to it.
     """
     measured_on = "the given surface"
-    thickness, of_pial = None, []
+    white, places, of_pial = None, None, []
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         other = as_mesh(pial)
@@ -97,8 +97,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
             )
         places = in_space_of(mesh, other)
         of_pial = check_pial(core, mesh, other, places)
-        thickness = np.linalg.norm(places - mesh.points, axis=1)
-        midway = (mesh.points + places) / 2
+        white = np.asarray(mesh.points, dtype=np.float64)
+        midway = (white + places) / 2
         if len(told["merged"]):  # midway they may lie apart
             core, told = _core.Surface.from_triangles(midway, mesh.faces, mend)
         else:
@@ -129,7 +129,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
         mesh_faces = core.ids.astype(np.int64)[core.faces]
     if mesh.has_unknown_unit:
         metadata["unit"] = "unknown"
-    return Surface(core, None, metadata, tuple(remarks), thickness, mesh_faces, merged)
+    return Surface(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:

@@ -36,8 +36,8 @@ class Surface:
         Where it came from and how it was made.
     remarks : tuple of str
         What the user should know of it.
-    thickness : ndarray of float64, shape (V,), or None
-        From white to pial surface at each vertex of the whole surface, mm, where both were given.
+    white_points, pial_points : ndarray of float64, shape (V, 3), or None
+        The white and the pial surface at each vertex of the whole surface, RAS+ mm in `space`, where both were given.
     mesh_faces : ndarray of int64, shape (G, 3), or None
         The triangles of the whole mesh as they were given, or mended, as vertex numbers; None if it was no mesh.
     merged : ndarray of int64, shape (M, 2)
@@ -48,7 +48,8 @@ class Surface:
     voxels: NDArray[np.int64] | None
     metadata: dict[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
-    thickness: NDArray[np.float64] | None = None
+    white_points: NDArray[np.float64] | None = None
+    pial_points: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
     merged: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
 
@@ -86,6 +87,13 @@ class Surface:
     def faces(self) -> NDArray[np.uint32]:
         """Triangles, shape (F, 3)."""
         return self.core.faces
+
+    @property
+    def thickness(self) -> NDArray[np.float64] | None:
+        """From white to pial surface at each vertex of the whole surface, mm, shape (V,); None if not known."""
+        if self.white_points is None or self.pial_points is None:
+            return None
+        return np.asarray(np.linalg.norm(self.pial_points - self.white_points, axis=1))
 
     @property
     def usual_edge(self) -> float:

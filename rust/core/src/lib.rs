@@ -19,6 +19,8 @@
 //! | [`embed`] | distance rows → places | classical scaling, stress, Sammon's stress |
 //! | [`orient`] | | the map's up and its handedness |
 //! | [`look_up`] | flat map → surface | the triangle that holds a place, and where in it |
+//! | [`nearest`] | space → surface | the nearest place of the surface |
+//! | [`ribbon`] | space → surface | the voxels between two surfaces, and whose column each lies in |
 //! | [`raster`] | flat map → image | pixels of the map and where they come from |
 //! | [`atlas`] | surface → flat patches | certified patches, and how they are glued |
 //! | [`flatten`] | | whole methods, composed from the stages |
@@ -66,10 +68,12 @@ pub mod error;
 pub mod flatten;
 pub mod geodesic;
 pub mod look_up;
+pub mod nearest;
 pub mod orient;
 pub mod patch;
 pub mod place;
 pub mod raster;
+pub mod ribbon;
 pub mod rows;
 pub mod sources;
 pub mod store;

@@ -3,6 +3,7 @@
 //! Arrays are copied with the GIL; whatever else takes time goes on without it.
 
 mod convert;
+mod nearest;
 mod raster;
 mod surface;
 mod voxels;
@@ -22,9 +23,11 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
     module.add("REFERENCE_SOURCES", voxflat::distortion::judge::REFERENCE_SOURCES)?;
+    module.add_class::<nearest::NearestFinder>()?;
     module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;
     module.add_class::<voxels::VoxelSurface>()?;
+    module.add_function(wrap_pyfunction!(nearest::ribbon_voxels, module)?)?;
     module.add_function(wrap_pyfunction!(raster::draw, module)?)?;
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
     module.add_function(wrap_pyfunction!(surface::is_sheet, module)?)?;

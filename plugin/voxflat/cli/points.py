@@ -1,0 +1,68 @@
+"""The command `voxflat points`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from voxflat._core import __version__
+from voxflat.cli import options
+from voxflat.cli.options import FILE, OUT
+from voxflat.cli.output import check_output, print_json
+from voxflat.io.provenance import saving
+from voxflat.io.reading import reading
+from voxflat.io.tables import TABLE_ENDINGS, read_points
+from voxflat.maps.flat_map import load
+from voxflat.maps.plane import LIMIT
+
+
+@click.command(
+    "points",
+    epilog="""\b
+Examples:
+  voxflat points map.npz electrodes.tsv --space scanner -o electrodes_uv.tsv
+  voxflat points map.npz peaks.csv --space scanner --limit 3 -o peaks_uv.csv
+""",
+)
+@click.argument("map_", metavar="MAP", type=FILE)
+@click.argument("points", metavar="XYZ", type=FILE)
+@click.option("-o", "--output", type=OUT, required=True, metavar="OUT", help="The table with u, v and distance, mm.")
+@click.option("--limit", type=float, default=LIMIT, metavar="MM", help="How far from the surface a point may lie, mm.")
+@click.option(
+    "--space",
+    type=click.Choice(["surface", "scanner"]),
+    default="surface",
+    help="Where the points lie: in the coordinates of the surface's file, or in scanner RAS, as volumes.",
+)
+@options.beside
+@options.as_json
+@options.debug
+def command(
+    map_: Path, points: Path, output: Path, limit: float, space: str, sidecar: bool, overwrite: bool, as_json: bool
+) -> None:
+    """Find where points in space lie on a map.
+
+    XYZ is a table (.csv, .tsv, .txt) with the columns x, y and z, or without a header; RAS+ mm. Each point is shown at
+    the place of the surface that is nearest to it. OUT has all columns of XYZ, and u, v, distance (n/a beyond the
+    limit).
+    """
+    check_output(output, TABLE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    with reading() as files:
+        flat_map, table = load(map_), read_points(points)
+    uv, distance = flat_map.points_to_map(table.points, limit, space=space)
+    record: dict[str, Any] = {
+        "voxflat": __version__,
+        "function": "points_to_map",
+        "parameters": {"of": flat_map.provenance, "limit": limit, "space": space},
+        "files": dict(sorted(files.items())),
+    }
+    with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+        table.save(output, {"u": uv[:, 0], "v": uv[:, 1], "distance": distance})
+    shown = int(np.isfinite(distance).sum())
+    if as_json:
+        print_json({"output": str(output), "points": len(distance), "on_map": shown, "provenance": record})
+    else:
+        click.echo(f"{shown} of {len(distance)} points within {limit:g} mm of the surface\nsaved as {output}")

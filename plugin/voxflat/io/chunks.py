@@ -1,0 +1,292 @@
+"""Volumes in chunks, larger than memory: dask and zarr arrays, and OME-Zarr by its path.
+
+Nothing is read until it is known which voxels are wanted; then each chunk that holds one of them is read once.
+Whatever has a shape, a dtype, chunks and slices is such an array.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.channels import Channels
+from voxflat.io.files import require
+from voxflat.io.grid import Affine
+from voxflat.io.reading import check_room, note
+
+__all__ = ["PLACE_BYTES", "Chunked", "chunked_of", "is_chunked", "is_zarr_path", "voxels_at"]
+
+PLACE_BYTES = 360
+"""How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
+
+_TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
+_ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
+    "left-to-right": (0, 1),
+    "right-to-left": (0, -1),
+    "posterior-to-anterior": (1, 1),
+    "anterior-to-posterior": (1, -1),
+    "inferior-to-superior": (2, 1),
+    "superior-to-inferior": (2, -1),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Chunked:
+    """Three axes of an array in chunks, as a volume: indexed as (i, j, k).
+
+    Parameters
+    ----------
+    array : object
+        With ``shape``, ``dtype``, ``chunks`` and slices.
+    axes : tuple of 3 ints
+        The array's axes that are i, j and k.
+    fixed : tuple of (int, int)
+        The other axes, and the index taken of each.
+    """
+
+    array: Any
+    axes: tuple[int, int, int] = (0, 1, 2)
+    fixed: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of voxels along i, j, k."""
+        return tuple(int(self.array.shape[axis]) for axis in self.axes)
+
+    @property
+    def ndim(self) -> int:
+        """Three."""
+        return 3
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the values."""
+        found: np.dtype[Any] = np.dtype(self.array.dtype)
+        return found
+
+    @property
+    def starts(self) -> list[NDArray[np.int64]]:
+        """Where chunks begin along i, j and k, and the end."""
+        found = []
+        for axis, length in zip(self.axes, self.shape, strict=True):
+            of = self.array.chunks[axis]
+            sizes = list(of) if isinstance(of, tuple | list) else [int(of)] * math.ceil(length / int(of))
+            edges = np.minimum(np.cumsum([0, *sizes]), length).astype(np.int64)
+            found.append(edges)
+        return found
+
+    def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
+        """Read a box of voxels.
+
+        Parameters
+        ----------
+        spans : list of 3 tuples
+            First and behind the last index along i, j and k.
+
+        Returns
+        -------
+        ndarray
+        """
+        at: list[Any] = [slice(None)] * len(self.array.shape)
+        for axis, span in zip(self.axes, spans, strict=True):
+            at[axis] = slice(*span)
+        for axis, index in self.fixed:
+            at[axis] = index
+        read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+        order = np.argsort(np.argsort(self.axes))
+        return np.transpose(read, order)
+
+
+def is_chunked(obj: object) -> bool:
+    """Tell whether something is an array in chunks: not in memory as a whole."""
+    named = all(hasattr(obj, name) for name in ("shape", "dtype", "chunks", "__getitem__"))
+    return named and not isinstance(obj, np.ndarray) and bool(getattr(obj, "chunks", None))
+
+
+def is_zarr_path(obj: object) -> bool:
+    """Tell whether something is the path of a zarr directory."""
+    if not isinstance(obj, str | os.PathLike):
+        return False
+    path = Path(obj)
+    return path.is_dir() and any((path / name).exists() for name in ("zarr.json", ".zattrs", ".zarray", ".zgroup"))
+
+
+def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
+    """Return the values of voxels; of an array in chunks, by reading each chunk that holds one of them once.
+
+    Parameters
+    ----------
+    data : ndarray or Chunked, shape (I, J, K)
+        Voxels.
+    low : ndarray of int, shape (P, 3)
+        Indices of voxels.
+    offsets : ndarray of int, shape (K, 3)
+        What is added to each; indices beyond the last voxel mean that.
+
+    Returns
+    -------
+    ndarray, shape (P, K)
+    """
+    last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
+    found = np.empty((len(low), len(offsets)), dtype=data.dtype)
+    if not isinstance(data, Chunked):
+        for n, offset in enumerate(offsets):
+            found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
+        return found
+    starts = data.starts
+    counts = [len(edges) - 1 for edges in starts]
+    chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
+    for n, offset in enumerate(offsets):
+        number = np.zeros(len(low), dtype=chunk.dtype)
+        for axis, edges in enumerate(starts):
+            own = np.minimum(low[:, axis] + offset[axis], last[axis])
+            number *= counts[axis]
+            number += (np.searchsorted(edges, own, side="right") - 1).astype(number.dtype)
+        chunk[:, n] = number
+    order = np.argsort(chunk.ravel(), kind="stable")
+    values, first = found.reshape(-1), 0
+    numbers, sizes = np.unique(chunk, return_counts=True)
+    for number, size in zip(numbers.tolist(), sizes.tolist(), strict=True):
+        items = order[first : first + size]
+        first += size
+        at = np.unravel_index(number, counts)
+        spans = [(int(edges[n]), int(edges[n + 1])) for edges, n in zip(starts, at, strict=True)]
+        block = data.block(spans)
+        rows, columns = np.divmod(items, len(offsets))
+        index = np.minimum(low[rows] + offsets[columns], last) - [span[0] for span in spans]
+        values[items] = block[tuple(index.T)]
+    return found
+
+
+def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
+    """Take an array in chunks, or a path of OME-Zarr, as channels of volumes.
+
+    Parameters
+    ----------
+    obj : object
+        A dask or zarr array, (I, J, K) or (I, J, K, C); a path of a zarr directory; or anything else.
+
+    Returns
+    -------
+    channels : Channels
+        Of `Chunked`.
+    affine : ndarray, shape (4, 4), or None
+        Voxel index to RAS+ mm, where it is known.
+    path : Path or None
+        The file.
+        None instead of all three if it is none of these.
+
+    Raises
+    ------
+    InputError
+        If it has another shape or type, or no place.
+    """
+    if is_zarr_path(obj):
+        return _ome_zarr(Path(str(obj)))
+    if not is_chunked(obj):
+        return None
+    array: Any = obj
+    _check(array, array.chunks)
+    if len(array.shape) == 3:
+        return _channels([Chunked(array)], [""]), None, None
+    if len(array.shape) == 4:
+        each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
+        return _channels(each, [""] * len(each)), None, None
+    raise InputError(f"has the shape {tuple(array.shape)}: give (I, J, K), or (I, J, K, C) of C channels")
+
+
+def _check(array: Any, chunks: Any) -> None:
+    if np.dtype(array.dtype).kind not in "biuf":
+        raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
+    if 0 in array.shape:
+        raise InputError(f"is empty: its shape is {tuple(array.shape)}")
+    largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
+    check_room(2 * largest * np.dtype(array.dtype).itemsize)
+
+
+def _channels(each: list[Chunked], names: list[str]) -> Channels:
+    read: Any = each.__getitem__
+    return Channels(tuple(names), read)
+
+
+def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
+    """Open the finest image of an OME-Zarr, or the one that the path names within it."""
+    zarr = require("zarr")
+    wanted = None
+    told, about = _multiscales(path)
+    if told is None:
+        told, about = _multiscales(path.parent)
+        wanted = path.name
+    if told is None or about is None:
+        raise InputError(
+            "has no multiscales, which would say where it lies: give an OME-Zarr, or the array with an affine"
+        )
+    note(about)
+    sets = told.get("datasets") or []
+    found = next((of for of in sets if wanted is None or of.get("path") == wanted), None)
+    if found is None:
+        raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
+    root = path if wanted is None else path.parent
+    array = zarr.open_array(str(root / str(found["path"])), mode="r")
+    axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
+    axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
+    names = [str(axis.get("name")) for axis in axes]
+    if len(names) != len(array.shape) or not {"x", "y", "z"} <= set(names):
+        raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}: a volume has x, y and z")
+    _check(array, array.chunks)
+    scale, shift = np.ones(len(names)), np.zeros(len(names))
+    for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
+        if step.get("type") == "scale":
+            scale, shift = scale * step["scale"], shift * step["scale"]
+        elif step.get("type") == "translation":
+            shift = shift + step["translation"]
+        elif step.get("type") != "identity":
+            raise InputError(
+                f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
+            )
+    spatial = tuple(names.index(axis) for axis in "xyz")
+    affine = np.zeros((4, 4))
+    affine[3, 3] = 1
+    for column, axis in enumerate(spatial):
+        unit = str(axes[axis].get("unit", "millimeter"))
+        if unit not in _TO_MM:
+            raise InputError(f"its axis {names[axis]} is in {unit}: give {', '.join(_TO_MM)}")
+        orientation = axes[axis].get("orientation") or {}
+        value = orientation.get("value") if isinstance(orientation, dict) else None
+        row, sign = _ORIENTED.get(str(value), (column, 1))
+        affine[row, column] = sign * scale[axis] * _TO_MM[unit]
+        affine[row, 3] = sign * shift[axis] * _TO_MM[unit]
+    if abs(np.linalg.det(affine)) == 0:
+        raise InputError("its axes have no extent, or two run along the same: its affine would be singular")
+    others = [axis for axis in range(len(names)) if axis not in spatial]
+    each, titles = [], []
+    for number in np.ndindex(*(array.shape[axis] for axis in others)):
+        fixed = tuple(zip(others, map(int, number), strict=True))
+        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed))
+        titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
+    return _channels(each, titles), affine, path
+
+
+def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
+    """Return the first multiscales of a zarr group, and the file that says it."""
+    for name in ("zarr.json", ".zattrs"):
+        file = path / name
+        if not file.is_file():
+            continue
+        try:
+            content = json.loads(file.read_text(encoding="utf-8"))
+            attributes = content.get("attributes", {}) if name == "zarr.json" else content
+            scales = attributes.get("ome", attributes).get("multiscales")
+        except (ValueError, AttributeError):
+            raise InputError(f"{name} is damaged: copy or download it again") from None
+        if scales:
+            return scales[0], file
+    return None, None

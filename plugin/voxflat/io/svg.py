@@ -1,0 +1,190 @@
+"""Outlines drawn into an SVG figure of a map: the closed paths of a named layer, in mm of the map.
+
+The root says where the axes lie: ``data-voxflat-extent``, left, right, bottom and top in mm, and ``data-voxflat-axes``,
+x, y, width and height of the same area in the SVG's user units (those of its viewBox, y downwards).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import naming, require
+from voxflat.io.reading import note
+
+__all__ = ["Outline", "read_outlines"]
+
+EXTENT, AXES = "data-voxflat-extent", "data-voxflat-axes"
+_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
+_TOLERANCE = 0.005  # mm, by which a chord may leave its curve
+_MOST = 1024  # chords of a curve
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What encloses a region.
+
+    Parameters
+    ----------
+    name : str
+        The region's.
+    loops : tuple of ndarray, shape (k, 2) each
+        Closed polygons, (u, v) in mm.
+    is_even_odd : bool
+        Whether what two loops enclose is outside; else that is inside, unless they run opposite ways.
+    colour : tuple of 3 ints, or None
+        Red, green, blue.
+    """
+
+    name: str
+    loops: tuple[NDArray[np.float64], ...]
+    is_even_odd: bool = False
+    colour: tuple[int, int, int] | None = None
+
+
+def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
+    """Read the paths of a layer.
+
+    Parameters
+    ----------
+    path : path
+        An SVG file with the attributes above.
+    layer : str
+        The layer's name (``inkscape:label``), or the id of a group.
+
+    Returns
+    -------
+    list of Outline
+        As they lie over each other, the lowest first. Each has the name of its path (``inkscape:label``), else of the
+        group around it within the layer, else its title, else its id.
+
+    Raises
+    ------
+    InputError
+        If it is no such SVG, has no such layer, or this has no path.
+    FileNotFoundError, PermissionError
+        If the file cannot be opened.
+    """
+    path = Path(path)
+    path.open("rb").close()
+    with naming(path, "is it an SVG figure of voxflat.figures?"):
+        svg = require("svgelements")
+        root = svg.SVG.parse(os.fspath(path), reify=True)
+        note(path)
+        to_mm = _placement(root, svg)
+        groups = {_name(group): group for group in _groups(root, svg)}
+        found = next((g for g in _groups(root, svg) if layer in (_own(g, _LABEL), g.id)), None)
+        if found is None:
+            raise InputError(f"has no layer {layer!r}; its layers are {', '.join(map(repr, groups)) or 'none'}")
+        outlines = [outline for outline in _outlines(found, svg, to_mm, _own(found, _LABEL)) if outline.loops]
+        if not outlines:
+            raise InputError(f"its layer {layer!r} has no path: draw regions there, as closed paths")
+        return outlines
+
+
+def _placement(root: Any, svg: Any) -> Any:
+    """Return what takes points of the parsed file to mm."""
+    area = []
+    for key in (EXTENT, AXES):
+        words = str(root.values.get(key, "")).replace(",", " ").split()
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 4 or not np.isfinite(numbers).all():
+            raise InputError(
+                f"its root does not say where the map lies: {key} must be four numbers; draw into a figure of voxflat"
+            )
+        area.append(numbers)
+    (left, right, bottom, top), (x, y, width, height) = area
+    if width <= 0 or height <= 0 or left == right or bottom == top:
+        raise InputError(f"its {EXTENT} or {AXES} have no area")
+    to_units = ~svg.Matrix(root.viewbox_transform or "")
+
+    def to_mm(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        matrix = to_units
+        px = matrix.a * points[:, 0] + matrix.c * points[:, 1] + matrix.e
+        py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
+        return np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
+
+    return to_mm
+
+
+def _own(element: Any, key: str) -> str | None:
+    """Return an attribute of an element itself, which the library mixes with those around it."""
+    value = element.values.get("attributes", {}).get(key)
+    return None if value is None else str(value)
+
+
+def _name(group: Any) -> str:
+    return _own(group, _LABEL) or str(group.id)
+
+
+def _groups(group: Any, svg: Any) -> Iterator[Any]:
+    """Go through the groups that are layers, or have an id or a label."""
+    for element in group:
+        if isinstance(element, svg.Group):
+            if element.id is not None or _own(element, _LABEL) or _own(element, _MODE):
+                yield element
+            yield from _groups(element, svg)
+
+
+def _outlines(group: Any, svg: Any, to_mm: Any, around: str | None) -> Iterator[Outline]:
+    elements = list(group)
+    for n, element in enumerate(elements):
+        if isinstance(element, svg.Group):
+            yield from _outlines(element, svg, to_mm, _own(element, _LABEL) or around)
+        elif isinstance(element, svg.Shape):
+            after = elements[n + 1] if n + 1 < len(elements) else None
+            title = after.title if isinstance(after, svg.Title) else None
+            inside = around if around != _own(group, _LABEL) or not _own(group, _MODE) else None
+            name = _own(element, _LABEL) or inside or title or element.id or f"region {n + 1}"
+            loops = tuple(_loops(svg.Path(element), svg, to_mm))
+            rule = element.values.get("fill-rule") == "evenodd"
+            yield Outline(str(name).strip(), loops, rule, _colour(element))
+
+
+def _colour(element: Any) -> tuple[int, int, int] | None:
+    """Return the fill, else the stroke."""
+    for colour in (element.fill, element.stroke):
+        if colour is not None and colour.value is not None:
+            return (colour.red, colour.green, colour.blue)
+    return None
+
+
+def _loops(path: Any, svg: Any, to_mm: Any) -> Iterator[NDArray[np.float64]]:
+    """Go through the closed parts of a path; curves become chords."""
+    for part in path.as_subpaths():
+        points: list[NDArray[np.float64]] = []
+        for segment in svg.Path(part):
+            if isinstance(segment, svg.Move):
+                continue
+            points.append(to_mm(_chords(segment, svg, to_mm)))
+        loop = np.concatenate(points) if points else np.zeros((0, 2))
+        if len(loop):
+            loop = loop[np.r_[True, np.any(np.diff(loop, axis=0) != 0, axis=1)]]
+        if len(loop) >= 3:
+            yield loop
+
+
+def _chords(segment: Any, svg: Any, to_mm: Any) -> NDArray[np.float64]:
+    """Return points along a segment, so many that chords keep within the tolerance."""
+    if isinstance(segment, svg.Line | svg.Close):
+        ends = [segment.start, segment.end]
+        return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)
+    count = 8
+    while True:
+        points = np.array([[p.x, p.y] for p in map(segment.point, np.linspace(0, 1, 2 * count + 1))])
+        placed = to_mm(points)
+        off = np.linalg.norm(placed[1::2] - (placed[:-1:2] + placed[2::2]) / 2, axis=1).max()
+        if off <= _TOLERANCE or count >= _MOST:
+            return points
+        count *= 2

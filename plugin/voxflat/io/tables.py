@@ -1,0 +1,122 @@
+"""Tables of points: CSV and TSV files, as of electrodes or peaks, read with all their columns and written with more."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path, contents, naming
+
+__all__ = ["TABLE_ENDINGS", "PointTable", "read_points"]
+
+TABLE_ENDINGS = (".csv", ".tsv", ".txt")
+"""Endings of files of points: between commas, tabs, or blanks."""
+
+_MISSING = ("", "n/a", "na", "nan")
+
+
+@dataclass(frozen=True, eq=False)
+class PointTable:
+    """Points and what else a table says of them.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (P, 3)
+        x, y, z in mm; NaN where one is missing.
+    header : list of str
+        The columns' names; empty if the file has none.
+    rows : list of list of str
+        All cells, as they were read.
+    """
+
+    points: NDArray[np.float64]
+    header: list[str]
+    rows: list[list[str]]
+
+    def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
+        """Write the table with further columns, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            ``.csv``, ``.tsv`` or ``.txt``; a missing number is ``n/a``.
+        more : dict
+            Numbers for each point by the columns' names.
+        """
+        path = Path(path)
+        delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
+        columns = [
+            ["n/a" if np.isnan(value) else f"{value:.6f}" for value in values.tolist()] for values in more.values()
+        ]
+        text = io.StringIO()
+        writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
+        writer.writerow([*(self.header or [*"xyz", *(f"column{n}" for n in range(4, len(self.rows[0]) + 1))]), *more])
+        writer.writerows([*row, *(column[n] for column in columns)] for n, row in enumerate(self.rows))
+        with atomic_path(path) as temporary:
+            temporary.write_text(text.getvalue(), encoding="utf-8")
+
+
+def read_points(path: str | os.PathLike[str]) -> PointTable:
+    """Read points from a table.
+
+    Parameters
+    ----------
+    path : path
+        ``.csv``, ``.tsv`` or ``.txt``. With a header the columns x, y and z are taken, else the first three; a missing
+        number is empty, ``n/a`` or ``nan``.
+
+    Returns
+    -------
+    PointTable
+
+    Raises
+    ------
+    InputError
+        If it is no such table.
+    FileNotFoundError, PermissionError
+        If it cannot be opened.
+    """
+    path = Path(path)
+    with naming(path, "give columns x, y and z in mm"):
+        ending = path.suffix.lower()
+        if ending not in TABLE_ENDINGS:
+            raise InputError(f"points are read from {', '.join(TABLE_ENDINGS)}")
+        text = contents(path).decode("utf-8-sig")
+        lines = text.splitlines()
+        if ending == ".txt":
+            rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+        else:
+            table = csv.reader(lines, delimiter="\t" if ending == ".tsv" else ",")
+            rows = [[cell.strip() for cell in row] for row in table if any(cell.strip() for cell in row)]
+        if not rows:
+            raise InputError("is empty")
+        header: list[str] = []
+        if not any(_is_number(cell) and cell for cell in rows[0]):
+            header, rows = rows[0], rows[1:]
+        names = [name.lower() for name in header]
+        at = [names.index(axis) for axis in "xyz"] if {"x", "y", "z"} <= set(names) else [0, 1, 2]
+        points = np.full((len(rows), 3), np.nan)
+        for n, row in enumerate(rows):
+            if len(row) != len(rows[0]) or len(row) <= max(at) or (header and len(row) != len(header)):
+                raise InputError(f"row {n + 1} has {len(row)} cells, others {len(header or rows[0])}")
+            for axis, column in enumerate(at):
+                if not _is_number(row[column]):
+                    raise InputError(f"row {n + 1}: {row[column]!r} is no number")
+                points[n, axis] = np.nan if row[column].lower() in _MISSING else float(row[column])
+        if not rows:
+            raise InputError("has a header, but no point")
+        return PointTable(points, header, rows)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return cell.lower() in _MISSING or bool(np.isfinite(float(cell)))
+    except ValueError:
+        return False

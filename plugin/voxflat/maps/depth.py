@@ -1,0 +1,141 @@
+"""How deep in the cortex: mm along the normals, or fractions of the way from the white to the pial surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import checked_number
+from voxflat.errors import InputError
+
+__all__ = ["LAYERINGS", "Depths", "equivolume", "vertex_areas"]
+
+LAYERINGS = ("equivolume", "equidistant")
+"""What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
+
+
+@dataclass(frozen=True)
+class Depths:
+    """Where to sample, one or several.
+
+    Parameters
+    ----------
+    values : tuple of float
+        mm outside the surface, or fractions from 0, the white surface, to 1, the pial one.
+    layering : str or None
+        Of fractions one of `LAYERINGS`; None of mm.
+    """
+
+    values: tuple[float, ...]
+    layering: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        depth: float | Sequence[float] = 0.0,
+        fraction: float | Sequence[float] | None = None,
+        layering: str = "equivolume",
+    ) -> Depths:
+        """Check what was given for `FlatMap.image`.
+
+        Parameters
+        ----------
+        depth, fraction, layering
+            As there.
+
+        Returns
+        -------
+        Depths
+
+        Raises
+        ------
+        InputError
+            If both are given, or one does not fit.
+        """
+        if layering not in LAYERINGS:
+            raise InputError(f"layering is {layering!r}; give {' or '.join(map(repr, LAYERINGS))}")
+        if fraction is None:
+            return cls(_numbers(depth, "depth"))
+        if not isinstance(depth, int | float) or depth != 0:
+            raise InputError("depth is in mm, fraction of the way from white to pial surface: give one of them")
+        values = _numbers(fraction, "fraction")
+        for value in values:
+            if not 0 <= value <= 1:
+                raise InputError(
+                    f"fraction is {value:g}; give numbers from 0, the white surface, to 1, the pial one (beyond: depth "
+                    "in mm)"
+                )
+        return cls(values, layering)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.values)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each is called."""
+        if self.layering is None:
+            return tuple(f"{value:g} mm" for value in self.values)
+        return tuple(f"{self.layering} {value:g}" for value in self.values)
+
+
+def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
+    """Return one or several finite numbers as a tuple."""
+    values: list[Any] = list(given) if isinstance(given, Sequence | np.ndarray) and np.ndim(given) == 1 else [given]
+    if len(values) == 0:
+        raise InputError(f"{name} is empty; give one number or several")
+    numbers = tuple(float(checked_number(value, name)) for value in values)
+    for value in numbers:
+        if not math.isfinite(value):
+            raise InputError(f"the {name} is {value}; give a finite number")
+    return numbers
+
+
+def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the area around each vertex: a third of its triangles'.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        mm².
+    """
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.asarray(np.bincount(faces.ravel(), np.repeat(areas, 3), len(points)), dtype=np.float64)
+
+
+def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[np.float64]:
+    """Return how far from the inner to the outer surface a fraction of the volume between them lies.
+
+    After Waehnert et al. 2014, *Anatomically motivated modeling of cortical laminae*, equation 10, with areas that grow
+    linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀), here in the form
+    α (A₁ + A₀) / (√(α A₁² + (1 − α) A₀²) + A₀), which is the same and holds for equal areas, too.
+
+    Parameters
+    ----------
+    fraction : float
+        α, of the volume, from 0 inside to 1 outside.
+    inner, outer : array_like
+        A₀ and A₁, areas of corresponding pieces, in any unit.
+
+    Returns
+    -------
+    ndarray
+        ρ, a fraction of the way; α itself where both areas are 0.
+    """
+    inner, outer = np.asarray(inner, dtype=np.float64), np.asarray(outer, dtype=np.float64)
+    below = np.sqrt(fraction * outer**2 + (1 - fraction) * inner**2) + inner
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(below > 0, fraction * (inner + outer) / below, fraction)

@@ -1,0 +1,234 @@
+"""The values of a volume at places in space: in memory, or in chunks of which each is read once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from voxflat.errors import InputError
+from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
+from voxflat.io.reading import check_room
+from voxflat.io.volumes import Volume
+
+__all__ = ["INTERPOLATIONS", "majority", "sample", "sample_layers", "sample_mean"]
+
+INTERPOLATIONS = ("linear", "nearest", "majority")
+"""How values between voxels, or between vertices, are found."""
+
+_CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
+_BLOCK = 1 << 16  # places whose weights are there at a time
+
+
+def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
+    """Sample a volume at places in the world.
+
+    Parameters
+    ----------
+    volume : Volume
+        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
+    points : ndarray, shape (..., 3)
+        RAS+ mm; NaN rows give NaN.
+    interpolation : {"linear", "nearest", "majority"}, optional
+        "majority" is of labels: that which has the greatest weight among the eight voxels around, weighted as "linear"
+        does. By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
+        volumes and colours.
+
+    Returns
+    -------
+    ndarray, shape (...), float64; or (..., 4), uint8 for colours
+        NaN, or alpha 0, where a point lies outside the volume.
+
+    Raises
+    ------
+    InputError
+        If `interpolation` is unknown, or does not fit.
+    """
+    data = volume.data
+    colour = data.ndim == 4
+    interpolation = _way(volume, interpolation)
+    where, inside = _indices(volume, points)
+    at = where[inside]
+    image = np.full(points.shape[:-1], np.nan)
+    if isinstance(data, Chunked) or interpolation == "majority":
+        image[inside] = _by_voxels(data, at, interpolation)
+        return image
+    order = 1 if interpolation == "linear" else 0
+
+    def channel(values: NDArray[Any]) -> NDArray[np.float64]:
+        found = image.copy()
+        found[inside] = map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
+        return found
+
+    if not colour:
+        return channel(data)
+    rgba = np.zeros((*points.shape[:-1], 4), dtype=np.uint8)
+    for c in range(data.shape[3]):
+        rgba[..., c] = np.round(np.nan_to_num(channel(data[..., c])))
+    if data.shape[3] == 3:
+        rgba[inside, 3] = 255
+    return rgba
+
+
+def _indices(volume: Volume, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return voxel indices of places, and which lie in the volume: a voxel reaches half a voxel beyond its centre."""
+    inverse = np.linalg.inv(volume.affine)
+    where = points @ inverse[:3, :3].T + inverse[:3, 3]
+    size = np.asarray(volume.data.shape[:3])
+    return where, np.all((where >= -0.5 - 1e-6) & (where <= size - 0.5 + 1e-6), axis=-1)
+
+
+def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArray[np.float64]:
+    """Sample by the voxels around each place, shape (P,)."""
+    if interpolation == "nearest":
+        near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
+        return voxels_at(data, near, _CORNERS[:1])[:, 0].astype(np.float64)
+    values, low = _around(data, at)
+    if interpolation == "majority":
+        return majority(values, _weights(at, low, data))
+    found = np.empty(len(at))
+    for first in range(0, len(at), _BLOCK):
+        part = slice(first, first + _BLOCK)
+        found[part] = (values[part].astype(np.float64) * _weights(at[part], low[part], data)).sum(axis=1)
+    return found
+
+
+def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Return the values of the eight voxels around each place, shape (P, 8), and the lowest one's indices."""
+    last = np.asarray(data.shape[:3]) - 1
+    low = np.clip(np.floor(at), 0, np.maximum(last - 1, 0)).astype(np.int32)
+    return voxels_at(data, low, _CORNERS), low
+
+
+def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDArray[np.float64]:
+    """Return the weights of the eight voxels; beyond the outermost centres the values go on."""
+    beyond = np.clip(at, 0, np.asarray(data.shape[:3]) - 1) - low
+    return np.asarray(np.where(_CORNERS, beyond[:, None], 1 - beyond[:, None]).prod(axis=-1))
+
+
+def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the label that has the greatest weight in each row.
+
+    Parameters
+    ----------
+    values : ndarray, shape (P, K)
+        Labels: whole numbers.
+    weights : ndarray, shape (P, K)
+        The weight of each.
+
+    Returns
+    -------
+    ndarray of float64, shape (P,)
+        Of equal weights the least label.
+
+    Raises
+    ------
+    InputError
+        If values are no whole numbers.
+    """
+    if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
+        raise InputError(
+            "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
+        )
+    labels, which = np.unique(values, return_inverse=True)
+    rows = np.repeat(np.arange(len(values), dtype=np.int64), values.shape[1])
+    keys, item = np.unique(rows * len(labels) + which.ravel(), return_inverse=True)
+    total = np.bincount(item.ravel(), weights.ravel())
+    order = np.lexsort((keys, -np.round(total, 12), keys // max(len(labels), 1)))
+    owner = keys[order] // max(len(labels), 1)
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    return np.asarray(labels[keys[order][first] % max(len(labels), 1)], dtype=np.float64)
+
+
+def sample_layers(
+    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
+) -> NDArray[Any]:
+    """Sample a volume at several depths.
+
+    Parameters
+    ----------
+    volume, interpolation
+        As in `sample`.
+    places : sequence of ndarray, shape (..., 3)
+        RAS+ mm, one array a depth.
+
+    Returns
+    -------
+    ndarray
+        As of `sample`; the first axis is the depth.
+
+    Raises
+    ------
+    InputError
+        As `sample`.
+    """
+    if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
+        together = np.stack(places)
+        check_room(PLACE_BYTES * together[..., 0].size)
+        return sample(volume, together, interpolation)
+    return np.stack([sample(volume, points, interpolation) for points in places])
+
+
+def sample_mean(
+    volume: Volume, places: Sequence[NDArray[np.float64]], interpolation: str | None = None
+) -> NDArray[Any]:
+    """Sample a volume at several depths, and return the mean; of labels that which has most weight over all depths.
+
+    Parameters
+    ----------
+    volume, places, interpolation
+        As in `sample_layers`.
+
+    Returns
+    -------
+    ndarray
+        As of `sample`; NaN, or alpha 0, where a point lies outside the volume at one of the depths.
+
+    Raises
+    ------
+    InputError
+        As `sample`, and if labels are to be averaged.
+    """
+    way = _way(volume, interpolation)
+    if len(places) > 1 and way == "nearest":
+        raise InputError(
+            f"values of type {volume.data.dtype} may be labels, which have no mean over depths: give "
+            "interpolation='majority' if they are, 'linear' if not, one depth, or each depth by itself (images)"
+        )
+    if way == "majority":
+        together = np.stack(places)
+        where, inside = _indices(volume, together)
+        everywhere = inside.all(axis=0)
+        at = where[:, everywhere].reshape(-1, 3)
+        found, low = _around(volume.data, at)
+        count = len(places)
+        values, weights = (
+            part.reshape(count, -1, 8).swapaxes(0, 1).reshape(-1, 8 * count)
+            for part in (found, _weights(at, low, volume.data))
+        )
+        image = np.full(everywhere.shape, np.nan)
+        image[everywhere] = majority(values, weights)
+        return image
+    layers = sample_layers(volume, places, interpolation)
+    if len(layers) == 1:
+        return np.asarray(layers[0])
+    mean = np.asarray(layers.mean(axis=0))
+    if volume.data.ndim == 3:
+        return mean
+    mean = np.round(mean).astype(np.uint8)
+    mean[(layers[..., 3] == 0).any(axis=0)] = 0
+    return mean
+
+
+def _way(volume: Volume, interpolation: str | None) -> str:
+    """Return how to sample a volume."""
+    if interpolation is None:
+        return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
+    if interpolation not in INTERPOLATIONS:
+        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
+    if interpolation == "majority" and volume.data.ndim == 4:
+        raise InputError("interpolation is 'majority', which is of labels, but the volume has colours: give 'linear'")
+    return interpolation

@@ -1,0 +1,249 @@
+//! The place on a surface that is nearest to a point in space: exact, over the triangles.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// Boxes under one box of the tree.
+const FAN: usize = 8;
+
+/// Points that one worker looks up between two looks at whether it should stop.
+const CHUNK: usize = 1024;
+
+/// A place on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// The triangle that it lies in; of several the first.
+    pub triangle: u32,
+    /// Barycentric coordinates there.
+    pub weights: [f64; 3],
+    /// From the point to it, mm.
+    pub distance: f64,
+}
+
+/// Finds the nearest place of a surface, by a tree of boxes around its triangles.
+///
+/// # Examples
+/// ```
+/// use voxflat::nearest::NearestFinder;
+///
+/// let finder = NearestFinder::new(&[[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]]);
+/// let found = finder.find([1.0, 1.0, 3.0], f64::INFINITY).unwrap();
+/// assert_eq!((found.triangle, found.weights, found.distance), (0, [0.5, 0.25, 0.25], 3.0));
+/// assert_eq!(finder.find([-3.0, -4.0, 0.0], f64::INFINITY).unwrap().distance, 5.0); // to a corner
+/// assert_eq!(finder.find([1.0, 1.0, 3.0], 2.0), None);
+/// ```
+#[derive(Debug, Clone)]
+pub struct NearestFinder {
+    corners: Vec<[Vector3<f64>; 3]>,
+    /// The triangles along a space-filling curve.
+    order: Vec<u32>,
+    /// First the triangles' boxes in that order, last the one around all of them.
+    levels: Vec<Vec<Bounds>>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+impl NearestFinder {
+    /// Of triangles by their corners, mm.
+    pub fn new(corners: &[[[f64; 3]; 3]]) -> Self {
+        let corners: Vec<[Vector3<f64>; 3]> = corners.iter().map(|triangle| triangle.map(Vector3::from)).collect();
+        let bounds: Vec<Bounds> = corners.iter().map(Bounds::of).collect();
+        let all = bounds.iter().copied().reduce(Bounds::with);
+        let mut keyed: Vec<(u64, u32)> =
+            bounds.iter().map(|b| all.map_or(0, |all| all.curve_position(b))).zip(0..).collect();
+        keyed.par_sort_unstable();
+        let order: Vec<u32> = keyed.into_iter().map(|(_, n)| n).collect();
+        let mut levels = vec![order.iter().map(|&n| bounds[n as usize]).collect::<Vec<_>>()];
+        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
+            let above = below.chunks(FAN).filter_map(|few| few.iter().copied().reduce(Bounds::with)).collect();
+            levels.push(above);
+        }
+        Self { corners, order, levels }
+    }
+
+    /// The place nearest to a point, no farther than a limit in mm. None for points that are not finite, too.
+    pub fn find(&self, point: [f64; 3], limit: f64) -> Option<Nearest> {
+        let point = Vector3::from(point);
+        if !point.iter().all(|x| x.is_finite()) || self.corners.is_empty() || limit.is_nan() || limit < 0.0 {
+            return None;
+        }
+        let top = self.levels.len() - 1;
+        let mut best = (limit * limit, u32::MAX, [f64::NAN; 3]);
+        self.search(top, 0, &point, &mut best);
+        let (square, triangle, weights) = best;
+        (triangle != u32::MAX).then(|| Nearest { triangle, weights, distance: square.sqrt() })
+    }
+
+    /// Looks below one box, the nearest part of it first.
+    fn search(&self, level: usize, node: usize, point: &Vector3<f64>, best: &mut (f64, u32, [f64; 3])) {
+        if level == 0 {
+            let triangle = self.order[node];
+            let weights = nearest_weights(&self.corners[triangle as usize], point);
+            let square = (place(&self.corners[triangle as usize], &weights) - point).norm_squared();
+            if square < best.0 || (square == best.0 && triangle < best.1) {
+                *best = (square, triangle, weights);
+            }
+            return;
+        }
+        let below = &self.levels[level - 1];
+        let children = node * FAN..((node + 1) * FAN).min(below.len());
+        let mut near = [(f64::INFINITY, usize::MAX); FAN];
+        for (slot, child) in near.iter_mut().zip(children) {
+            *slot = (below[child].square_to(point), child);
+        }
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for (square, child) in near {
+            if child == usize::MAX || square > best.0 {
+                return;
+            }
+            self.search(level - 1, child, point, best);
+        }
+    }
+
+    /// As [`find`](Self::find), for many points.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn find_all(&self, points: &[[f64; 3]], limit: f64, control: &Control) -> Result<Vec<Option<Nearest>>> {
+        control.begin("finding the nearest places", points.len().div_ceil(CHUNK) as u64);
+        let mut found = vec![None; points.len()];
+        found.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).try_for_each(|(found, points)| {
+            control.check()?;
+            found.iter_mut().zip(points).for_each(|(found, &point)| *found = self.find(point, limit));
+            control.advance();
+            Ok(())
+        })?;
+        Ok(found)
+    }
+}
+
+impl Bounds {
+    fn of(corners: &[Vector3<f64>; 3]) -> Self {
+        let [a, b, c] = corners;
+        Self { low: a.inf(b).inf(c), high: a.sup(b).sup(c) }
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
+    }
+
+    /// The square of the distance to a point; 0 inside.
+    fn square_to(&self, point: &Vector3<f64>) -> f64 {
+        (point.sup(&self.low).inf(&self.high) - point).norm_squared()
+    }
+
+    /// Where along the Z-shaped curve through this box the middle of another one lies.
+    fn curve_position(&self, other: &Self) -> u64 {
+        const STEPS: f64 = ((1 << 20) - 1) as f64;
+        let size = (self.high - self.low).max();
+        let at = 0.5 * (other.low + other.high) - self.low;
+        (0..3).fold(0, |key, axis| key | spread((at[axis] / size * STEPS) as u64) << axis)
+    }
+}
+
+/// Twenty bits of a number at every third place.
+fn spread(bits: u64) -> u64 {
+    (0..20).fold(0, |spread, n| spread | (bits >> n & 1) << (3 * n))
+}
+
+fn place(corners: &[Vector3<f64>; 3], weights: &[f64; 3]) -> Vector3<f64> {
+    corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]
+}
+
+/// Barycentric coordinates of the place of a triangle that is nearest to a point: its projection, or the nearest place of a side.
+/// A triangle without area has its sides.
+fn nearest_weights(corners: &[Vector3<f64>; 3], point: &Vector3<f64>) -> [f64; 3] {
+    let [a, b, c] = corners.map(|corner| corner - point);
+    let normal = (b - a).cross(&(c - a));
+    let square = normal.norm_squared();
+    let inside = [b.cross(&c), c.cross(&a), a.cross(&b)].map(|part| part.dot(&normal) / square);
+    if inside.iter().all(|&weight| weight >= 0.0) {
+        return inside; // NaN, of a triangle without area, is not
+    }
+    let sides = [0, 1, 2].map(|k| {
+        let (from, to) = (k, (k + 1) % 3);
+        let (start, way) = (corners[from] - point, corners[to] - corners[from]);
+        let along = -start.dot(&way) / way.norm_squared();
+        let along = if along.is_nan() { 0.0 } else { along.clamp(0.0, 1.0) };
+        let mut weights = [0.0; 3];
+        weights[from] = 1.0 - along;
+        weights[to] = along;
+        ((start + way * along).norm_squared(), weights)
+    });
+    let [mut best, second, third] = sides;
+    for side in [second, third] {
+        if side.0 < best.0 {
+            best = side;
+        }
+    }
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn to_place(triangle: &[[f64; 3]; 3], weights: [f64; 3], point: [f64; 3]) -> f64 {
+        (place(&triangle.map(Vector3::from), &weights) - Vector3::from(point)).norm()
+    }
+
+    proptest! {
+        #[test]
+        fn no_place_of_any_triangle_is_nearer(
+            triangles in prop::collection::vec(
+                prop::array::uniform3(prop::array::uniform3((-9..9i32).prop_map(f64::from))), 1..40),
+            points in prop::collection::vec(prop::array::uniform3(-12.0..12.0f64), 20),
+            weights in prop::collection::vec(prop::array::uniform3(0.0..1.0f64), 40),
+        ) {
+            let finder = NearestFinder::new(&triangles);
+            for point in points {
+                let found = finder.find(point, f64::INFINITY).unwrap();
+                let own = to_place(&triangles[found.triangle as usize], found.weights, point);
+                prop_assert!((own - found.distance).abs() < 1e-9);
+                prop_assert!((found.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+                prop_assert!(found.weights.iter().all(|&weight| weight >= 0.0));
+                for triangle in &triangles { // at random places, sides and corners of all triangles
+                    for &[x, y, z] in &weights {
+                        for [x, y, z] in [[x, y, z + 1e-9], [x, y + 1e-9, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]] {
+                            let sum = x + y + z;
+                            prop_assert!(to_place(triangle, [x / sum, y / sum, z / sum], point) >= found.distance - 1e-9);
+                        }
+                    }
+                }
+                prop_assert_eq!(finder.find(point, found.distance * 1.001).map(|near| near.triangle), Some(found.triangle));
+                prop_assert_eq!(finder.find(point, found.distance * 0.999), None);
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_of_equal_ones_is_taken_and_nonsense_has_none() {
+        let square = [[[0.0; 3], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0]], [[0.0; 3], [4.0, 4.0, 0.0], [0.0, 4.0, 0.0]]];
+        let finder = NearestFinder::new(&square);
+        assert_eq!(finder.find([2.0, 2.0, 1.0], 9.0).map(|near| (near.triangle, near.distance)), Some((0, 1.0)));
+        for point in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0]] {
+            assert_eq!(finder.find(point, f64::INFINITY), None);
+        }
+        assert_eq!(finder.find([0.0; 3], f64::NAN), None);
+        assert_eq!(finder.find([0.0; 3], 0.0).map(|near| near.distance), Some(0.0));
+        assert_eq!(NearestFinder::new(&[]).find([0.0; 3], 1.0), None);
+        let dot = NearestFinder::new(&[[[1.0, 0.0, 0.0]; 3]]);
+        assert_eq!(dot.find([0.0; 3], 2.0).map(|near| near.distance), Some(1.0));
+        let control = Control::default();
+        let points = vec![[1.0, 3.0, 2.0]; 3 * CHUNK];
+        assert_eq!(
+            finder.find_all(&points, 9.0, &control).unwrap(),
+            vec![finder.find([1.0, 3.0, 2.0], 9.0); 3 * CHUNK]
+        );
+        control.cancel();
+        assert_eq!(finder.find_all(&points, 9.0, &control), Err(crate::Error::Cancelled));
+    }
+}

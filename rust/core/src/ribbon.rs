@@ -1,0 +1,223 @@
+//! The voxels between two surfaces of the same triangles, such as white and pial: which triangle's column each lies in, and
+//! how far up.
+//!
+//! Between a triangle and its counterpart lies a prism. It is cut into three tetrahedra, along diagonals that lead from the
+//! vertex of lower number inside to that of higher number outside, so that neighbours share them: prisms that are not turned
+//! inside out fill the ribbon without gap or overlap.
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+
+/// Of a tetrahedron, by which rounding may put a voxel on a side that two share beside both.
+const SLACK: f64 = 1e-9;
+
+/// Triangles that one worker goes through between two looks at whether it should stop.
+const CHUNK: usize = 256;
+
+/// A voxel in a column.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InColumn {
+    /// The voxel's number, its last index counting fastest.
+    pub voxel: u64,
+    /// The triangle whose column it is.
+    pub triangle: u32,
+    /// Barycentric coordinates in it.
+    pub weights: [f64; 3],
+    /// From 0 inside to 1 outside.
+    pub fraction: f64,
+}
+
+/// The voxels whose centres lie between two surfaces, ascending, each once.
+///
+/// A voxel that several columns hold, where they run into each other, goes to that in which it is nearest to `middle`, a
+/// fraction; of these to the first.
+///
+/// # Arguments
+/// - `inner`, `outer`: The vertices of both, in voxel indices.
+/// - `numbers`: What each vertex is; the sides of a cut share one.
+/// - `shape`: Of the volume.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::ribbon;
+///
+/// let inner = [[-0.5, -0.5, 0.5], [9.0, -0.5, 0.5], [-0.5, 9.0, 0.5]];
+/// let outer = inner.map(|[x, y, _]| [x, y, 4.5]);
+/// let control = Control::default();
+/// let found = ribbon::voxels(&inner, &outer, &[[0, 1, 2]], &[0, 1, 2], [3, 3, 9], 0.5, &control)?;
+/// assert_eq!(found.len(), 3 * 3 * 4); // k from 1 to 4
+/// assert_eq!(found[0].voxel, 1);
+/// assert!((found[0].fraction - 0.125).abs() < 1e-12);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn voxels(
+    inner: &[[f64; 3]],
+    outer: &[[f64; 3]],
+    faces: &[[u32; 3]],
+    numbers: &[i64],
+    shape: [usize; 3],
+    middle: f64,
+    control: &Control,
+) -> Result<Vec<InColumn>> {
+    control.begin("finding voxels of the ribbon", faces.len().div_ceil(CHUNK) as u64);
+    let parts: Vec<Vec<InColumn>> = faces
+        .par_chunks(CHUNK)
+        .enumerate()
+        .map(|(part, faces)| {
+            control.check()?;
+            let mut found = Vec::new();
+            for (triangle, face) in ((part * CHUNK) as u32..).zip(faces) {
+                let place = |surface: &[[f64; 3]]| face.map(|vertex| Vector3::from(surface[vertex as usize]));
+                let numbers = face.map(|vertex| numbers[vertex as usize]);
+                column(triangle, &place(inner), &place(outer), &numbers, shape, &mut found);
+            }
+            control.advance();
+            Ok(found)
+        })
+        .collect::<Result<_>>()?;
+    let mut found = parts.concat();
+    let off = |of: &InColumn| (of.fraction - middle).abs();
+    found.par_sort_by(|a, b| a.voxel.cmp(&b.voxel).then(off(a).total_cmp(&off(b))).then(a.triangle.cmp(&b.triangle)));
+    found.dedup_by_key(|of| of.voxel);
+    Ok(found)
+}
+
+/// Finds the voxels of one column.
+fn column(
+    triangle: u32,
+    inner: &[Vector3<f64>; 3],
+    outer: &[Vector3<f64>; 3],
+    numbers: &[i64; 3],
+    shape: [usize; 3],
+    found: &mut Vec<InColumn>,
+) {
+    if !inner.iter().chain(outer).flatten().all(|x| x.is_finite()) {
+        return;
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by_key(|&k| (numbers[k], k));
+    for split in 1..4 {
+        // inside up to the (4 - split)-th vertex, outside from there on
+        let ends: [(usize, bool); 4] =
+            std::array::from_fn(|n| if n < 4 - split { (order[n], false) } else { (order[n - 1], true) });
+        let corners = ends.map(|(k, is_outer)| if is_outer { outer[k] } else { inner[k] });
+        tetrahedron(&corners, shape, |voxel, parts| {
+            let (mut weights, mut fraction) = ([0.0; 3], 0.0);
+            for (&(k, is_outer), part) in ends.iter().zip(parts) {
+                weights[k] += part;
+                fraction += if is_outer { part } else { 0.0 };
+            }
+            found.push(InColumn { voxel, triangle, weights, fraction });
+        });
+    }
+}
+
+/// Calls for each voxel in a tetrahedron, with barycentric coordinates.
+fn tetrahedron(corners: &[Vector3<f64>; 4], shape: [usize; 3], mut call: impl FnMut(u64, [f64; 4])) {
+    let [a, b, c, d] = corners;
+    let Some(inverse) = Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse() else { return };
+    let low = a.inf(b).inf(c).inf(d);
+    let high = a.sup(b).sup(c).sup(d);
+    let [i, j, k] = [0, 1, 2].map(|axis| {
+        let first = low[axis].ceil().max(0.0);
+        let last = high[axis].floor().min(shape[axis] as f64 - 1.0);
+        if first <= last { first as usize..last as usize + 1 } else { 0..0 }
+    });
+    for i in i {
+        for j in j.clone() {
+            for k in k.clone() {
+                let of = inverse * (Vector3::new(i as f64, j as f64, k as f64) - a);
+                let parts = [1.0 - of.sum(), of.x, of.y, of.z];
+                if parts.iter().all(|&part| part >= -SLACK) {
+                    call(((i * shape[1] + j) * shape[2] + k) as u64, parts);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A sheet of triangles over a square, at a height above it.
+    fn sheet(height: impl Fn(f64, f64) -> [f64; 3]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        let points = (0..25).map(|n| height(f64::from(n / 5) * 3.0, f64::from(n % 5) * 3.0)).collect();
+        let corner = |n: u32| n / 4 * 5 + n % 4;
+        let faces = (0..16)
+            .flat_map(|n| [[corner(n), corner(n) + 5, corner(n) + 6], [corner(n), corner(n) + 6, corner(n) + 1]]);
+        (points, faces.collect())
+    }
+
+    proptest! {
+        #[test]
+        fn prisms_fill_what_lies_between(
+            shifts in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 25),
+            numbers in Just((0..25i64).collect::<Vec<_>>()).prop_shuffle(),
+        ) {
+            let (inner, faces) = sheet(|x, y| [x + 0.13, y + 0.17, 1.3]);
+            let (mut outer, _) = sheet(|x, y| [x + 0.13, y + 0.17, 6.2]);
+            for (n, (place, shift)) in outer.iter_mut().zip(&shifts).enumerate() {
+                let is_inside = (5..20).contains(&n) && (1..4).contains(&(n % 5));
+                (0..2).filter(|_| is_inside).for_each(|axis| place[axis] += shift[axis]);
+            }
+            let control = Control::default();
+            let found = voxels(&inner, &outer, &faces, &numbers, [20, 20, 10], 0.5, &control).unwrap();
+            prop_assert_eq!(found.len(), 12 * 12 * 5);
+            for of in found {
+                let at = [of.voxel / 200, of.voxel / 10 % 20, of.voxel % 10].map(|n| n as f64);
+                prop_assert!((of.fraction - (at[2] - 1.3) / 4.9).abs() < 1e-9);
+                prop_assert!((of.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+                let face = faces[of.triangle as usize];
+                for axis in 0..2 { // not far from where the straight column would be
+                    let place: f64 = (0..3).map(|k| of.weights[k] * inner[face[k] as usize][axis]).sum();
+                    prop_assert!((place - at[axis]).abs() <= 0.41);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_voxel_of_several_columns_goes_to_the_nearest_one() {
+        let inner = [
+            [-1.0, -1.0, 0.0],
+            [5.0, -1.0, 0.0],
+            [-1.0, 5.0, 0.0],
+            [-1.0, -1.0, 9.0],
+            [5.0, -1.0, 9.0],
+            [-1.0, 5.0, 9.0],
+        ];
+        let outer = inner.map(|[x, y, z]| [x, y, if z == 0.0 { 6.0 } else { 2.0 }]);
+        let (faces, numbers) = ([[0, 1, 2], [3, 5, 4]], [0, 1, 2, 3, 4, 5]);
+        let found = voxels(&inner, &outer, &faces, &numbers, [1, 1, 10], 0.0, &Control::default()).unwrap();
+        let owners: Vec<u32> = found.iter().map(|of| of.triangle).collect();
+        assert_eq!(owners, [0, 0, 0, 0, 1, 1, 1, 1, 1, 1]); // 4 lies 4/6 up one way and 5/7 the other: told below
+    }
+
+    #[test]
+    fn what_has_no_volume_holds_nothing() {
+        let flat = [[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
+        let control = Control::default();
+        assert_eq!(voxels(&flat, &flat, &[[0, 1, 2]], &[0, 1, 2], [5, 5, 5], 0.5, &control), Ok(vec![]));
+        let wild = [[f64::NAN; 3]; 3];
+        assert_eq!(voxels(&flat, &wild, &[[0, 1, 2]], &[0, 1, 2], [5, 5, 5], 0.5, &control), Ok(vec![]));
+        let far = flat.map(|[x, y, z]| [x + 1e6, y, z + 1.0]);
+        assert_eq!(
+            voxels(&far, &far.map(|[x, y, z]| [x, y, z + 2.0]), &[[0, 1, 2]], &[0, 1, 2], [5, 5, 5], 0.5, &control),
+            Ok(vec![])
+        );
+        control.cancel();
+        assert_eq!(
+            voxels(&flat, &flat, &[[0, 1, 2]], &[0, 1, 2], [5, 5, 5], 0.5, &control),
+            Err(crate::Error::Cancelled)
+        );
+    }
+}

@@ -1,0 +1,90 @@
+//! From space to a surface: the nearest place, and the columns that voxels lie in.
+
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use voxflat::nearest::NearestFinder as CoreFinder;
+use voxflat::ribbon;
+
+use crate::convert;
+use crate::work::{InputError, run};
+
+type Found<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+type Columns<'py> =
+    (Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Finds the place of a surface that is nearest to a point.
+#[pyclass(frozen, module = "voxflat._core")]
+pub struct NearestFinder(Arc<CoreFinder>);
+
+#[pymethods]
+impl NearestFinder {
+    /// Of points (N, 3) in mm and faces (F, 3).
+    #[new]
+    fn new(py: Python<'_>, points: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+        let points = convert::rows::<_, 3>(&points, "points")?;
+        let faces = convert::rows::<_, 3>(&faces, "faces")?;
+        convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
+        run(py, None, None, move |_| {
+            let corners: Vec<[[f64; 3]; 3]> =
+                faces.iter().map(|face| face.map(|vertex| points[vertex as usize])).collect();
+            Ok(Self(Arc::new(CoreFinder::new(&corners))))
+        })
+    }
+
+    /// The triangle nearest to each of the points (P, 3), -1 where none is within the limit, barycentric coordinates (P, 3)
+    /// and the distance (P,) in mm, NaN for none.
+    fn find<'py>(&self, py: Python<'py>, points: PyReadonlyArray2<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
+        let points = convert::rows::<_, 3>(&points, "points")?;
+        let finder = Arc::clone(&self.0);
+        let found = run(py, None, None, move |control| finder.find_all(&points, limit, control))?;
+        let triangles: Vec<i64> = found.iter().map(|near| near.map_or(-1, |near| i64::from(near.triangle))).collect();
+        let weights: Vec<[f64; 3]> = found.iter().map(|near| near.map_or([f64::NAN; 3], |near| near.weights)).collect();
+        let distances: Vec<f64> = found.iter().map(|near| near.map_or(f64::NAN, |near| near.distance)).collect();
+        Ok((triangles.into_pyarray(py), convert::array(py, &weights)?, distances.into_pyarray(py)))
+    }
+}
+
+/// Finds the voxels whose centres lie between two surfaces of the same faces (F, 3), ascending by number, the last index
+/// counting fastest: numbers (P,), triangles (P,), barycentric coordinates (P, 3), and the way from inside to outside (P,).
+///
+/// `inner`, `outer` (N, 3) are in voxel indices; `numbers` (N,) say what each vertex is. Of a voxel in several columns that one is
+/// told in which it is nearest to the fraction `middle`.
+#[pyfunction]
+#[pyo3(signature = (inner, outer, faces, numbers, shape, middle, progress=None))]
+#[allow(clippy::too_many_arguments)]
+pub fn ribbon_voxels<'py>(
+    py: Python<'py>,
+    inner: PyReadonlyArray2<'py, f64>,
+    outer: PyReadonlyArray2<'py, f64>,
+    faces: PyReadonlyArray2<'py, u32>,
+    numbers: PyReadonlyArray1<'py, i64>,
+    shape: [usize; 3],
+    middle: f64,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Columns<'py>> {
+    let inner = convert::rows::<_, 3>(&inner, "inner")?;
+    let outer = convert::rows::<_, 3>(&outer, "outer")?;
+    let faces = convert::rows::<_, 3>(&faces, "faces")?;
+    let numbers: Vec<i64> = numbers.as_array().iter().copied().collect();
+    if outer.len() != inner.len() || numbers.len() != inner.len() {
+        return Err(InputError::new_err(format!(
+            "inner has {} points, outer {}, numbers {}: they must correspond",
+            inner.len(),
+            outer.len(),
+            numbers.len()
+        )));
+    }
+    convert::check_vertices(faces.iter().flatten().copied(), inner.len())?;
+    let found = run(py, None, progress.as_ref(), move |control| {
+        ribbon::voxels(&inner, &outer, &faces, &numbers, shape, middle, control)
+    })?;
+    let weights: Vec<[f64; 3]> = found.iter().map(|of| of.weights).collect();
+    Ok((
+        found.iter().map(|of| of.voxel).collect::<Vec<_>>().into_pyarray(py),
+        found.iter().map(|of| of.triangle).collect::<Vec<_>>().into_pyarray(py),
+        convert::array(py, &weights)?,
+        found.iter().map(|of| of.fraction).collect::<Vec<_>>().into_pyarray(py),
+    ))
+}

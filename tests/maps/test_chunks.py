@@ -1,0 +1,243 @@
+"""Volumes in chunks, larger than memory: the same values, each chunk that the surface meets read once, and no other."""
+
+import json
+import tracemalloc
+from collections import Counter
+
+import nibabel as nib
+import numpy as np
+import pytest
+import pyvista as pv
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli
+from voxflat.errors import InputError
+from voxflat.io import Volume
+from voxflat.io.chunks import PLACE_BYTES, chunked_of, is_chunked
+
+SHAPE, CHUNKS = (61, 60, 59), (16, 13, 20)
+GRID = np.array([[0.5, 0, 0, -15], [0, 0.5, 0, -15], [0, 0, 0.5, -14], [0, 0, 0, 1.0]])
+
+
+class Counting:
+    """An array of which every chunk that is read is counted; a box across chunks is refused."""
+
+    def __init__(self, data, chunks):
+        self.data, self.shape, self.dtype, self.chunks, self.read = data, data.shape, data.dtype, chunks, Counter()
+
+    def __getitem__(self, key):
+        at = []
+        for item, size, length in zip(key, self.chunks, self.shape, strict=True):
+            first, last = (item, item + 1) if isinstance(item, int) else (item.start, item.stop)
+            assert first // size == (last - 1) // size
+            assert isinstance(item, int) or (first % size == 0 and last in (first + size, length))
+            at.append(first // size)
+        self.read[tuple(at)] += 1
+        return self.data[key]
+
+
+@pytest.fixture(scope="module")
+def m():
+    mesh = pv.Icosphere(radius=1.0, nsub=3)
+    points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.regular_faces)
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    whole = voxflat.surface((10 * points, faces), pial=(12 * points, faces))
+    return voxflat.flatten(whole, seed_point=0, radius=7.0, sources=30)
+
+
+@pytest.fixture(scope="module")
+def values():
+    return np.random.default_rng(0).normal(size=SHAPE).astype(np.float32)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "nearest"])
+@pytest.mark.parametrize("how", [{"fraction": 0.4}, {"depth": (-1.0, 0.0, 1.0)}, {"fraction": (0.1, 0.5, 1.0)}])
+def test_the_same_values_by_reading_each_chunk_once(m, values, how, interpolation):
+    counting = Counting(values, CHUNKS)
+    shown = m.images(Volume(counting, GRID), 0.4, interpolation=interpolation, **how)
+    expected = m.images(Volume(values, GRID), 0.4, interpolation=interpolation, **how)
+    np.testing.assert_allclose(shown.data, expected.data, rtol=1e-6, atol=1e-6)
+    assert set(counting.read.values()) == {1}
+    assert 1 < len(counting.read) < 60 / 2  # of 4 * 5 * 3 chunks the surface meets some
+
+
+def test_only_chunks_that_the_surface_touches_are_read(m, values):
+    """By an oracle of its own: the chunks of the eight voxels around every place."""
+    counting = Counting(values, CHUNKS)
+    m.image(Volume(counting, GRID), 0.4, fraction=0.5)
+    (places,) = m._triangles.on_surface._in_world(m.raster(0.4), voxflat.maps.depth.Depths.of(fraction=0.5))
+    at = nib.affines.apply_affine(np.linalg.inv(GRID), places[m.raster(0.4).inside])
+    touched = {
+        tuple((np.floor(at).astype(int) + offset)[row] // CHUNKS)
+        for offset in np.ndindex(2, 2, 2)
+        for row in range(len(at))
+    }
+    assert set(counting.read) == touched
+
+
+def test_labels_and_means(m, values):
+    labels = (values > 0).astype(np.uint8) * 5
+    for how in ({"fraction": 0.3}, {"fraction": (0.3, 0.6)}):
+        counting = Counting(labels, CHUNKS)
+        shown = m.image(Volume(counting, GRID), 0.4, interpolation="majority", **how).data
+        np.testing.assert_array_equal(shown, m.image(Volume(labels, GRID), 0.4, interpolation="majority", **how).data)
+        assert set(counting.read.values()) == {1}
+    counting = Counting(values, CHUNKS)
+    mean = m.image(Volume(counting, GRID), 0.4, fraction=(0.2, 0.8)).data
+    np.testing.assert_allclose(mean, m.image(Volume(values, GRID), 0.4, fraction=(0.2, 0.8)).data, atol=1e-6)
+    assert set(counting.read.values()) == {1}
+
+
+def test_memory_stays_below_the_bound(m):
+    """The array would take 8 GB, a chunk 1 MiB; 140,000 places. A block of places' weights takes 20 MiB more."""
+
+    class Huge:
+        shape, dtype, chunks = (4000, 2000, 1000), np.dtype(np.uint8), (128, 128, 64)
+
+        def __getitem__(self, key):
+            i, j, k = (np.arange(item.start, item.stop) for item in key)
+            return ((i[:, None, None] + j[:, None] + k) % 251).astype(np.uint8)
+
+    affine = np.diag([0.007, 0.015, 0.028, 1.0])
+    affine[:3, 3] = -14
+    raster = m.raster(0.05)
+    stack = m.images(Volume(Huge(), affine), 0.05, fraction=(0.2, 0.8), interpolation="linear")
+    places = 2 * raster.corners[..., 0].size
+    tracemalloc.start()
+    data = stack.data
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.isfinite(data).sum() > 20000
+    assert peak < PLACE_BYTES * places + 32 * 2**20
+    print("PEAK", peak, places, (peak - 20 * 2**20) / places)
+
+
+def test_dask(m, values):
+    dask = pytest.importorskip("dask.array")
+    array = dask.from_array(values, chunks=((20, 20, 21), (30, 30), (59,)))
+    shown = m.image(Volume(array, GRID), 0.4, fraction=0.5).data
+    np.testing.assert_allclose(shown, m.image(Volume(values, GRID), 0.4, fraction=0.5).data, atol=1e-6)
+    colours = dask.stack([array, -array], axis=-1)  # (I, J, K, C): channels
+    with pytest.raises(InputError, match=r"this map.*no volume's shape|map of a mesh"):
+        m.images(colours, 0.4)
+    stack = m.images(Volume(colours, GRID), 0.4, fraction=(0.2, 0.5))
+    assert stack.data.shape[:2] == (2, 2)
+    np.testing.assert_allclose(stack.data[1], -stack.data[0])
+
+
+def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
+    dask = pytest.importorskip("dask.array")
+    i, j, k = np.indices((24, 24, 24)) - 11.5
+    solid = Volume((i**2 + j**2 + k**2 < 81).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
+    flat = voxflat.flatten(solid, seed_point=(11, 11, 20), radius=12.0, sources=20)
+    array = values[:24, :24, :24]
+    shown = flat.image(dask.from_array(array, chunks=10), 1.0).data
+    np.testing.assert_allclose(shown, flat.image(array, 1.0).data, atol=1e-6)
+    with pytest.raises(InputError, match="give a volume of that shape, or one with its affine"):
+        flat.image(dask.from_array(values, chunks=10), 1.0)
+
+
+def ome(path, values, version=0.4, **changes):
+    """Write an OME-Zarr of axes c, z, y, x in µm, two channels, two resolutions, as its specification has it."""
+    zarr = pytest.importorskip("zarr")
+    czyx = np.stack([values, 2 * values]).transpose(0, 3, 2, 1)
+    group = zarr.open_group(str(path), mode="w", zarr_format=2 if version == 0.4 else 3)
+    for name, data in (("0", czyx), ("1", czyx[:, ::2, ::2, ::2])):
+        chunks = (1, 20, 13, 16)
+        array = group.create_array(name, shape=data.shape, chunks=chunks, dtype=data.dtype)
+        array[...] = data
+    axes = [{"name": "c", "type": "channel"}]
+    axes += [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
+    steps = [
+        {"type": "scale", "scale": [1, 500, 500, 500]},
+        {"type": "translation", "translation": [0, -14000, -15000, -15000]},
+    ]
+    half = [
+        {"type": "scale", "scale": [1, 1000, 1000, 1000]},
+        {"type": "translation", "translation": [0, -14000, -15000, -15000]},
+    ]
+    scales = {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": steps}]}
+    scales["datasets"].append({"path": "1", "coordinateTransformations": half})
+    scales |= changes
+    told = {"multiscales": [{**scales, "version": "0.4"}]} if version == 0.4 else {"ome": {"multiscales": [scales]}}
+    group.attrs.update(told)
+    return path
+
+
+class TestOmeZarr:
+    @pytest.mark.parametrize("version", [0.4, 0.5])
+    def test_by_its_path(self, m, values, tmp_path, version):
+        path = ome(tmp_path / "v.ome.zarr", values, version)
+        expected = m.image(Volume(values, GRID), 0.4, fraction=0.5).data
+        stack = m.images(path, 0.4, fraction=0.5)
+        assert stack.names == ("c0", "c1")
+        np.testing.assert_allclose(stack[0].data, expected, atol=1e-6)
+        np.testing.assert_allclose(stack["c1"].data, 2 * expected, atol=1e-6)
+        coarse = m.image(path / "1", 0.4, channel=0, fraction=0.5).data
+        half = Volume(np.ascontiguousarray(values[::2, ::2, ::2]), GRID @ np.diag([2.0, 2, 2, 1]))
+        np.testing.assert_allclose(coarse, m.image(half, 0.4, fraction=0.5).data, atol=1e-6)
+        files = stack.provenance["files"]
+        assert list(files) == [str(path / ("zarr.json" if version == 0.5 else ".zattrs"))]
+
+    def test_by_the_command_line(self, m, values, tmp_path):
+        m.save(tmp_path / "m.npz")
+        path, out = ome(tmp_path / "v.ome.zarr", values), tmp_path / "o.npy"
+        arguments = ["image", tmp_path / "m.npz", "--volume", path, "--channel", "c1", "--fraction", "0.5", "-o", out]
+        result = CliRunner().invoke(cli.main, [*map(str, arguments), "--pixel-size", "0.4", "--json"])
+        assert result.exit_code == 0, result.output
+        np.testing.assert_allclose(np.load(out), m.image(path, 0.4, channel=1, fraction=0.5).data, rtol=1e-6)
+        assert json.loads(result.output)["images"] == 1
+
+    def test_orientation_and_transformations_of_the_whole(self, m, values, tmp_path):
+        names = {"z": "superior-to-inferior", "y": "posterior-to-anterior", "x": "left-to-right"}
+        axes = [{"name": "c"}]
+        axes += [
+            {"name": a, "unit": "millimeter", "orientation": {"type": "anatomical", "value": names[a]}} for a in "zyx"
+        ]
+        steps = [{"type": "scale", "scale": [1, 0.001, 0.001, 0.001]}]
+        path = ome(tmp_path / "v.zarr", values, axes=axes, coordinateTransformations=steps)
+        turned = GRID.copy()
+        turned[2] *= -1
+        shown = m.image(path, 0.4, channel=0, fraction=0.5).data
+        np.testing.assert_allclose(shown, m.image(Volume(values, turned), 0.4, fraction=0.5).data, atol=1e-6)
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"axes": [{"name": n} for n in "ctyx"]}, "its axes are c, t, y, x"),
+            ({"axes": [{"name": "c"}, *({"name": n, "unit": "parsec"} for n in "zyx")]}, "is in parsec"),
+            (
+                {"coordinateTransformations": [{"type": "affine", "affine": []}]},
+                "transformed by 'affine'",
+            ),
+            ({"coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1, 1]}]}, "singular"),
+            ({"datasets": []}, "has no image"),
+        ],
+    )
+    def test_what_cannot_be_placed(self, m, values, tmp_path, changes, message):
+        path = ome(tmp_path / "v.zarr", values, **changes)
+        with pytest.raises(InputError, match=message):
+            m.image(path, 0.4, channel=0)
+
+    def test_damaged(self, m, values, tmp_path):
+        path = ome(tmp_path / "v.zarr", values)
+        (path / ".zattrs").write_text('{"multiscales"')
+        with pytest.raises(InputError, match=r"\.zattrs is damaged"):
+            m.image(path, 0.4, channel=0)
+        (path / ".zattrs").write_text("{}")
+        with pytest.raises(InputError, match="has no multiscales"):
+            m.image(path, 0.4, channel=0)
+        with pytest.raises(InputError, match="is a directory"):
+            m.image(tmp_path, 0.4)
+
+
+def test_what_is_no_volume():
+    assert not is_chunked(np.zeros(3))
+    assert chunked_of(np.zeros((3, 3, 3))) is None
+    with pytest.raises(InputError, match="has the shape"):
+        chunked_of(Counting(np.zeros((3, 3)), (2, 2)))
+    with pytest.raises(InputError, match="complex"):
+        chunked_of(Counting(np.zeros((3, 3, 3), complex), (2, 2, 2)))
+    with pytest.raises(InputError, match="is empty"):
+        chunked_of(Counting(np.zeros((3, 0, 3)), (2, 2, 2)))
