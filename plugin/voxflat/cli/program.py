@@ -8,7 +8,7 @@ from __future__ import annotations
 import click
 
 from voxflat._core import __version__
-from voxflat.cli import check, cut, demo, flatten, image, measure, patches, path, rows, surface, texture
+from voxflat.cli import check, cut, demo, flatten, image, measure, patches, path, register, rows, surface, texture
 from voxflat.cli.console import Program
 
 __all__ = ["main"]
@@ -24,5 +24,5 @@ def main() -> None:
     """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
 
 
-for module in (flatten, check, surface, cut, path, measure, patches, rows, image, texture, demo):  # a command each
+for module in (flatten, check, surface, cut, register, path, measure, patches, rows, image, texture, demo):  # a command each
     main.add_command(module.command)
