@@ -21,7 +21,7 @@ from voxflat.surfaces.surface import Surface
 __all__ = ["Registration", "register"]
 
 _RADIUS = 100.0  # as FreeSurfer's spheres have
-_MIDWAY, _WIDTH = 1.9, 0.05
+_MIDWAY, _WIDTH = 2.3, 0.08  # of the evidence, between no hemispheres and hemispheres: docs/decisions/0023
 _STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
 
 
@@ -143,9 +143,11 @@ def register(
     Returns
     -------
     Registration
-        Its ``confidence`` is a logistic function of the agreement after the best rotation, the sum of the correlations of
-        depth at the three scales (the finest counts half) and the share that a rigid motion explains, 0.5 midway between
-        the best of what is no hemisphere and the worst of what is one: see docs/decisions/0023-registration.md.
+        Its ``confidence`` is a logistic function of the evidence: the agreement with the better side after the best
+        rotation (the sum of the correlations of depth at the three scales, of which the finest counts half, and of the
+        share that a rigid motion explains), and by how much it exceeds that with the other side. It is 0.5, below which
+        a surface is refused, midway between what is known to be no hemisphere and what is known to be one; see
+        docs/decisions/0023-registration.md.
 
     Raises
     ------
@@ -198,12 +200,13 @@ def _judged(whole: Surface, found: dict[str, Any], named: str | None, remarks: t
         "correlations": found["correlations"],
         "affine": found["affine"],
     }
-    best = max(scores.values())
-    confidence = float(1 / (1 + np.exp(-(best - _MIDWAY) / _WIDTH)))
-    if best < _MIDWAY:
+    better, worse = sorted(scores.values(), reverse=True)
+    evidence = better + (better - worse)
+    confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
+    if evidence < _MIDWAY:
         raise InputError(
-            f"the surface is no hemisphere of a cortex: its folds agree with neither side of the template (score "
-            f"{best:.2f}, at least {_MIDWAY} is wanted; confidence {confidence:.2f}). Give the surface of one hemisphere "
+            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they agree "
+            f"with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one hemisphere, "
             "without cerebellum and brain stem; other shapes are cut without a template"
         )
     if named is not None and scores[other] > scores[side]:

@@ -86,9 +86,10 @@ impl<'a> Locator<'a> {
             let [a, b, c] = self.faces[face as usize].map(|v| self.points[v as usize]);
             let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| determinant([*place, p, q]));
             // the side that it lies farthest beyond; in turn, so that a walk cannot run in a circle for ever
-            let beyond = (0..3).map(|k| (k + step) % 3).filter(|&k| sides[k] < 0.0).min_by(|&k, &l| {
-                if step < 64 { sides[k].total_cmp(&sides[l]) } else { std::cmp::Ordering::Equal }
-            });
+            let beyond = (0..3)
+                .map(|k| (k + step) % 3)
+                .filter(|&k| sides[k] < 0.0)
+                .min_by(|&k, &l| if step < 64 { sides[k].total_cmp(&sides[l]) } else { std::cmp::Ordering::Equal });
             let Some(k) = beyond else {
                 return Located { face, weights: weights(sides) };
             };

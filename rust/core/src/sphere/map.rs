@@ -74,7 +74,12 @@ pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3
 }
 
 /// The map of a level, by way of all coarser ones: of the surface itself, which is level 0, or of the n-th decimation.
-pub(crate) fn laid_out(surface: &Surface, levels: &[Decimation], depth: usize, control: &Control) -> Result<Vec<Vector3<f64>>> {
+pub(crate) fn laid_out(
+    surface: &Surface,
+    levels: &[Decimation],
+    depth: usize,
+    control: &Control,
+) -> Result<Vec<Vector3<f64>>> {
     let coarsest = levels.last().map_or(surface, |level| &level.surface);
     let mut places = tetrahedron(coarsest);
     for n in (depth..levels.len()).rev() {
@@ -158,12 +163,7 @@ fn joined(surface: &Surface, points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Sur
 }
 
 /// Clips ears off a boundary loop, the narrowest first; what is left of the loop.
-fn ears(
-    around: &[u32],
-    surface: &Surface,
-    edges: &mut HashSet<(u32, u32)>,
-    faces: &mut Vec<[u32; 3]>,
-) -> Vec<u32> {
+fn ears(around: &[u32], surface: &Surface, edges: &mut HashSet<(u32, u32)>, faces: &mut Vec<[u32; 3]>) -> Vec<u32> {
     let count = around.len();
     let mut following: Vec<usize> = (0..count).map(|n| (n + 1) % count).collect();
     let mut previous: Vec<usize> = (0..count).map(|n| (n + count - 1) % count).collect();
@@ -421,7 +421,13 @@ impl Metric {
     }
 
     /// Moves a vertex by a Newton step to where the triangles around it are distorted less; their energy before.
-    pub(crate) fn ease(&self, surface: &Surface, vertex: usize, places: &mut [Vector3<f64>], ring: &mut Vec<Term>) -> f64 {
+    pub(crate) fn ease(
+        &self,
+        surface: &Surface,
+        vertex: usize,
+        places: &mut [Vector3<f64>],
+        ring: &mut Vec<Term>,
+    ) -> f64 {
         ring.clear();
         for &corner in self.corners(vertex) {
             let (face, k) = (corner as usize / 3, corner as usize % 3);
@@ -499,7 +505,6 @@ fn downhill(hessian: &Matrix2<f64>, gradient: &Vector2<f64>) -> Vector2<f64> {
     }
     let q = eigen.eigenvectors;
     let components = q.transpose() * gradient;
-    let scaled =
-        Vector2::from_fn(|n, _| -components[n] / eigen.eigenvalues[n].abs().max(1e-6 * largest));
+    let scaled = Vector2::from_fn(|n, _| -components[n] / eigen.eigenvalues[n].abs().max(1e-6 * largest));
     q * scaled
 }

@@ -107,7 +107,12 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
         }
     }
     let points = sphere.points();
-    (0..sums.len()).map(|v| { let s: Vector3<f64> = sums[v] / areas[v]; s - points[v] * s.dot(&points[v]) }).collect()
+    (0..sums.len())
+        .map(|v| {
+            let s: Vector3<f64> = sums[v] / areas[v];
+            s - points[v] * s.dot(&points[v])
+        })
+        .collect()
 }
 
 /// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
@@ -204,11 +209,12 @@ struct Stage {
     sweeps: usize,
 }
 
+/// First the shape of the whole, then its folds, ever finer.
 const STAGES: [Stage; 4] = [
-    Stage { steps: 30, depths: [1.0, 0.0, 0.0], places: 1.0, smoothing: 0.30, sweeps: 1 },
-    Stage { steps: 30, depths: [1.0, 1.0, 0.0], places: 1.0, smoothing: 0.20, sweeps: 1 },
-    Stage { steps: 30, depths: [0.5, 1.0, 1.0], places: 0.5, smoothing: 0.12, sweeps: 1 },
-    Stage { steps: 30, depths: [0.0, 1.0, 1.0], places: 0.5, smoothing: 0.08, sweeps: 1 },
+    Stage { steps: 20, depths: [0.0, 0.0, 0.0], places: 4.0, smoothing: 0.30, sweeps: 1 },
+    Stage { steps: 30, depths: [0.5, 0.5, 0.0], places: 3.0, smoothing: 0.15, sweeps: 1 },
+    Stage { steps: 30, depths: [0.5, 1.0, 1.0], places: 2.0, smoothing: 0.12, sweeps: 1 },
+    Stage { steps: 30, depths: [0.0, 1.0, 1.0], places: 2.0, smoothing: 0.08, sweeps: 1 },
 ];
 
 /// Differences of places count in this unit (of [`super::pattern::RADIUS`]).
@@ -257,9 +263,10 @@ impl<'a> Subject<'a> {
             .map(|(&v, at)| self.pattern.areas[v as usize] * at.value(faces, &template.weights))
             .collect();
         let of_scale = |n: usize| {
-            let pairs = of.iter().zip(at).map(|(&v, at)| {
-                [self.pattern.depths[n][v as usize], at.value(faces, &template.depths[n])]
-            });
+            let pairs = of
+                .iter()
+                .zip(at)
+                .map(|(&v, at)| [self.pattern.depths[n][v as usize], at.value(faces, &template.depths[n])]);
             correlation(pairs, &weights)
         };
         (0..SCALES.len()).map(of_scale).collect()
@@ -275,7 +282,8 @@ impl<'a> Subject<'a> {
             .collect();
         let total: f64 = of.iter().map(|&v| self.pattern.areas[v as usize]).sum();
         let mean = |k: usize| -> Vector3<f64> {
-            of.iter().zip(&pairs).map(|(&v, pair)| pair[k] * self.pattern.areas[v as usize]).sum::<Vector3<f64>>() / total
+            of.iter().zip(&pairs).map(|(&v, pair)| pair[k] * self.pattern.areas[v as usize]).sum::<Vector3<f64>>()
+                / total
         };
         let means = [mean(0), mean(1)];
         let (mut cross, mut squares) = (Matrix3::zeros(), [0.0; 2]);
@@ -294,8 +302,7 @@ impl<'a> Subject<'a> {
     /// The rotation after which the patterns agree best.
     fn rotation(&self, template: &Template, locator: &Locator<'_>, control: &Control) -> Result<Rotation3<f64>> {
         let score = |rotation: &Rotation3<f64>, of: &[u32]| {
-            let at: Vec<Located> =
-                of.iter().map(|&v| locator.locate(&(rotation * self.places[v as usize]))).collect();
+            let at: Vec<Located> = of.iter().map(|&v| locator.locate(&(rotation * self.places[v as usize]))).collect();
             let correlations = self.correlations(template, of, &at);
             Alignment::new(correlations, self.rigid_fit(template, of, &at)).score
         };

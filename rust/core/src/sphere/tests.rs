@@ -49,7 +49,7 @@ proptest! {
         let surface = bent(times, |p| {
             let radius: f64 = waves.iter().map(|(k, by)| by * Vector3::from(*k).dot(&p).sin()).sum();
             let shake = Vector3::new((91.0 * p.y).sin(), (87.0 * p.z).sin(), (93.0 * p.x).sin()) * noise;
-            p.component_mul(&stretch.into()) * radius.exp() + shake
+            p.component_mul(&Vector3::from(stretch)) * radius.exp() + shake
         });
         let places = spherical_map(&surface, &Control::default()).unwrap();
         assert_covers_once(surface.faces(), &places);

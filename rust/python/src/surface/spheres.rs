@@ -76,9 +76,8 @@ impl Surface {
             return Err(InputError::new_err("there is no such template"));
         }
         let inner = Arc::clone(&self.0);
-        let found = run(py, threads, progress.as_ref(), move |control| {
-            register(&inner.surface, &made, named, control)
-        })?;
+        let found =
+            run(py, threads, progress.as_ref(), move |control| register(&inner.surface, &made, named, control))?;
         let dict = PyDict::new(py);
         dict.set_item("turned_over", turned_over(self.0.surface.faces(), &found.points))?;
         dict.set_item("points", convert::array(py, &convert::plain(&found.points))?)?;
