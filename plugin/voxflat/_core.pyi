@@ -19,6 +19,7 @@ __all__ = [
     "defects",
     "draw",
     "is_sheet",
+    "locate_on_sphere",
     "reference_sources",
     "repair",
     "ribbon_voxels",
@@ -42,6 +43,9 @@ def draw(
 ) -> tuple[NDArray[np.uint32], NDArray[np.float32], list[float]]: ...
 def defects(points: NDArray[np.float64], faces: NDArray[np.int64]) -> dict[str, list[Any]]: ...
 def is_sheet(mask: NDArray[np.bool_]) -> bool: ...
+def locate_on_sphere(
+    points: NDArray[np.float64], faces: NDArray[np.int64], places: NDArray[np.float64]
+) -> tuple[NDArray[np.uint32], NDArray[np.float64]]: ...
 def repair(
     mask: NDArray[np.bool_],
     spacing: list[float],
@@ -88,6 +92,19 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[Surface, NDArray[np.uint32], dict[str, Any]]: ...
+    def spherical_map(self, progress: _Progress | None = None) -> NDArray[np.float64]: ...
+    def pattern(
+        self, progress: _Progress | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+    def register(
+        self,
+        points: NDArray[np.float64],
+        faces: NDArray[np.int64],
+        templates: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+        named: int | None = None,
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> dict[str, Any]: ...
     def __len__(self) -> int: ...
     @property
     def points(self) -> NDArray[np.float64]: ...

@@ -132,6 +132,12 @@ pub enum Error {
     )]
     NotADisk { components: usize, loops: usize, handles: usize, euler: i64 },
 
+    #[error(
+        "the surface is no sphere: it has {components} component(s), {loops} boundary loop(s), {handles} handle(s). Keep one \
+         component, repair its handles, and close its holes"
+    )]
+    NotASphere { components: usize, loops: usize, handles: usize },
+
     #[error("no triangle around vertex {vertex} lies within {radius} mm: give a larger radius")]
     EmptyDisk { vertex: usize, radius: f64 },
 

@@ -9,6 +9,7 @@
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
 //! | [`adjacency`] | | [`Links`](adjacency::Links): who is next to whom, and how far; what hangs together |
 //! | [`surface`] | volume or mesh → surface | surfels, nodes and their places; triangles; topology, repair, cuts, holes; decimation |
+//! | [`sphere`] | closed surface → unit sphere | laid out one to one, and registered to a template |
 //! | [`geodesic`] | | chain-code links over voxels, straight links over triangles; shortest paths |
 //! | [`patch`] | surface → surface | the part that is flattened |
 //! | [`sources`] | surface → sources | farthest-point and random sampling |
@@ -76,6 +77,7 @@ pub mod raster;
 pub mod ribbon;
 pub mod rows;
 pub mod sources;
+pub mod sphere;
 pub mod store;
 pub mod surface;
 mod turns;

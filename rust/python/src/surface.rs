@@ -6,6 +6,7 @@ mod maps;
 pub mod measure;
 mod patches;
 mod solvers;
+pub mod spheres;
 
 use std::sync::{Arc, Mutex};
 

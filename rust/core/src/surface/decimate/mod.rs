@@ -45,11 +45,14 @@ pub struct Options {
     pub longest_edge: f64,
     /// What the fourth power of a length counts against the quadric error.
     pub evenness: f64,
+    /// Only the topology is kept: faces may turn over and become slivers. A closed surface without handles comes down to four
+    /// vertices then.
+    pub any_shape: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { vertices: 15_000, longest_edge: f64::INFINITY, evenness: 0.01 }
+        Self { vertices: 15_000, longest_edge: f64::INFINITY, evenness: 0.01, any_shape: false }
     }
 }
 
@@ -320,7 +323,8 @@ impl<'a> Work<'a> {
         let neighbours = self.left.valence(self.ring.vertices[k]) + self.ring.vertices.len();
         neighbours <= MOST_NEIGHBOURS + 4
             && self.left.is_allowed(&self.ring, k, &mut self.beyond)
-            && self.ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k))
+            && (self.options.any_shape
+                || self.ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k)))
     }
 
     /// Does a face around a vertex neither turn over nor become a sliver when its apex moves onto the `k`-th of the ring?

@@ -139,7 +139,7 @@ fn bad_options_are_refused() {
     for (longest_edge, evenness) in
         [(0.0, 0.1), (-1.0, 0.1), (f64::NAN, 0.1), (1.0, f64::NAN), (1.0, -0.1), (1.0, f64::INFINITY)]
     {
-        let options = Options { vertices: 4, longest_edge, evenness };
+        let options = Options { vertices: 4, longest_edge, evenness, any_shape: false };
         let refused = decimate(&surface, &[], &options, &Control::default()).unwrap_err();
         assert!(matches!(refused, Error::DecimationOption { .. }));
     }

@@ -1,0 +1,1 @@
+"""One frame for all brains: what is known on fsaverage's sphere, and how a surface gets there."""

@@ -1,0 +1,88 @@
+"""The template's pattern of folds, on a grid over the unit sphere in fsaverage space.
+
+The file is made by ``docs/templates/pattern.py``, which says of what.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["DEPTH_UNIT", "PLACE_UNIT", "SIDES", "Pattern", "icosphere", "pattern"]
+
+SIDES = ("left", "right")
+
+DEPTH_UNIT, PLACE_UNIT, WEIGHT_UNIT = 1 / 32, 1 / 100, 1 / 255
+"""What whole numbers in the file count in: of standard deviations, of `_core`'s unit of length, of 1."""
+
+SUBDIVISIONS = 5
+
+
+class Pattern(NamedTuple):
+    """What a registration compares, at N places on the sphere: as `_core.Surface.register` takes it."""
+
+    depths: NDArray[np.float64]
+    places: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
+@cache
+def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return points on the unit sphere and triangles, counterclockwise from outside: an icosahedron's, divided.
+
+    Parameters
+    ----------
+    subdivisions : int
+        How often each triangle is divided into four.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (10 · 4**subdivisions + 2, 3)
+    faces : ndarray of int64, shape (20 · 4**subdivisions, 3)
+    """
+    golden = (1 + 5**0.5) / 2
+    cycle = [np.roll([0.0, a, b * golden], k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
+    points = np.array(cycle) / np.hypot(1, golden)
+    near = points @ points.T > 0.4  # neighbours have 1 / √5
+    corners = [
+        (i, j, k)
+        for i in range(12)
+        for j in range(12)
+        for k in range(12)
+        if i < min(j, k) and near[i, j] and near[j, k] and near[k, i] and np.linalg.det(points[[i, j, k]]) > 0
+    ]
+    faces = np.array(corners, dtype=np.int64)
+    for _ in range(subdivisions):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        unique, number = np.unique(edges, axis=0, return_inverse=True)
+        a, b, c = faces.T
+        ab, bc, ca = len(points) + number.reshape(3, -1)
+        middle = points[unique].sum(axis=1)
+        points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
+        faces = np.concatenate([np.stack(one, axis=1) for one in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+    return points, faces
+
+
+@cache
+def pattern(side: str) -> Pattern:
+    """Return the template's pattern of a side, at the places of `icosphere`.
+
+    Parameters
+    ----------
+    side : {"left", "right"}
+
+    Returns
+    -------
+    Pattern
+    """
+    with files(__package__).joinpath("pattern.npz").open("rb") as file, np.load(file) as saved:
+        stored: dict[str, NDArray[Any]] = {name: saved[f"{side}_{name}"] for name in Pattern._fields}
+    return Pattern(
+        np.ascontiguousarray(stored["depths"] * DEPTH_UNIT),
+        np.ascontiguousarray(np.cumsum(stored["places"], axis=0, dtype=np.int16) * PLACE_UNIT),
+        stored["weights"] * WEIGHT_UNIT,
+    )

@@ -1,0 +1,222 @@
+"""Registration: a surface on fsaverage's sphere, found by the pattern of its folds."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat.arguments import Progress, checked_threads, log
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, write_mesh
+from voxflat.io.provenance import Record, resolved, saving, telling
+from voxflat.surfaces.making import surface as _surface
+from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["Registration", "register"]
+
+_RADIUS = 100.0  # as FreeSurfer's spheres have
+_MIDWAY, _WIDTH = 2.3, 0.08  # of the evidence, between no hemispheres and hemispheres: docs/decisions/0023
+_STRUCTURES = {"CortexLeft": "left", "CortexRight": "right"}
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A surface on the unit sphere, in fsaverage space.
+
+    Parameters
+    ----------
+    surface : Surface
+        What was registered.
+    points : ndarray of float64, shape (N, 3)
+        The place of each vertex on the unit sphere. No triangle is turned over: the sphere is covered once.
+    side : {"left", "right"}
+        Which hemisphere it is.
+    confidence : float
+        How sure it is that this is that hemisphere, and lies as the template does: 0 to 1, see `register`.
+    figures : dict
+        What that rests on. ``score``: agreement with the template after the best rotation, by side; ``rigid``: how well a
+        rigid motion carries the smoothed surface to the template's then, 1 for the same shape, by side;
+        ``correlations``: of depth in folds at scales of 24, 12 and 6 mm (in an adult's brain) with the template's, after
+        the warp, and ``rotated``: before it; ``affine``: the share of the template's places that an affine map explains.
+    remarks : tuple of str
+        What the user should know of it.
+    provenance : dict
+        What made it.
+    """
+
+    surface: Surface
+    points: NDArray[np.float64]
+    side: str
+    confidence: float
+    figures: dict[str, Any]
+    remarks: tuple[str, ...] = ()
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Registration: {len(self.points)} vertices, {self.side}, confidence {self.confidence:.2f}>"
+
+    @property
+    def sphere(self) -> NDArray[np.float64]:
+        """The place of each vertex of the whole mesh, shape (V, 3): as `points`, and NaN for what no triangle uses."""
+        places = np.full((self.surface.count, 3), np.nan)
+        places[self.surface.vertices] = self.points
+        merged = self.surface.merged
+        places[merged[:, 0]] = places[merged[:, 1]]
+        return places
+
+    def with_provenance(self, record: Record) -> Registration:
+        """Return the same with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        Registration
+        """
+        return replace(self, provenance=resolved(record, {"side": self.side}))
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Write the sphere, of radius 100, as FreeSurfer's ``?h.sphere.reg``: the mesh's own vertices and triangles.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .surf.gii, .vtp, .ply or .obj, or is named as FreeSurfer names surfaces, like lh.sphere.reg. The
+            vertices of a volume's surface are those that `Surface.save` writes.
+        sidecar, overwrite
+            As in `Surface.save`.
+
+        Raises
+        ------
+        InputError
+            If the path has another ending, or is a file that was read.
+        OSError
+            If it cannot be written.
+        """
+        of = self.surface
+        faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
+        places = np.nan_to_num(self.sphere) * _RADIUS  # what no triangle uses lies in the centre
+        structure = "CortexLeft" if self.side == "left" else "CortexRight"
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
+            write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
+
+
+@telling
+def register(
+    surface: object,
+    *,
+    side: str | None = None,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> Registration:
+    """Find where each vertex of a hemisphere's surface lies on fsaverage's sphere, by the pattern of its folds.
+
+    The surface is laid out on a sphere, one to one (Praun, Hoppe 2003); all rotations are tried against both sides of the
+    template, fsaverage5, by depth in folds at three scales and by shape; then it is warped until the depths agree, coarse
+    to fine (as in Yeo et al. 2010), by steps that turn no triangle over. Where the surface lies in space, and how it is turned,
+    does not matter, nor does its unit.
+
+    Parameters
+    ----------
+    surface : Surface, path, ndarray, image object, Volume, Mesh, (points, faces) or pyvista.PolyData
+        White, pial or midway surface of one hemisphere, or its white matter as a label volume. Holes, such as a medial
+        wall that is left out, are closed while registering; handles are refused.
+    side : {"left", "right"}, optional
+        Which hemisphere it is; refused where the other side's pattern agrees better. By default it is found.
+    label, threshold, spacing, affine, threads, memory_limit, progress
+        As in `flatten`.
+
+    Returns
+    -------
+    Registration
+        Its ``confidence`` is a logistic function of the evidence: the agreement with the better side after the best
+        rotation (the sum of the correlations of depth at the three scales, of which the finest counts half, and of the
+        share that a rigid motion explains), and by how much it exceeds that with the other side. It is 0.5, below which
+        a surface is refused, midway between what is known to be no hemisphere and what is known to be one; see
+        docs/decisions/0023-registration.md.
+
+    Raises
+    ------
+    InputError
+        If the surface is no hemisphere, as far as its pattern says, not the one that was named, or no sphere.
+    Cancelled
+        If `progress` returned False.
+    """
+    if side is not None and side not in SIDES:
+        raise InputError(f"side is {side!r}; give 'left' or 'right', or leave it out")
+    threads = checked_threads(threads)
+    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
+    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
+    whole, remarks = _one_piece(whole)
+    templates = [pattern(each) for each in SIDES]
+    found = whole.core.register(
+        *icosphere(), templates, None if side is None else SIDES.index(side), threads, progress
+    )
+    return _judged(whole, found, side, remarks)
+
+
+def _one_piece(whole: Surface) -> tuple[Surface, tuple[str, ...]]:
+    """Return the largest component, and what is said of the others."""
+    topology = whole.core.topology()
+    if topology["handles"]:
+        raise InputError(
+            f"the surface has {topology['handles']} handle(s), and a sphere has none: make it with repair='voxels' "
+            "(--repair voxels), or mend the mesh where it was made"
+        )
+    others = len(topology["components"]) - 1
+    if not others:
+        return whole, whole.remarks
+    core = whole.core.largest_piece()
+    return whole.with_core(core), (
+        *whole.remarks,
+        f"{others} smaller component(s) were left out, {len(whole.core) - len(core)} vertices",
+    )
+
+
+def _judged(whole: Surface, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
+    """Return a registration, if it is one."""
+    side = SIDES[found["template"]]
+    other = SIDES[1 - found["template"]]
+    aligned = dict(zip(SIDES, found["alignments"], strict=True))
+    scores = {each: aligned[each]["score"] for each in SIDES}
+    figures = {
+        "score": scores,
+        "rigid": {each: aligned[each]["rigid"] for each in SIDES},
+        "rotated": aligned[side]["correlations"],
+        "correlations": found["correlations"],
+        "affine": found["affine"],
+    }
+    better, worse = sorted(scores.values(), reverse=True)
+    evidence = better + (better - worse)
+    confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
+    if evidence < _MIDWAY:
+        raise InputError(
+            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they agree "
+            f"with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one hemisphere, "
+            "without cerebellum and brain stem; other shapes are cut without a template"
+        )
+    if named is not None and scores[other] > scores[side]:
+        raise InputError(
+            f"side is {named!r}, but the surface agrees better with the {other} side of the template (score "
+            f"{scores[other]:.2f} instead of {scores[side]:.2f}): give side={other!r}, or see whether it is mirrored"
+        )
+    told = _STRUCTURES.get(str(whole.metadata.get("structure")))
+    if told not in (None, side):
+        remarks = (*remarks, f"the file says that it is the {told} side, its folds are those of the {side} side")
+    for remark in remarks:
+        log.warning(remark)
+    return Registration(whole, found["points"], side, confidence, figures, remarks)

@@ -1,0 +1,136 @@
+//! Places on the sphere in a triangulation of it.
+
+use nalgebra::Vector3;
+
+use super::map::determinant;
+
+/// Cells along the side of a cube's face, at most.
+const MOST_CELLS: usize = 256;
+
+/// A triangulation of the sphere, ready to be asked which triangle holds a place.
+///
+/// A place begins at a triangle near it, by a cell of the cube around the sphere, and walks across the sides that it lies
+/// beyond. Takes O(1) for a place where triangles are even.
+#[derive(Debug, Clone)]
+pub struct Locator<'a> {
+    points: &'a [Vector3<f64>],
+    faces: &'a [[u32; 3]],
+    twins: &'a [u32],
+    cells: Vec<u32>,
+    side: usize,
+}
+
+/// Where a place lies: a triangle, and the weights of its corners, which sum to one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Located {
+    /// The triangle.
+    pub face: u32,
+    /// The weights of its corners.
+    pub weights: [f64; 3],
+}
+
+impl Located {
+    /// What is known at the vertices, in between.
+    pub fn value(&self, faces: &[[u32; 3]], values: &[f64]) -> f64 {
+        let face = faces[self.face as usize];
+        (0..3).map(|k| self.weights[k] * values[face[k] as usize]).sum()
+    }
+
+    /// Vectors that are known at the vertices, in between.
+    pub fn vector(&self, faces: &[[u32; 3]], vectors: &[Vector3<f64>]) -> Vector3<f64> {
+        let face = faces[self.face as usize];
+        (0..3).map(|k| vectors[face[k] as usize] * self.weights[k]).sum()
+    }
+}
+
+impl<'a> Locator<'a> {
+    /// The triangulation by its points, triangles that run counterclockwise as seen from outside and cover the sphere once, and
+    /// the half-edge beyond each half-edge.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::Vector3;
+    /// use voxflat::sphere::locate::Locator;
+    /// use voxflat::surface::mesh::shapes;
+    ///
+    /// let sphere = shapes::surface(shapes::sphere(2));
+    /// let locator = Locator::new(sphere.points(), sphere.faces(), sphere.twins());
+    /// let found = locator.locate(&Vector3::new(0.6, 0.0, 0.8));
+    /// assert!((found.vector(sphere.faces(), sphere.points()).normalize().x - 0.6).abs() < 1e-12);
+    /// ```
+    pub fn new(points: &'a [Vector3<f64>], faces: &'a [[u32; 3]], twins: &'a [u32]) -> Self {
+        let side = ((faces.len() as f64 / 12.0).sqrt().ceil() as usize).clamp(1, MOST_CELLS);
+        let mut found = Self { points, faces, twins, cells: Vec::new(), side };
+        let mut from = 0;
+        let mut cells = Vec::with_capacity(6 * side * side);
+        for n in 0..6 * side * side {
+            let (face, row, column) = (n / (side * side), n / side % side, n % side);
+            let column = if row % 2 == 0 { column } else { side - 1 - column }; // there and back, so that ways are short
+            from = found.walk(&centre_of_cell(face, row, column, side), from).face;
+            cells.push((face * side * side + row * side + column, from));
+        }
+        found.cells = vec![0; cells.len()];
+        cells.into_iter().for_each(|(cell, face)| found.cells[cell] = face);
+        found
+    }
+
+    /// The triangle that holds a place.
+    pub fn locate(&self, place: &Vector3<f64>) -> Located {
+        self.walk(place, self.cells[cell_of(place, self.side)])
+    }
+
+    /// The same, where a triangle near it is known.
+    pub fn walk(&self, place: &Vector3<f64>, from: u32) -> Located {
+        let mut face = from;
+        for step in 0..4 * self.faces.len() {
+            let [a, b, c] = self.faces[face as usize].map(|v| self.points[v as usize]);
+            let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| determinant([*place, p, q]));
+            // the side that it lies farthest beyond; in turn, so that a walk cannot run in a circle for ever
+            let beyond = (0..3)
+                .map(|k| (k + step) % 3)
+                .filter(|&k| sides[k] < 0.0)
+                .min_by(|&k, &l| if step < 64 { sides[k].total_cmp(&sides[l]) } else { std::cmp::Ordering::Equal });
+            let Some(k) = beyond else {
+                return Located { face, weights: weights(sides) };
+            };
+            face = self.twins[3 * face as usize + k] / 3;
+        }
+        self.nearest(place)
+    }
+
+    /// The triangle that a place lies least outside of, of all: where rounding lets walks not end.
+    fn nearest(&self, place: &Vector3<f64>) -> Located {
+        let sides_of = |face: usize| {
+            let [a, b, c] = self.faces[face].map(|v| self.points[v as usize]);
+            [(a, b), (b, c), (c, a)].map(|(p, q)| determinant([*place, p, q]))
+        };
+        let is_near = |&f: &usize| self.points[self.faces[f][0] as usize].dot(place) > 0.0;
+        let least = |face: usize| sides_of(face).into_iter().fold(f64::INFINITY, f64::min);
+        let face = (0..self.faces.len()).filter(is_near).max_by(|&f, &g| least(f).total_cmp(&least(g))).unwrap_or(0);
+        Located { face: face as u32, weights: weights(sides_of(face).map(|side| side.max(0.0))) }
+    }
+}
+
+/// Weights of the corners from the determinants across the sides that begin at them.
+fn weights(sides: [f64; 3]) -> [f64; 3] {
+    let total: f64 = sides.iter().sum();
+    if total > 0.0 { [1, 2, 0].map(|k| sides[k] / total) } else { [1.0 / 3.0; 3] }
+}
+
+/// Of a cube's face its axis, and the sign along it.
+fn cell_of(place: &Vector3<f64>, side: usize) -> usize {
+    let axis = place.iamax();
+    let (major, u, v) = (place[axis].abs().max(f64::MIN_POSITIVE), place[(axis + 1) % 3], place[(axis + 2) % 3]);
+    let face = 2 * axis + usize::from(place[axis] < 0.0);
+    let index = |x: f64| (((x / major + 1.0) / 2.0 * side as f64) as usize).min(side - 1);
+    face * side * side + index(u) * side + index(v)
+}
+
+fn centre_of_cell(face: usize, row: usize, column: usize, side: usize) -> Vector3<f64> {
+    let of = |n: usize| (2.0 * n as f64 + 1.0) / side as f64 - 1.0;
+    let mut place = Vector3::zeros();
+    place[face / 2] = if face % 2 == 0 { 1.0 } else { -1.0 };
+    place[(face / 2 + 1) % 3] = of(row);
+    place[(face / 2 + 2) % 3] = of(column);
+    place.normalize()
+}

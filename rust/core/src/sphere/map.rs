@@ -1,0 +1,510 @@
+//! A closed surface without handles onto the unit sphere, one to one.
+//!
+//! From coarse to fine (Praun, Hoppe 2003): decimation leads to a tetrahedron, which is laid out regularly; then its vertices
+//! come back in reverse order, each into the kernel of the spherical polygon of its neighbours, from where it sees all of it. On
+//! every level vertices move, one after the other, to where the triangles around them are distorted least. No step on the
+//! way turns a triangle over, so that the map stays one to one: with all triangles counterclockwise as seen from outside,
+//! their areas sum to 4π.
+//!
+//! Distortion is the symmetric Dirichlet energy (Smith, Schaefer 2015), ½ Σ cot |e|² · (1 + 1/d²) over triangles, with d the
+//! determinant of the corners over twice the surface's area; for small triangles that is the ratio of areas, and it is zero where
+//! a triangle is about to turn over, where the energy is infinite.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap, HashSet};
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::surface::Surface;
+use crate::surface::cuts::holes::fill_holes;
+use crate::surface::decimate::{self, Decimation, decimate};
+use crate::surface::mesh::{BORDER, next};
+use crate::surface::topology::Topology;
+
+/// How many times as many vertices a level has as the next coarser one.
+const FALL: f64 = 2.0;
+
+/// Below so many vertices, only topology is kept while decimating.
+const COARSE: usize = 200;
+
+/// Vertices of the tetrahedron.
+const LEAST: usize = 4;
+
+/// Most sweeps over the vertices of a level, and of the finest.
+const SWEEPS: usize = 60;
+const LAST_SWEEPS: usize = 20;
+
+/// A sweep that gains less than this part of the energy is the last of its level.
+const GAIN: f64 = 1e-4;
+
+/// The least area of a triangle, in that of an equilateral one on its longest edge: thinner ones count as if they had it.
+const THINNEST: f64 = 0.05;
+
+/// No determinant falls below this part of itself in one step.
+const LEAST_LEFT: f64 = 0.1;
+
+/// The vertices' places on the unit sphere: triangles run counterclockwise as seen from outside, and their areas sum to 4π.
+///
+/// Rotated anyhow; the same for the same surface, bit by bit.
+///
+/// # Errors
+/// [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
+/// too thin for their areas to be told from nothing; [`Error::Cancelled`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::sphere::map::spherical_map;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let (points, faces) = shapes::sphere(3);
+/// let long = points.iter().map(|&[x, y, z]| [x, y, 3.0 * z]).collect(); // an ellipsoid
+/// let places = spherical_map(&shapes::surface((long, faces)), &Control::default())?;
+/// assert!(places.iter().all(|place| (place.norm() - 1.0).abs() < 1e-12));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
+    let closed = closed(surface, control)?;
+    let levels = levels(&closed, control)?;
+    let mut places = laid_out(&closed, &levels, 0, control)?;
+    places.truncate(surface.len());
+    Ok(places)
+}
+
+/// The map of a level, by way of all coarser ones: of the surface itself, which is level 0, or of the n-th decimation.
+pub(crate) fn laid_out(
+    surface: &Surface,
+    levels: &[Decimation],
+    depth: usize,
+    control: &Control,
+) -> Result<Vec<Vector3<f64>>> {
+    let coarsest = levels.last().map_or(surface, |level| &level.surface);
+    let mut places = tetrahedron(coarsest);
+    for n in (depth..levels.len()).rev() {
+        let finer = if n == 0 { surface } else { &levels[n - 1].surface };
+        places = refined(&levels[n], finer, &places, false, control)?;
+        let sweeps = if n == 0 { LAST_SWEEPS } else { SWEEPS };
+        control.begin("laying the surface out on a sphere", sweeps as u64);
+        Metric::new(finer).relax(finer, &mut places, sweeps, |_| true, control)?;
+    }
+    Ok(places)
+}
+
+/// The triangles that are turned over, or have no area, on the sphere: none where the map is one to one.
+///
+/// # Examples
+/// ```
+/// use voxflat::sphere::map::turned_over;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sphere = shapes::surface(shapes::sphere(2));
+/// assert_eq!(turned_over(sphere.faces(), sphere.points()), 0);
+/// ```
+pub fn turned_over(faces: &[[u32; 3]], places: &[Vector3<f64>]) -> usize {
+    faces.iter().filter(|face| determinant(face.map(|v| places[v as usize])) <= 0.0).count()
+}
+
+pub(crate) fn determinant([a, b, c]: [Vector3<f64>; 3]) -> f64 {
+    (b - a).cross(&(c - a)).dot(&a) // the same as a · (b × c), with smaller terms
+}
+
+/// The surface with its holes closed; its own vertices come first.
+///
+/// By triangles of the least area; holes of too many edges for that, such as cuts that were opened, ear by ear, the narrowest
+/// first, which sews lips together, and what cannot be closed so by a fan around its centre.
+pub(crate) fn closed(surface: &Surface, control: &Control) -> Result<Surface> {
+    let loops = Topology::of(surface).loops;
+    if loops.is_empty() {
+        check_closed(surface)?;
+        return Ok(surface.clone());
+    }
+    let filled = fill_holes(surface, &loops, control)?;
+    let mut points = filled.surface.points().to_vec();
+    let mut faces = filled.surface.faces().to_vec();
+    let edge = |a: u32, b: u32| (a.min(b), a.max(b));
+    let mut edges: HashSet<(u32, u32)> = match filled.left.is_empty() {
+        true => HashSet::new(),
+        false => filled.surface.edges().map(|h| edge(filled.surface.origin(h), filled.surface.target(h))).collect(),
+    };
+    for &n in &filled.left {
+        control.check()?;
+        let around = loops[n].vertices(surface);
+        let mut left = ears(&around, surface, &mut edges, &mut faces);
+        if left.len() == 3 {
+            faces.push([left[2], left[1], left[0]]);
+            left.clear();
+        }
+        if !left.is_empty() {
+            let centre = left.iter().map(|&v| surface.points()[v as usize]).sum::<Vector3<f64>>() / left.len() as f64;
+            let ends = left.iter().cycle().skip(1);
+            faces.extend(left.iter().zip(ends).map(|(&a, &b)| [b, a, points.len() as u32]));
+            points.push(centre);
+        }
+    }
+    let closed = joined(&filled.surface, &points, &faces);
+    check_closed(&closed)?;
+    Ok(closed)
+}
+
+/// A surface with further points and faces, which may be without area, joined where they meet its boundary and each other.
+fn joined(surface: &Surface, points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Surface {
+    let mut twins = surface.twins().to_vec();
+    twins.resize(3 * faces.len(), BORDER);
+    let ends = |h: u32| [h, next(h)].map(|h| faces.as_flattened()[h as usize]);
+    let open: Vec<u32> = (0..twins.len() as u32).filter(|&h| twins[h as usize] == BORDER).collect();
+    let by_ends: HashMap<[u32; 2], u32> = open.iter().map(|&h| (ends(h), h)).collect();
+    for h in open {
+        let [a, b] = ends(h);
+        twins[h as usize] = by_ends.get(&[b, a]).copied().unwrap_or(BORDER);
+    }
+    Surface::assemble(points, &(0..points.len() as u32).collect::<Vec<_>>(), faces, twins)
+}
+
+/// Clips ears off a boundary loop, the narrowest first; what is left of the loop.
+fn ears(around: &[u32], surface: &Surface, edges: &mut HashSet<(u32, u32)>, faces: &mut Vec<[u32; 3]>) -> Vec<u32> {
+    let count = around.len();
+    let mut following: Vec<usize> = (0..count).map(|n| (n + 1) % count).collect();
+    let mut previous: Vec<usize> = (0..count).map(|n| (n + count - 1) % count).collect();
+    let width = |a: usize, c: usize| {
+        let [a, c] = [a, c].map(|n| surface.points()[around[n] as usize]);
+        (a - c).norm_squared().to_bits() // positive floats sort as their bits
+    };
+    let mut queue: BinaryHeap<Reverse<(u64, usize)>> =
+        (0..count).map(|n| Reverse((width(previous[n], following[n]), n))).collect();
+    let (mut is_clipped, mut left) = (vec![false; count], count);
+    while left > 3
+        && let Some(Reverse((wide, n))) = queue.pop()
+    {
+        let (a, c) = (previous[n], following[n]);
+        let ends = (around[a].min(around[c]), around[a].max(around[c]));
+        if is_clipped[n] || wide != width(a, c) || edges.contains(&ends) {
+            continue;
+        }
+        edges.insert(ends);
+        faces.push([around[c], around[n], around[a]]);
+        (is_clipped[n], following[a], previous[c]) = (true, c, a);
+        left -= 1;
+        [a, c].iter().for_each(|&m| queue.push(Reverse((width(previous[m], following[m]), m))));
+    }
+    (0..count).filter(|&n| !is_clipped[n]).map(|n| around[n]).collect()
+}
+
+fn check_closed(surface: &Surface) -> Result<()> {
+    let topology = Topology::of(surface);
+    let (components, loops, handles) = (topology.components.len(), topology.loops.len(), topology.genus);
+    let is_sphere = components == 1 && loops == 0 && handles == 0;
+    if is_sphere { Ok(()) } else { Err(Error::NotASphere { components, loops, handles }) }
+}
+
+/// Coarser and coarser surfaces, the last a tetrahedron.
+pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimation>> {
+    let mut levels: Vec<Decimation> = Vec::new();
+    loop {
+        let finer = levels.last().map_or(surface, |level| &level.surface);
+        if finer.len() == LEAST {
+            return Ok(levels);
+        }
+        let vertices = ((finer.len() as f64 / FALL) as usize).max(LEAST);
+        let options = decimate::Options { vertices, any_shape: vertices < COARSE, ..Default::default() };
+        let mut level = decimate(finer, &[], &options, control)?;
+        if level.survivors.len() as f64 > 0.8 * finer.len() as f64 {
+            level = decimate(finer, &[], &decimate::Options { any_shape: true, ..options }, control)?;
+        }
+        if level.survivors.len() == finer.len() {
+            return Err(Error::Folded { triangles: finer.faces().len() });
+        }
+        levels.push(level);
+    }
+}
+
+/// The corners of a regular tetrahedron, so that the faces run counterclockwise.
+fn tetrahedron(surface: &Surface) -> Vec<Vector3<f64>> {
+    let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
+    let mut places: Vec<Vector3<f64>> = corners.iter().map(|&c| Vector3::from(c).normalize()).collect();
+    if turned_over(surface.faces(), &places) > 0 {
+        places.swap(0, 1);
+    }
+    places
+}
+
+/// The places of a finer surface's vertices from those of a coarser one's: in the middle of where they may be, or, if they are to
+/// `follow`, as near as they may be to where the surface has them between their neighbours.
+pub(crate) fn refined(
+    level: &Decimation,
+    finer: &Surface,
+    places: &[Vector3<f64>],
+    follow: bool,
+    control: &Control,
+) -> Result<Vec<Vector3<f64>>> {
+    let mut found = vec![Vector3::zeros(); finer.len()];
+    level.survivors.iter().zip(places).for_each(|(&vertex, &place)| found[vertex as usize] = place);
+    let mut ring = Vec::new();
+    for (n, removal) in level.removals.iter().rev().enumerate() {
+        if n % 512 == 0 {
+            control.check()?;
+        }
+        ring.clear();
+        ring.extend(removal.neighbours.iter().map(|&v| found[v as usize]));
+        let centre = kernel_centre(&ring).ok_or(Error::Folded { triangles: ring.len() })?;
+        found[removal.vertex as usize] = if follow {
+            let wish: Vector3<f64> = ring.iter().zip(removal.weights).map(|(place, weight)| place * weight[0]).sum();
+            sees_all(&ring, centre, wish)
+        } else {
+            centre
+        };
+    }
+    let triangles = turned_over(finer.faces(), &found);
+    if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(found) }
+}
+
+/// A place in the middle of those from which all of a spherical polygon, counterclockwise, is seen; none if there is no such.
+///
+/// Seen from the sphere's centre, great circles are lines on a plane that touches the sphere: the kernel is a convex polygon there,
+/// found by cutting a large square along the sides. The plane touches in the middle of the polygon; of one that is too large
+/// for that, in a corner that sees all of it: there is one, from which the coarser surface's triangles fan out.
+pub(crate) fn kernel_centre(ring: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    let sides: Vec<Vector3<f64>> =
+        (0..ring.len()).map(|k| ring[k].cross(&(ring[(k + 1) % ring.len()] - ring[k]))).collect();
+    let middle = ring.iter().sum::<Vector3<f64>>().try_normalize(0.0);
+    let (up, size) = match middle.filter(|middle| ring.iter().all(|p| p.dot(middle) > 0.2)) {
+        // as large as the polygon, so that no digits are lost
+        Some(middle) => (middle, 6.0 * ring.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max)),
+        None => {
+            let of = |k: usize| move |n: usize| ring[(k + n) % ring.len()];
+            let sees_all = |k: &usize| (1..ring.len() - 1).all(|n| determinant([0, n, n + 1].map(of(*k))) > 0.0);
+            (ring[(0..ring.len()).find(sees_all)?], 50.0)
+        }
+    };
+    let [east, north] = tangents(up);
+    let mut kernel: Vec<Vector2<f64>> =
+        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|c| Vector2::from(c) * size).into();
+    let mut cut = Vec::new();
+    for side in sides {
+        let line = Vector2::new(side.dot(&east), side.dot(&north));
+        let height = |p: &Vector2<f64>| line.dot(p) + side.dot(&up);
+        cut.clear();
+        for k in 0..kernel.len() {
+            let [a, b] = [kernel[k], kernel[(k + 1) % kernel.len()]];
+            let [at_a, at_b] = [height(&a), height(&b)];
+            if at_a >= 0.0 {
+                cut.push(a);
+            }
+            if (at_a >= 0.0) != (at_b >= 0.0) {
+                cut.push(a + (b - a) * (at_a / (at_a - at_b)));
+            }
+        }
+        std::mem::swap(&mut kernel, &mut cut);
+    }
+    if kernel.len() < 3 {
+        return None;
+    }
+    let (mut sum, mut area) = (Vector2::zeros(), 0.0);
+    for k in 1..kernel.len() - 1 {
+        let [a, b, c] = [kernel[0], kernel[k], kernel[k + 1]];
+        let part = (b - a).perp(&(c - a));
+        sum += (a + b + c) * (part / 3.0);
+        area += part;
+    }
+    let centre = if area > 0.0 { sum / area } else { kernel.iter().sum::<Vector2<f64>>() / kernel.len() as f64 };
+    let place = (up + east * centre.x + north * centre.y).normalize();
+    let is_inside = (0..ring.len()).all(|k| determinant([place, ring[k], ring[(k + 1) % ring.len()]]) > 0.0);
+    is_inside.then_some(place)
+}
+
+/// The place nearest to a wish, on the way there from the kernel's centre, from where the polygon is seen well.
+fn sees_all(ring: &[Vector3<f64>], centre: Vector3<f64>, wish: Vector3<f64>) -> Vector3<f64> {
+    let sides = |p: Vector3<f64>| (0..ring.len()).map(move |k| determinant([p, ring[k], ring[(k + 1) % ring.len()]]));
+    let towards = |share: f64| (centre + (wish - centre) * share).normalize();
+    let is_good = |share: &f64| sides(towards(*share)).zip(sides(centre)).all(|(now, then)| now > 0.1 * then);
+    [1.0, 0.7, 0.5, 0.3, 0.1].into_iter().find(is_good).map_or(centre, towards)
+}
+
+/// Two unit vectors at right angles to a third, and to each other; counterclockwise around it.
+pub(crate) fn tangents(up: Vector3<f64>) -> [Vector3<f64>; 2] {
+    let axis = if up.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let east = axis.cross(&up).normalize();
+    [east, up.cross(&east)]
+}
+
+/// What distortion is measured against: for each triangle the cotangents of its angles and twice its area, the surface's scaled to
+/// 4π; and the corners around each vertex.
+#[derive(Debug, Clone)]
+pub(crate) struct Metric {
+    cotangents: Vec<[f64; 3]>,
+    doubles: Vec<f64>,
+    starts: Vec<u32>,
+    corners: Vec<u32>,
+}
+
+impl Metric {
+    pub(crate) fn new(surface: &Surface) -> Self {
+        let total: f64 = surface.areas().iter().sum();
+        let scale = 4.0 * std::f64::consts::PI / total;
+        let least = 1e-9 * total / surface.faces().len() as f64; // of what has no size at all
+        let (mut cotangents, mut doubles) = (Vec::new(), Vec::new());
+        for face in surface.faces() {
+            let [a, b, c] = face.map(|v| surface.points()[v as usize]);
+            let squares = [(c - b).norm_squared(), (a - c).norm_squared(), (b - a).norm_squared()];
+            let longest = squares.iter().copied().fold(least, f64::max);
+            let double = (b - a).cross(&(c - a)).norm().max(THINNEST * 3f64.sqrt() / 2.0 * longest);
+            let [x, y, z] = squares;
+            cotangents.push([y + z - x, z + x - y, x + y - z].map(|w| w / (2.0 * double)));
+            doubles.push(double * scale);
+        }
+        let mut starts = vec![0; surface.len() + 1];
+        surface.faces().as_flattened().iter().for_each(|&v| starts[v as usize + 1] += 1);
+        (0..surface.len()).for_each(|v| starts[v + 1] += starts[v]);
+        let mut free = starts.clone();
+        let mut corners = vec![0; 3 * surface.faces().len()];
+        for (corner, &vertex) in (0..).zip(surface.faces().as_flattened()) {
+            corners[free[vertex as usize] as usize] = corner;
+            free[vertex as usize] += 1;
+        }
+        Self { cotangents, doubles, starts, corners }
+    }
+
+    /// The corners at a vertex.
+    pub(crate) fn corners(&self, vertex: usize) -> &[u32] {
+        &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+
+    /// Moves a vertex towards a place, as far as no triangle around it is nearly turned over.
+    pub(crate) fn shift(&self, surface: &Surface, vertex: usize, to: Vector3<f64>, places: &mut [Vector3<f64>]) {
+        let from = places[vertex];
+        let normal = |corner: u32| {
+            let (face, k) = (corner as usize / 3, corner as usize % 3);
+            let [b, c] = [1, 2].map(|n| places[surface.faces()[face][(k + n) % 3] as usize]);
+            b.cross(&c)
+        };
+        let is_sound = |place: &Vector3<f64>| {
+            self.corners(vertex).iter().all(|&corner| {
+                let m = normal(corner);
+                m.dot(place) > LEAST_LEFT * m.dot(&from)
+            })
+        };
+        let on_the_way = [1.0, 0.5, 0.2].map(|share| (from + (to - from) * share).normalize());
+        if let Some(&place) = on_the_way.iter().find(|place| is_sound(place)) {
+            places[vertex] = place;
+        }
+    }
+
+    /// Sweeps over all vertices until little is gained.
+    pub(crate) fn relax(
+        &self,
+        surface: &Surface,
+        places: &mut [Vector3<f64>],
+        sweeps: usize,
+        may_move: impl Fn(usize) -> bool,
+        control: &Control,
+    ) -> Result<()> {
+        let mut ring = Vec::new();
+        let mut before = f64::INFINITY;
+        for _ in 0..sweeps {
+            let mut energy = 0.0;
+            for vertex in 0..places.len() {
+                if vertex % 4096 == 0 {
+                    control.check()?;
+                }
+                if may_move(vertex) {
+                    energy += self.ease(surface, vertex, places, &mut ring);
+                }
+            }
+            control.advance();
+            if before - energy < GAIN * energy {
+                break;
+            }
+            before = energy;
+        }
+        Ok(())
+    }
+
+    /// Moves a vertex by a Newton step to where the triangles around it are distorted less; their energy before.
+    pub(crate) fn ease(
+        &self,
+        surface: &Surface,
+        vertex: usize,
+        places: &mut [Vector3<f64>],
+        ring: &mut Vec<Term>,
+    ) -> f64 {
+        ring.clear();
+        for &corner in self.corners(vertex) {
+            let (face, k) = (corner as usize / 3, corner as usize % 3);
+            let [b, c] = [1, 2].map(|n| places[surface.faces()[face][(k + n) % 3] as usize]);
+            let [x, y, z] = [0, 1, 2].map(|n| self.cotangents[face][(k + n) % 3]);
+            ring.push(Term::new(b, c, [x, y, z], self.doubles[face]));
+        }
+        let at = places[vertex];
+        let energy = |p: &Vector3<f64>| ring.iter().map(|term| term.energy(p)).sum::<f64>();
+        let before = energy(&at);
+        let [east, north] = tangents(at);
+        let (mut gradient, mut hessian, mut along) = (Vector2::zeros(), Matrix2::zeros(), 0.0);
+        for term in ring.iter() {
+            let slopes = term.slopes(&at);
+            let g = Vector2::new(term.g.dot(&east), term.g.dot(&north));
+            let m = Vector2::new(term.m.dot(&east), term.m.dot(&north));
+            gradient += g * slopes.g + m * slopes.m;
+            along += term.g.dot(&at) * slopes.g + term.m.dot(&at) * slopes.m;
+            hessian += (g * m.transpose() + m * g.transpose()) * slopes.gm + m * m.transpose() * slopes.mm;
+        }
+        hessian -= Matrix2::identity() * along;
+        let step = downhill(&hessian, &gradient);
+        let mut size = 1.0;
+        for _ in 0..12 {
+            let moved = (at + (east * step.x + north * step.y) * size).normalize();
+            let is_sound = ring.iter().all(|term| term.m.dot(&moved) > LEAST_LEFT * term.m.dot(&at));
+            if is_sound && energy(&moved) < before {
+                places[vertex] = moved;
+                break;
+            }
+            size *= 0.4;
+        }
+        before
+    }
+}
+
+/// A triangle's energy by the place x of one corner: (k − x·g) (1 + s / (x·m)²).
+pub(crate) struct Term {
+    k: f64,
+    g: Vector3<f64>,
+    m: Vector3<f64>,
+    s: f64,
+}
+
+/// Factors of its derivatives.
+struct Slopes {
+    g: f64,
+    m: f64,
+    gm: f64,
+    mm: f64,
+}
+
+impl Term {
+    fn new(b: Vector3<f64>, c: Vector3<f64>, [x, y, z]: [f64; 3], double: f64) -> Self {
+        Self { k: 0.5 * x * (c - b).norm_squared() + y + z, g: c * y + b * z, m: b.cross(&c), s: double * double }
+    }
+
+    fn energy(&self, x: &Vector3<f64>) -> f64 {
+        (self.k - x.dot(&self.g)) * (1.0 + self.s / x.dot(&self.m).powi(2))
+    }
+
+    fn slopes(&self, x: &Vector3<f64>) -> Slopes {
+        let (f, d) = (self.k - x.dot(&self.g), x.dot(&self.m));
+        let part = self.s / (d * d);
+        Slopes { g: -(1.0 + part), m: -2.0 * f * part / d, gm: 2.0 * part / d, mm: 6.0 * f * part / (d * d) }
+    }
+}
+
+/// The Newton step, with the Hessian made positive.
+fn downhill(hessian: &Matrix2<f64>, gradient: &Vector2<f64>) -> Vector2<f64> {
+    let eigen = hessian.symmetric_eigen();
+    let largest = eigen.eigenvalues.abs().max();
+    if !(largest > 0.0 && largest.is_finite()) {
+        return Vector2::zeros();
+    }
+    let q = eigen.eigenvectors;
+    let components = q.transpose() * gradient;
+    let scaled = Vector2::from_fn(|n, _| -components[n] / eigen.eigenvalues[n].abs().max(1e-6 * largest));
+    q * scaled
+}

@@ -1,0 +1,453 @@
+//! A surface's sphere, rotated and warped until the pattern of its folds is a template's.
+//!
+//! All is done on a surface of some 10,000 vertices. All rotations are tried, coarsely, by the correlation of depths and by how well
+//! one rigid motion carries the smoothed surface's places to the template's (Kabsch 1976); the best are refined. Then vertices
+//! move, step by step: each by the Gauss-Newton step of the differences (as in spherical demons, Yeo et al. 2010), which is smoothed
+//! over the sphere, and back by the energy of the [map](super::map) where triangles are distorted. No step turns a triangle over.
+//! Last, the vertices that decimation took away come back, in the kernels of their neighbours' polygons.
+
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
+use rayon::prelude::*;
+
+use super::locate::{Located, Locator};
+use super::map::{Metric, closed, laid_out, levels, refined};
+use super::pattern::{Pattern, SCALES, Smoothing, pattern};
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::Surface;
+
+/// Most vertices of the surface on which registration is done.
+const MOST_VERTICES: usize = 12_000;
+
+/// Rotations that are tried: some 11° apart.
+const ROTATIONS: usize = 6000;
+
+/// How many of them are refined.
+const REFINED: usize = 24;
+
+/// Vertices at which rotations are judged.
+const JUDGED: usize = 500;
+
+/// Sweeps over the vertices that come back on a level.
+const NEW_SWEEPS: usize = 3;
+
+/// What the scales' correlations and the rigid fit count for a rotation.
+const ROTATION_WEIGHTS: [f64; 4] = [1.0, 1.0, 0.5, 1.0];
+
+/// A template: a sphere whose pattern is known at each of its vertices.
+#[derive(Debug, Clone)]
+pub struct Template {
+    sphere: Surface,
+    depths: Vec<Vec<f64>>,
+    places: Vec<Vector3<f64>>,
+    weights: Vec<f64>,
+    depth_slopes: Vec<Vec<Vector3<f64>>>,
+    place_slopes: [Vec<Vector3<f64>>; 3],
+}
+
+/// How well a surface's pattern agrees with a template's after the best rotation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// The correlations of depths, scale by scale.
+    pub correlations: Vec<f64>,
+    /// How well a rigid motion carries the places to the template's: 1 for the same shape.
+    pub rigid: f64,
+    /// What rotations are compared by, and templates: the sum of both, weighted.
+    pub score: f64,
+}
+
+/// A surface on a template's sphere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Registration {
+    /// The vertices' places on the unit sphere.
+    pub points: Vec<Vector3<f64>>,
+    /// Which template.
+    pub template: usize,
+    /// Of each template.
+    pub alignments: Vec<Alignment>,
+    /// The correlations of depths after the warp, scale by scale.
+    pub correlations: Vec<f64>,
+    /// The share of the variance of the template's places that an affine map of the surface's explains.
+    pub affine: f64,
+}
+
+impl Template {
+    /// A template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at its vertices: depths
+    /// scale by scale, places, and what each vertex counts.
+    ///
+    /// # Panics
+    /// If there is not one value a vertex, or not every scale.
+    pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
+        assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
+        assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
+        let of = |axis: usize| slopes(&sphere, &places.iter().map(|p| p[axis]).collect::<Vec<_>>());
+        let place_slopes = [of(0), of(1), of(2)];
+        let depth_slopes = depths.iter().map(|depth| slopes(&sphere, depth)).collect();
+        Self { sphere, depths, places, weights, depth_slopes, place_slopes }
+    }
+
+    fn locator(&self) -> Locator<'_> {
+        Locator::new(self.sphere.points(), self.sphere.faces(), self.sphere.twins())
+    }
+}
+
+/// The gradient at each vertex of a sphere of a function that is linear between vertices.
+fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
+    let mut sums = vec![Vector3::zeros(); sphere.len()];
+    let mut areas = vec![0.0; sphere.len()];
+    for face in sphere.faces() {
+        let [a, b, c] = face.map(|v| sphere.points()[v as usize]);
+        let [x, y, z] = face.map(|v| values[v as usize]);
+        let normal = (b - a).cross(&(c - a));
+        let double = normal.norm();
+        let slope = normal.cross(&((c - b) * x + (a - c) * y + (b - a) * z)) / (double * double);
+        for &v in face {
+            sums[v as usize] += slope * double;
+            areas[v as usize] += double;
+        }
+    }
+    let points = sphere.points();
+    (0..sums.len())
+        .map(|v| {
+            let s: Vector3<f64> = sums[v] / areas[v];
+            s - points[v] * s.dot(&points[v])
+        })
+        .collect()
+}
+
+/// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
+///
+/// # Errors
+/// As [`spherical_map`](super::map::spherical_map).
+///
+/// # Panics
+/// If there is no template, or not the one that is named.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::sphere::pattern::pattern;
+/// use voxflat::sphere::register::{Template, register};
+/// use voxflat::surface::mesh::shapes;
+///
+/// let (points, faces) = shapes::sphere(3);
+/// let bent = points.iter().map(|&[x, y, z]| [x + 0.4 * y * y, y + 0.3 * z, 1.7 * z + 0.5 * x * y]).collect();
+/// let surface = shapes::surface((bent, faces));
+/// let sphere = shapes::surface(shapes::sphere(3));
+/// let of = pattern(&surface, &Control::default())?;
+/// let template = Template::new(sphere, of.depths, of.places, of.areas);
+/// let found = register(&surface, &[template], None, &Control::default())?;
+/// assert!(found.alignments[0].rigid > 0.9);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn register(
+    surface: &Surface,
+    templates: &[Template],
+    named: Option<usize>,
+    control: &Control,
+) -> Result<Registration> {
+    let closed = closed(surface, control)?;
+    let levels = levels(&closed, control)?;
+    let level = |n: usize| if n == 0 { &closed } else { &levels[n - 1].surface };
+    let depth = (0..=levels.len()).find(|&n| level(n).len() <= MOST_VERTICES).unwrap_or(levels.len());
+    let subject = Subject::new(level(depth), laid_out(&closed, &levels, depth, control)?, control)?;
+    control.begin("trying rotations", (ROTATIONS * templates.len()) as u64);
+    let align = |template: &Template| {
+        let locator = template.locator();
+        let rotation = subject.rotation(template, &locator, control)?;
+        let places: Vec<Vector3<f64>> = subject.places.iter().map(|p| rotation * p).collect();
+        let correlations = subject.agreement(template, &locator, &places);
+        let alignment = Alignment::new(correlations, subject.rigid(template, &locator, &places));
+        Ok((alignment, places))
+    };
+    let mut aligned: Vec<(Alignment, Vec<Vector3<f64>>)> = templates.iter().map(align).collect::<Result<_>>()?;
+    let score = |n: usize| aligned[n].0.score;
+    let best = (0..aligned.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)));
+    let chosen = named.or(best).expect("a template");
+    let mut places = std::mem::take(&mut aligned[chosen].1);
+    let (template, locator) = (&templates[chosen], templates[chosen].locator());
+    subject.warp(template, &locator, &mut places, control)?;
+    let correlations = subject.agreement(template, &locator, &places);
+    let affine = subject.affine(template, &locator, &places).1;
+    for n in (0..depth).rev() {
+        let finer = level(n);
+        places = refined(&levels[n], finer, &places, true, control)?;
+        let mut is_old = vec![false; finer.len()];
+        levels[n].survivors.iter().for_each(|&v| is_old[v as usize] = true);
+        Metric::new(finer).relax(finer, &mut places, NEW_SWEEPS, |v| !is_old[v], control)?;
+    }
+    places.truncate(surface.len());
+    let alignments = aligned.into_iter().map(|(alignment, _)| alignment).collect();
+    Ok(Registration { points: places, template: chosen, alignments, correlations, affine })
+}
+
+impl Alignment {
+    fn new(correlations: Vec<f64>, rigid: f64) -> Self {
+        let terms = correlations.iter().chain([&rigid]);
+        let score = ROTATION_WEIGHTS.iter().zip(terms).map(|(weight, term)| weight * term).sum();
+        Self { correlations, rigid, score }
+    }
+}
+
+/// The surface that is registered, on its own sphere.
+struct Subject<'a> {
+    surface: &'a Surface,
+    places: Vec<Vector3<f64>>,
+    pattern: Pattern,
+    judged: Vec<u32>,
+}
+
+/// What one stage of the warp does.
+struct Stage {
+    steps: usize,
+    /// What differences of depths count, scale by scale, and of places.
+    depths: [f64; 3],
+    places: f64,
+    /// The standard deviation of the smoothing of steps, radians.
+    smoothing: f64,
+    /// The sweeps that undo distortion, after each step.
+    sweeps: usize,
+}
+
+/// First the shape of the whole, then its folds, ever finer.
+const STAGES: [Stage; 4] = [
+    Stage { steps: 20, depths: [0.0, 0.0, 0.0], places: 4.0, smoothing: 0.30, sweeps: 1 },
+    Stage { steps: 30, depths: [0.5, 0.5, 0.0], places: 3.0, smoothing: 0.15, sweeps: 1 },
+    Stage { steps: 30, depths: [0.5, 1.0, 1.0], places: 2.0, smoothing: 0.12, sweeps: 1 },
+    Stage { steps: 30, depths: [0.0, 1.0, 1.0], places: 2.0, smoothing: 0.08, sweeps: 1 },
+];
+
+/// Differences of places count in this unit (of [`super::pattern::RADIUS`]).
+const PLACE_UNIT: f64 = 20.0;
+
+/// The share of the Gauss-Newton step's matrix, beside its own, that shortens steps: differences of 1 and slopes of 1 a radian.
+const DAMPING: f64 = 2.0;
+
+/// The longest step, radians.
+const LONGEST: f64 = 0.05;
+
+impl<'a> Subject<'a> {
+    fn new(surface: &'a Surface, places: Vec<Vector3<f64>>, control: &Control) -> Result<Self> {
+        let pattern = pattern(surface, control)?;
+        // evenly by area, in the order of the vertices
+        let (mut judged, mut sum) = (Vec::with_capacity(JUDGED), 0.0);
+        for (v, area) in pattern.areas.iter().enumerate() {
+            sum += area * JUDGED as f64;
+            if sum > judged.len() as f64 + 0.5 {
+                judged.push(v as u32);
+            }
+        }
+        Ok(Self { surface, places, pattern, judged })
+    }
+
+    fn all(&self) -> Vec<u32> {
+        (0..self.places.len() as u32).collect()
+    }
+
+    /// The correlations of depths with a template's.
+    fn agreement(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> Vec<f64> {
+        let all = self.all();
+        self.correlations(template, &all, &located(locator, &all, places))
+    }
+
+    fn rigid(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> f64 {
+        let all = self.all();
+        self.rigid_fit(template, &all, &located(locator, &all, places))
+    }
+
+    fn correlations(&self, template: &Template, of: &[u32], at: &[Located]) -> Vec<f64> {
+        let faces = template.sphere.faces();
+        let weights: Vec<f64> = of
+            .iter()
+            .zip(at)
+            .map(|(&v, at)| self.pattern.areas[v as usize] * at.value(faces, &template.weights))
+            .collect();
+        let of_scale = |n: usize| {
+            let pairs = of
+                .iter()
+                .zip(at)
+                .map(|(&v, at)| [self.pattern.depths[n][v as usize], at.value(faces, &template.depths[n])]);
+            correlation(pairs, &weights)
+        };
+        (0..SCALES.len()).map(of_scale).collect()
+    }
+
+    /// How well one rigid motion carries the places to the template's, which lie at `at`: 1 for the same shape.
+    fn rigid_fit(&self, template: &Template, of: &[u32], at: &[Located]) -> f64 {
+        let faces = template.sphere.faces();
+        let pairs: Vec<[Vector3<f64>; 2]> = of
+            .iter()
+            .zip(at)
+            .map(|(&v, at)| [self.pattern.places[v as usize], at.vector(faces, &template.places)])
+            .collect();
+        let total: f64 = of.iter().map(|&v| self.pattern.areas[v as usize]).sum();
+        let mean = |k: usize| -> Vector3<f64> {
+            of.iter().zip(&pairs).map(|(&v, pair)| pair[k] * self.pattern.areas[v as usize]).sum::<Vector3<f64>>()
+                / total
+        };
+        let means = [mean(0), mean(1)];
+        let (mut cross, mut squares) = (Matrix3::zeros(), [0.0; 2]);
+        for (&v, pair) in of.iter().zip(&pairs) {
+            let area = self.pattern.areas[v as usize];
+            let [p, q] = [pair[0] - means[0], pair[1] - means[1]];
+            cross += p * q.transpose() * area;
+            squares[0] += p.norm_squared() * area;
+            squares[1] += q.norm_squared() * area;
+        }
+        let mut values = cross.singular_values();
+        values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
+        (values[0] + values[1] + values[2] * cross.determinant().signum()) / (squares[0] * squares[1]).sqrt()
+    }
+
+    /// The rotation after which the patterns agree best.
+    fn rotation(&self, template: &Template, locator: &Locator<'_>, control: &Control) -> Result<Rotation3<f64>> {
+        let score = |rotation: &Rotation3<f64>, of: &[u32]| {
+            let at: Vec<Located> = of.iter().map(|&v| locator.locate(&(rotation * self.places[v as usize]))).collect();
+            let correlations = self.correlations(template, of, &at);
+            Alignment::new(correlations, self.rigid_fit(template, of, &at)).score
+        };
+        let mut tried: Vec<(f64, usize)> = (0..ROTATIONS)
+            .into_par_iter()
+            .map(|n| {
+                control.check()?;
+                control.advance();
+                Ok((score(&rotation(n, ROTATIONS), &self.judged), n))
+            })
+            .collect::<Result<_>>()?;
+        tried.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        tried.truncate(REFINED);
+        let refine = |&(value, n): &(f64, usize)| {
+            let (mut best, mut value) = (rotation(n, ROTATIONS), value);
+            for angle in [0.1f64, 0.05, 0.025, 0.0125] {
+                for _ in 0..4 {
+                    control.check()?;
+                    let before = value;
+                    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                        for turn in [angle, -angle] {
+                            let other = Rotation3::from_axis_angle(&Unit::new_unchecked(axis), turn) * best;
+                            let of_other = score(&other, &self.judged);
+                            if of_other > value {
+                                (best, value) = (other, of_other);
+                            }
+                        }
+                    }
+                    if value == before {
+                        break;
+                    }
+                }
+            }
+            Ok((value, n, best))
+        };
+        let found: Vec<(f64, usize, Rotation3<f64>)> = tried.par_iter().map(refine).collect::<Result<_>>()?;
+        let best = found.iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        Ok(best.map_or_else(Rotation3::identity, |best| best.2))
+    }
+
+    /// The affine map, by least squares, that carries the places to the template's, and the share of their variance that it leaves
+    /// explained.
+    fn affine(&self, template: &Template, locator: &Locator<'_>, places: &[Vector3<f64>]) -> (Matrix3x4<f64>, f64) {
+        let faces = template.sphere.faces();
+        let (mut normal, mut right) = (Matrix4::zeros(), Matrix3x4::zeros());
+        let (mut mean, mut square) = (Vector3::zeros(), 0.0);
+        for (v, place) in places.iter().enumerate() {
+            let area = self.pattern.areas[v];
+            let p = self.pattern.places[v].push(1.0);
+            let q = locator.locate(place).vector(faces, &template.places);
+            normal += p * p.transpose() * area;
+            right += q * p.transpose() * area;
+            mean += q * area;
+            square += q.norm_squared() * area;
+        }
+        let affine = normal.try_inverse().map_or_else(Matrix3x4::zeros, |inverse| right * inverse);
+        let explained = (affine * normal * affine.transpose()).trace() - mean.norm_squared();
+        (affine, explained / (square - mean.norm_squared()))
+    }
+
+    fn warp(
+        &self,
+        template: &Template,
+        locator: &Locator<'_>,
+        places: &mut [Vector3<f64>],
+        control: &Control,
+    ) -> Result<()> {
+        let faces = template.sphere.faces();
+        let metric = Metric::new(&self.surface.moved(places.to_vec())?);
+        let smoothing = Smoothing::new(places, self.surface.faces());
+        control.begin("warping", STAGES.iter().map(|stage| stage.steps as u64).sum());
+        let mut ring = Vec::new();
+        for stage in &STAGES {
+            let mut affine = Matrix3x4::zeros();
+            for step in 0..stage.steps {
+                control.check()?;
+                if step % 5 == 0 {
+                    affine = self.affine(template, locator, places).0;
+                }
+                let at: Vec<Located> = places.par_iter().map(|place| locator.locate(place)).collect();
+                let force = |v: usize| {
+                    let at = &at[v];
+                    let (mut matrix, mut right) = (Matrix3::identity() * DAMPING, Vector3::zeros());
+                    let mut add = |difference: f64, slope: Vector3<f64>, weight: f64| {
+                        let slope = slope - places[v] * slope.dot(&places[v]);
+                        matrix += slope * slope.transpose() * weight;
+                        right += slope * (difference * weight);
+                    };
+                    let count = at.value(faces, &template.weights);
+                    for n in (0..SCALES.len()).filter(|&n| stage.depths[n] > 0.0) {
+                        let difference = self.pattern.depths[n][v] - at.value(faces, &template.depths[n]);
+                        add(difference, at.vector(faces, &template.depth_slopes[n]), stage.depths[n] * count);
+                    }
+                    let moved: Vector4<f64> = self.pattern.places[v].push(1.0);
+                    let apart = affine * moved - at.vector(faces, &template.places);
+                    for axis in 0..3 {
+                        let slope = at.vector(faces, &template.place_slopes[axis]) / PLACE_UNIT;
+                        add(apart[axis] / PLACE_UNIT, slope, stage.places);
+                    }
+                    let step = matrix.cholesky().map_or_else(Vector3::zeros, |cholesky| cholesky.solve(&right));
+                    step * (LONGEST / step.norm().max(LONGEST)).min(1.0)
+                };
+                let steps: Vec<Vector3<f64>> = (0..places.len()).into_par_iter().map(force).collect();
+                let steps = smoothing.smoothed(&steps, stage.smoothing, smoothing.step, control)?;
+                for v in 0..places.len() {
+                    let tangent = steps[v] - places[v] * steps[v].dot(&places[v]);
+                    metric.shift(self.surface, v, (places[v] + tangent).normalize(), places);
+                }
+                for _ in 0..stage.sweeps {
+                    for v in 0..places.len() {
+                        metric.ease(self.surface, v, places, &mut ring);
+                    }
+                }
+                control.advance();
+            }
+        }
+        Ok(())
+    }
+}
+
+fn located(locator: &Locator<'_>, of: &[u32], places: &[Vector3<f64>]) -> Vec<Located> {
+    of.iter().map(|&v| locator.locate(&places[v as usize])).collect()
+}
+
+/// The weighted correlation of pairs.
+fn correlation(pairs: impl Iterator<Item = [f64; 2]>, weights: &[f64]) -> f64 {
+    let mut sums = [0.0; 6];
+    for ([x, y], w) in pairs.zip(weights) {
+        for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, y * y, x * y]) {
+            *sum += w * term;
+        }
+    }
+    let [n, x, y, xx, yy, xy] = sums;
+    let spread = (n * xx - x * x) * (n * yy - y * y);
+    if spread > 0.0 { (n * xy - x * y) / spread.sqrt() } else { 0.0 }
+}
+
+/// The n-th of evenly spread rotations (super-Fibonacci spirals, Alexa 2022).
+fn rotation(n: usize, count: usize) -> Rotation3<f64> {
+    const PHI: f64 = std::f64::consts::SQRT_2;
+    const PSI: f64 = 1.533_751_168_755_204_3;
+    let s = n as f64 + 0.5;
+    let t = s / count as f64;
+    let [alpha, beta] = [PHI, PSI].map(|by| std::f64::consts::TAU * s / by);
+    let [r, q] = [t.sqrt(), (1.0 - t).sqrt()];
+    let quaternion = nalgebra::Quaternion::new(r * alpha.sin(), r * alpha.cos(), q * beta.sin(), q * beta.cos());
+    UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix()
+}

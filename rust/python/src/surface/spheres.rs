@@ -1,0 +1,132 @@
+//! Surfaces on the sphere.
+
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use voxflat::sphere::locate::Locator;
+use voxflat::sphere::map::{spherical_map, turned_over};
+use voxflat::sphere::pattern::{SCALES, pattern};
+use voxflat::sphere::register::{Template, register};
+use voxflat::surface::Surface as CoreSurface;
+
+use super::Surface;
+use crate::convert;
+use crate::work::{InputError, run, to_python};
+
+/// A template's depths (K, N), places (N, 3) and weights (N,).
+type Values<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>);
+
+#[pymethods]
+impl Surface {
+    /// The vertices' places (N, 3) on the unit sphere.
+    #[pyo3(signature = (progress=None))]
+    fn spherical_map<'py>(
+        &self,
+        py: Python<'py>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let inner = Arc::clone(&self.0);
+        let places = run(py, Some(1), progress.as_ref(), move |control| spherical_map(&inner.surface, control))?;
+        convert::array(py, &convert::plain(&places))
+    }
+
+    /// The pattern of folds: depths (K, N) scale by scale, places (N, 3) on the smoothed surface, and areas (N,).
+    #[pyo3(signature = (progress=None))]
+    fn pattern<'py>(
+        &self,
+        py: Python<'py>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let inner = Arc::clone(&self.0);
+        let count = inner.surface.len();
+        let of = run(py, Some(1), progress.as_ref(), move |control| pattern(&inner.surface, control))?;
+        let depths = convert::table(py, of.depths.concat(), count)?;
+        Ok((depths, convert::array(py, &convert::plain(&of.places))?, of.areas.into_pyarray(py)))
+    }
+
+    /// The vertices on the sphere of one of several templates, which share a sphere of points (N, 3) and faces (F, 3).
+    #[pyo3(signature = (points, faces, templates, named=None, threads=None, progress=None))]
+    #[expect(clippy::too_many_arguments)]
+    fn register<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        faces: PyReadonlyArray2<'py, i64>,
+        templates: Vec<Values<'py>>,
+        named: Option<usize>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let sphere = sphere(&points, &faces)?;
+        let mut made = Vec::new();
+        for (depths, places, weights) in &templates {
+            let depths: Vec<Vec<f64>> = depths.as_array().rows().into_iter().map(|row| row.to_vec()).collect();
+            let places = convert::rows::<_, 3>(places, "places")?;
+            let weights: Vec<f64> = weights.as_array().to_vec();
+            let count = sphere.len();
+            let is_whole = depths.iter().all(|depth| depth.len() == count) && places.len() == count;
+            if depths.len() != SCALES.len() || !is_whole || weights.len() != count {
+                return Err(InputError::new_err(format!("a template needs {} values of each kind", count)));
+            }
+            made.push(Template::new(sphere.clone(), depths, places.into_iter().map(Into::into).collect(), weights));
+        }
+        if made.is_empty() || named.is_some_and(|n| n >= made.len()) {
+            return Err(InputError::new_err("there is no such template"));
+        }
+        let inner = Arc::clone(&self.0);
+        let found =
+            run(py, threads, progress.as_ref(), move |control| register(&inner.surface, &made, named, control))?;
+        let dict = PyDict::new(py);
+        dict.set_item("turned_over", turned_over(self.0.surface.faces(), &found.points))?;
+        dict.set_item("points", convert::array(py, &convert::plain(&found.points))?)?;
+        dict.set_item("template", found.template)?;
+        let alignments = PyList::empty(py);
+        for alignment in found.alignments {
+            let entry = PyDict::new(py);
+            entry.set_item("correlations", alignment.correlations)?;
+            entry.set_item("rigid", alignment.rigid)?;
+            entry.set_item("score", alignment.score)?;
+            alignments.append(entry)?;
+        }
+        dict.set_item("alignments", alignments)?;
+        dict.set_item("correlations", found.correlations)?;
+        dict.set_item("affine", found.affine)?;
+        Ok(dict)
+    }
+}
+
+/// Of places (M, 3) the triangle of a sphere of points (N, 3) and faces (F, 3) that holds each (M,), and its corners' weights
+/// (M, 3).
+#[pyfunction]
+pub fn locate_on_sphere<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f64>,
+    faces: PyReadonlyArray2<'py, i64>,
+    places: PyReadonlyArray2<'py, f64>,
+) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>)> {
+    let sphere = sphere(&points, &faces)?;
+    let places = convert::rows::<_, 3>(&places, "places")?;
+    let found: Vec<_> = py.detach(|| {
+        let locator = Locator::new(sphere.points(), sphere.faces(), sphere.twins());
+        places.into_iter().map(|place| locator.locate(&place.into())).collect()
+    });
+    let weights: Vec<[f64; 3]> = found.iter().map(|one| one.weights).collect();
+    Ok((found.iter().map(|one| one.face).collect::<Vec<_>>().into_pyarray(py), convert::array(py, &weights)?))
+}
+
+/// A triangulation of the sphere.
+fn sphere(points: &PyReadonlyArray2<'_, f64>, faces: &PyReadonlyArray2<'_, i64>) -> PyResult<CoreSurface> {
+    let points = convert::rows::<_, 3>(points, "points")?;
+    let faces = convert::rows::<_, 3>(faces, "faces")?;
+    let (sphere, mended) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;
+    let triangles = turned_over(sphere.faces(), sphere.points());
+    let is_whole = mended.turned == 0 && mended.unused == 0 && sphere.boundary().is_empty();
+    if !is_whole || triangles > 0 {
+        return Err(InputError::new_err(format!(
+            "the sphere has holes or {triangles} triangles that are turned over: give a sphere that is covered once"
+        )));
+    }
+    Ok(sphere)
+}

@@ -1,0 +1,154 @@
+"""A surface on fsaverage's sphere: what must be true of every registration."""
+
+import lab
+import numpy as np
+import pytest
+
+import voxflat
+from voxflat.errors import InputError
+from voxflat.surfaces.standard.pattern import icosphere
+
+
+def folds(points, faces):
+    """Return how many triangles are turned over on the sphere."""
+    return int((np.linalg.det(points[faces.astype(np.int64)]) <= 0).sum())
+
+
+def unit(points):
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def apart(points, others):
+    """Return the mean angle between places, in mm of a sphere that has a hemisphere's area."""
+    return 72 * np.arccos(np.clip((points * others).sum(axis=1), -1, 1)).mean()
+
+
+def rotation(seed):
+    matrix = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return matrix * np.linalg.det(matrix)
+
+
+@pytest.fixture(scope="module")
+def hemispheres():
+    """Points, triangles and the registered sphere of both sides: fsaverage5's pial surfaces, a quarter of their vertices."""
+    faces = lab.coarse_faces(lab.fsaverage5("white_left")[1])
+    return {
+        side: tuple(lab.fsaverage5(f"{kind}_{side}")[0][: lab.VERTICES] for kind in ("pial", "sphere")) + (faces,)
+        for side in ("left", "right")
+    }
+
+
+@pytest.fixture(scope="module")
+def left(hemispheres):
+    points, _, faces = hemispheres["left"]
+    return voxflat.register((points, faces))
+
+
+def test_the_icosphere_covers_the_sphere_once():
+    points, faces = icosphere(3)
+    assert (len(points), len(faces)) == (642, 1280)
+    assert np.allclose(np.linalg.norm(points, axis=1), 1)
+    assert folds(points, faces) == 0
+    assert len(np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)) == 1920
+
+
+def test_a_hemisphere_is_registered_to_a_few_millimetres(hemispheres, left):
+    _, sphere, faces = hemispheres["left"]
+    assert left.side == "left"
+    assert left.confidence > 0.99
+    assert folds(left.points, faces) == 0
+    assert np.allclose(np.linalg.norm(left.points, axis=1), 1)
+    assert apart(left.points, unit(sphere)) < 2.5
+
+
+@pytest.mark.slow
+def test_the_side_is_found_however_it_is_turned_scaled_and_numbered(hemispheres):
+    points, sphere, faces = hemispheres["right"]
+    plain = voxflat.register((points, faces))
+    assert plain.side == "right"
+    assert apart(plain.points, unit(sphere)) < 2.5
+    order = np.random.default_rng(0).permutation(len(points))  # where each vertex goes
+    turned = np.empty_like(points)
+    turned[order] = points @ rotation(1).T * 1e-3 + [4, -5, 6]
+    other = voxflat.register((turned, order[faces]))
+    assert other.side == "right"
+    assert apart(other.points[order], plain.points) < 1.5
+
+
+@pytest.mark.slow
+def test_threads_change_no_bit(hemispheres, left):
+    points, _, faces = hemispheres["left"]
+    assert np.array_equal(voxflat.register((points, faces), threads=1).points, left.points)
+
+
+def test_a_mirrored_hemisphere_is_the_other_side(hemispheres):
+    points, _, faces = hemispheres["left"]
+    made = voxflat.register((points * [-1, 1, 1], faces[:, ::-1]))
+    assert made.side == "right"
+
+
+@pytest.mark.slow
+def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
+    points, _, faces = hemispheres["left"]
+    white = lab.fsaverage5("white_left")[0][: lab.VERTICES]
+    wall = np.linalg.norm(points - white, axis=1) < 0.3
+    kept = faces[~wall[faces].any(axis=1)]
+    made = voxflat.register((points, kept))
+    assert made.side == "left"
+    assert folds(made.points, made.surface.faces) == 0
+    assert apart(made.points, left.points[made.surface.vertices]) < 5
+    assert np.isnan(made.sphere).any(axis=1).sum() == len(points) - len(made.points)
+
+
+def test_the_wrong_side_is_refused(hemispheres):
+    points, _, faces = hemispheres["left"]
+    with pytest.raises(InputError, match=r"side is 'right', but .* the left side .*: give side='left'"):
+        voxflat.register((points, faces), side="right")
+
+
+def ball(radii, waves=0, seed=0):
+    points, faces = icosphere(4)
+    rng = np.random.default_rng(seed)
+    ripples = np.cos(points @ (6 * rng.normal(size=(3, waves))) + rng.uniform(0, 6.3, waves)).sum(axis=1)
+    return points * np.asarray(radii) * (1 + 0.02 * ripples)[:, None], faces
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        ball([50, 50, 50]),
+        pytest.param(ball([40, 85, 60]), marks=pytest.mark.slow),
+        pytest.param(ball([40, 85, 60], waves=60), marks=pytest.mark.slow),
+    ],
+    ids=["a ball", "an ellipsoid", "random folds"],
+)
+def test_what_is_no_hemisphere_is_refused(shape):
+    with pytest.raises(InputError, match="no hemisphere of a cortex"):
+        voxflat.register(shape)
+
+
+def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
+    points, _, faces = hemispheres["left"]
+    with pytest.raises(InputError, match="side is 'both'; give 'left' or 'right'"):
+        voxflat.register((points, faces), side="both")
+    ring = np.zeros((24, 24, 8), dtype=np.uint8)
+    ring[4:20, 4:20, 2:6] = 1
+    ring[9:15, 9:15] = 0
+    with pytest.raises(InputError, match=r"1 handle\(s\), and a sphere has none: .*repair"):
+        voxflat.register(voxflat.surface(ring, repair="none"))
+
+
+def test_it_can_be_cancelled(hemispheres):
+    points, _, faces = hemispheres["left"]
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.register((points, faces), progress=lambda stage, done, total: False)
+
+
+@pytest.mark.parametrize("name", ["lh.sphere.reg.surf.gii", "lh.sphere.reg"])
+def test_the_file_is_a_sphere_of_radius_100_of_the_same_vertices(hemispheres, left, tmp_path, name):
+    left.save(tmp_path / name)
+    read = voxflat.surface(tmp_path / name)
+    assert np.allclose(read.points, 100 * left.points, atol=1e-4)
+    assert np.array_equal(np.sort(read.faces, axis=1), np.sort(hemispheres["left"][2], axis=1))
+    assert read.metadata["structure"] in ("CortexLeft", None)
+    assert left.provenance["parameters"]["side"] == "left"
