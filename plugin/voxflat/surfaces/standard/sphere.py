@@ -1,0 +1,276 @@
+"""The registered sphere of a surface: read, found beside it, and checked."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.surfaces.standard.template import SIDES, Anchors, standard_template
+from voxflat.surfaces.surface import Surface, triangle_keys
+
+__all__ = ["Sphere", "in_triangles", "sphere_beside", "sphere_of"]
+
+_FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
+_ROUND = 0.02  # of the radius that points may lie off the sphere
+_FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
+_SHARED = 0.9  # of the surface's triangles that the sphere must have
+_BESIDE = 5.0  # mm from the middle of the brain from which on a side is sure
+_FAR = (15.0, 25.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
+_NEAREST = 12  # vertices whose triangles may hold a place
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (V, 3)
+        Unit vectors, one for each vertex of the whole mesh.
+    space : {"fsaverage", "fs_LR"}
+        Whose sphere.
+    side : {"left", "right"}
+        Of which hemisphere.
+    name : str
+        The file's, or what else it is.
+    folded : int
+        Triangles of the surface that are turned over on it.
+    distance : float
+        Median distance from the template's brain, rigidly laid on it and scaled, mm, at corresponding places: how well
+        it is registered, roughly.
+    """
+
+    places: NDArray[np.float64]
+    space: str
+    side: str
+    name: str
+    folded: int
+    distance: float
+
+    def __repr__(self) -> str:
+        return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
+
+    def described(self) -> dict[str, Any]:
+        """Return what a map's metadata say of it."""
+        told = {"input": self.name, "space": self.space, "side": self.side}
+        return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
+
+
+def sphere_beside(whole: Surface) -> Path | None:
+    """Find the registered sphere that FreeSurfer leaves beside a surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        Such as of ``surf/lh.white``.
+
+    Returns
+    -------
+    Path or None
+        ``surf/lh.sphere.reg``, if it is there.
+    """
+    given = whole.metadata.get("input")
+    match = re.match(r"[lr]h(?=\.)", Path(given).name) if given and not whole.is_voxels else None
+    if match is None:
+        return None
+    path = Path(given).with_name(f"{match[0]}.sphere.reg")
+    return path if path.is_file() else None
+
+
+def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
+    """Take what is given as the registered sphere of a surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    sphere : path, Mesh, (points, faces) or array_like of shape (V, 3)
+        One place for each vertex of the mesh, around the origin, of any radius. In fsaverage space, or in that of fs_LR
+        where the file's name says so (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``).
+
+    Returns
+    -------
+    sphere : Sphere
+    remarks : list of str
+        What the user should know of it.
+
+    Raises
+    ------
+    InputError
+        If it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not registered.
+    """
+    mesh = _as_points(sphere)
+    name, points = ("the sphere", mesh) if isinstance(mesh, np.ndarray) else (str(mesh.path or "the sphere"), mesh.points)
+    if len(points) != whole.count:
+        raise InputError(
+            f"{name} has {len(points)} vertices, the surface {whole.count}: give the sphere of this surface, one "
+            "place for each vertex"
+        )
+    radii = np.linalg.norm(points[whole.vertices], axis=1)
+    radius = float(np.median(radii))
+    if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
+        raise InputError(
+            f"{name} is no sphere around the origin: its points lie {radii.min():.4g} to {radii.max():.4g} from it"
+        )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
+    if isinstance(mesh, Mesh):
+        own = whole.vertices[whole.faces]
+        shared = float(np.isin(triangle_keys(own), triangle_keys(whole.merged_in(mesh.faces))).mean())
+        if shared < _SHARED:
+            raise InputError(
+                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "
+                "subject or side"
+            )
+    folded = _folded(whole, places, name)
+    side = _side(whole, mesh, name)
+    space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
+    anchors = standard_template(space, side).anchors
+    assert anchors is not None
+    distance, remarks = _distance(whole, places, anchors, name, side)
+    if folded:
+        remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
+    return Sphere(places, space, side, name, folded, distance), remarks
+
+
+def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
+    if isinstance(sphere, Mesh):
+        return sphere
+    if isinstance(sphere, str | os.PathLike):
+        if not Path(sphere).is_file():
+            raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
+        return read_mesh(sphere)
+    if isinstance(sphere, tuple) and len(sphere) == 2:
+        return Mesh(*(np.asarray(part) for part in sphere))
+    try:
+        points = np.asarray(sphere)
+    except ValueError:
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
+        raise InputError(
+            f"sphere is {type(sphere).__name__}; give a file such as lh.sphere.reg, or finite places of shape (V, 3)"
+        )
+    return points.astype(np.float64)
+
+
+def _folded(whole: Surface, places: NDArray[np.float64], name: str) -> int:
+    """Return how many triangles are turned over, if they are few."""
+    a, b, c = (places[whole.vertices[whole.faces[:, corner]]] for corner in range(3))
+    folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
+    share = folded / len(whole.faces)
+    if share > 1 - _FOLDED:
+        raise InputError(f"{name} is mirrored: all triangles are turned over on it; give it as FreeSurfer has it")
+    if share > _FOLDED:
+        raise InputError(
+            f"{100 * share:.1f} % of the surface's triangles are turned over on {name}: it is of another surface, or "
+            "damaged"
+        )
+    return folded
+
+
+def _side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str:
+    """Return the side that the surface and its sphere say they are of, or where the surface lies."""
+    named = {structure: side for side, structure in SIDES.items()}
+    of_surface = named.get(whole.metadata.get("structure") or "")
+    of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
+    if of_surface and of_sphere and of_surface != of_sphere:
+        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other")
+    side = of_surface or of_sphere
+    if side is None:
+        middle = float(whole.points[:, 0].mean())
+        if abs(middle) < _BESIDE:
+            raise InputError(
+                "of which hemisphere the surface is, neither its file's name (lh., rh., hemi-L, hemi-R) nor its place "
+                f"says (x = {middle:.1f} mm on average): name the file so"
+            )
+        side = "left" if middle < 0 else "right"
+    return side
+
+
+def in_triangles(
+    places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Find the spherical triangles that hold places on the unit sphere.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (N, 3)
+        Of vertices; unit vectors.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of vertices.
+    wanted : ndarray of float64, shape (k, 3)
+        Unit vectors.
+
+    Returns
+    -------
+    corners : ndarray of int64, shape (k, 3)
+        Of the triangle that holds each, or comes nearest to holding it.
+    weights : ndarray of float64, shape (k, 3)
+        Its weights there, which sum to 1.
+    is_inside : ndarray of bool, shape (k,)
+        Whether one holds it.
+    """
+    used = np.unique(faces)
+    near = used[KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(len(wanted), -1)
+    is_near = np.zeros(len(places), dtype=np.bool_)
+    is_near[near] = True
+    candidates = faces[is_near[faces].any(axis=1)].astype(np.int64)
+    around: dict[int, list[int]] = {}
+    for number, corners in enumerate(candidates.tolist()):
+        for corner in corners:
+            around.setdefault(corner, []).append(number)
+    found = np.zeros((len(wanted), 3), dtype=np.int64)
+    weights = np.zeros((len(wanted), 3))
+    is_inside = np.zeros(len(wanted), dtype=np.bool_)
+    for row, (place, vertices) in enumerate(zip(wanted, near.tolist(), strict=True)):
+        of = candidates[sorted({number for vertex in vertices for number in around.get(vertex, ())})]
+        corners = places[of]
+        volumes = np.stack(
+            [np.cross(corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]) @ place for k in range(3)], axis=1
+        )
+        total = volumes.sum(axis=1)
+        shares = np.where(total[:, None] > 0, volumes / np.where(total > 0, total, 1)[:, None], -np.inf)
+        best = int(shares.min(axis=1).argmax())
+        is_inside[row] = shares[best].min() > -1e-6
+        found[row] = of[best]
+        bounded = np.clip(np.nan_to_num(shares[best], neginf=0.0), 0, None)
+        weights[row] = bounded / bounded.sum() if bounded.sum() > 0 else np.full(3, 1 / 3)
+    return found, weights, is_inside
+
+
+def _distance(
+    whole: Surface, places: NDArray[np.float64], anchors: Anchors, name: str, side: str
+) -> tuple[float, list[str]]:
+    """Return how far the surface lies from the template's brain at corresponding places, and doubts."""
+    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, anchors.sphere)
+    if is_inside.sum() < len(anchors.sphere) / 2:  # a patch
+        return float("nan"), []
+    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])[is_inside]
+    distance = _apart(own, anchors.white[is_inside])
+    mirrored = _apart(own * [-1, 1, 1], anchors.white[is_inside])
+    if distance > _FAR[0] and mirrored < distance / 2:
+        other = "right" if side == "left" else "left"
+        raise InputError(f"by {name} the surface is a {other} hemisphere, taken for a {side} one: give its own sphere")
+    told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
+    if distance > _FAR[1]:
+        raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
+    return distance, [f"{told}, where 4 to 9 are usual: is it registered?"] if distance > _FAR[0] else []
+
+
+def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:
+    """Return the median distance of points from others, after the best turn, move and scale (Umeyama 1991)."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.sign(np.linalg.det(u @ vt))
+    turn = u @ np.diag([1, 1, sign]) @ vt
+    scale = (s * [1, 1, sign]).sum() / (a**2).sum()
+    return float(np.median(np.linalg.norm(b - scale * a @ turn.T, axis=1)))
