@@ -1,4 +1,4 @@
-"""Derive the standard cuts from the flat maps of fsaverage5: ``python docs/templates/standard_cuts.py FOLDER [-p PICTURE]``.
+"""Derive the standard cuts from the flat maps of fsaverage5: ``standard_cuts.py FOLDER [-p PICTURE]``.
 
 The triangles of fsaverage5's sphere that its flat map lacks are the medial wall and the strips along the five cuts.
 FOLDER holds smriprep (Apache-2.0) as ``pip install --target`` leaves it: its spheres lead from fsaverage to fs_LR.
@@ -35,27 +35,23 @@ RADIUS = 100.0
 
 
 def arrays(path):
+    """Return the arrays of a GIFTI file."""
     return [array.data for array in nib.load(path).darrays]
 
 
 def keys(faces):
+    """Return one item a triangle, whichever way it runs."""
     rows = np.ascontiguousarray(np.sort(faces, axis=1).astype(np.int64))
     return rows.view([("", rows.dtype)] * 3).ravel()
 
 
 def unit(points):
+    """Return vectors of length 1."""
     return points / np.linalg.norm(points, axis=-1, keepdims=True)
 
 
-def neighbours_across_edges(faces):
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    _, edge = np.unique(edges, axis=0, return_inverse=True)
-    face = np.tile(np.arange(len(faces)), 3)
-    incidence = coo_matrix((np.ones(len(face)), (face, edge.ravel()))).tocsr()
-    return incidence @ incidence.T
-
-
 def neighbours_at_corners(faces, count):
+    """Return which triangles share a corner."""
     face = np.repeat(np.arange(len(faces)), 3)
     incidence = coo_matrix((np.ones(len(face)), (face, faces.ravel())), shape=(len(faces), count)).tocsr()
     return incidence @ incidence.T
@@ -89,23 +85,25 @@ def evenly(points, step=STEP, closed=False):
     return even[:-1] if closed else even
 
 
-def centre_line(strip, wall, sphere, faces, beside):
+def centre_line(strip, wall, sphere, faces, touching):
     """Return the line through the middle of a strip, from the wall to its far end."""
     centres = unit(sphere[faces].mean(axis=1))
     chosen = np.flatnonzero(strip)
-    graph = beside[chosen][:, chosen].tocoo()
+    graph = touching[chosen][:, chosen].tocoo()
     steps = np.linalg.norm(centres[chosen[graph.row]] - centres[chosen[graph.col]], axis=1)
     graph = coo_matrix((steps + 1e-9, (graph.row, graph.col)), shape=graph.shape).tocsr()
-    at_wall = np.flatnonzero(np.isin(chosen, np.flatnonzero(beside @ wall > 0)))
+    at_wall = np.flatnonzero(np.isin(chosen, np.flatnonzero(touching @ wall > 0)))
     distance = dijkstra(graph, directed=False, indices=at_wall).min(axis=0)
     tip = int(np.where(np.isfinite(distance), distance, -1).argmax())
     # distance bands across the strip: their means are its middle
     width = 0.03
     bands = np.round(distance / width).astype(int)
-    line = [unit(centres[chosen[bands == band]].mean(axis=0)) for band in range(bands[tip] + 1) if (bands == band).any()]
+    line = [
+        unit(centres[chosen[bands == band]].mean(axis=0)) for band in range(bands[tip] + 1) if (bands == band).any()
+    ]
     corners = faces[chosen[tip]]
     end = sphere[corners[np.argmax(np.linalg.norm(unit(sphere[corners]) - line[max(0, len(line) - 3)], axis=1))]]
-    root = wall_point = unit(sphere[np.unique(faces[wall])])
+    wall_point = unit(sphere[np.unique(faces[wall])])
     root = wall_point[np.argmin(np.linalg.norm(wall_point - line[0], axis=1))]
     return evenly([root, *line, unit(end)])
 
@@ -130,9 +128,9 @@ def named(lines, white, sphere):
     where = [white[tree.query(line)[1]] for line in lines]
     tips = np.array([place[-1] for place in where])
     names = {int(np.argmin(tips[:, 1])): "calcarine"}
-    names[min((i for i in range(5) if i not in names), key=lambda i: where[i][:, 2].mean() + abs(where[i][:, 1]).mean())] = (
-        "temporal"
-    )
+    names[
+        min((i for i in range(5) if i not in names), key=lambda i: where[i][:, 2].mean() + abs(where[i][:, 1]).mean())
+    ] = "temporal"
     middle = sorted((i for i in range(5) if i not in names), key=lambda i: -tips[i, 1])
     names.update({of: f"medial {number}" for number, of in enumerate(middle, 1)})
     return {names[i]: line for i, line in sorted(enumerate(lines), key=lambda one: names[one[0]])}, {
@@ -179,14 +177,17 @@ def carried(points, from_, to, faces):
 
 
 def sha256(path):
+    """Return a file's SHA-256."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def rounded(points, digits=5):
+    """Return an array as lists of short numbers."""
     return np.round(points, digits).tolist()
 
 
 def main():
+    """Write the templates."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("-p", "--picture", type=Path)
@@ -207,11 +208,12 @@ def main():
 
 
 def derived(side, atlases):
+    """Derive one side's templates."""
     files = {name: FSAVERAGE5 / f"{name}_{side}.gii.gz" for name in ("sphere", "flat", "white")}
     (sphere, faces), (flat, flat_faces), (white, _) = (arrays(path) for path in files.values())
     sphere, white, flat = sphere.astype(float), white.astype(float), flat[:, :2].astype(float)
     missing = ~np.isin(keys(faces), keys(flat_faces))
-    beside, touching = neighbours_across_edges(faces), neighbours_at_corners(faces, len(sphere))
+    touching = neighbours_at_corners(faces, len(sphere))
     wall = opened(missing, touching)
     rest = np.flatnonzero(missing & ~wall)
     _, piece = connected_components(touching[rest][:, rest], directed=False)
@@ -243,7 +245,7 @@ def derived(side, atlases):
         "spheres": {path.name: sha256(path) for path in leading.values()},
     }
     around = outline(wall, faces, sphere)
-    out = {"where": where, "flat": (flat, flat_faces, sphere, faces, missing, wall)}
+    out = {"where": where, "flat": (flat, flat_faces, sphere, faces, missing)}
     for space in ("fsaverage", "fs_LR"):
         place = (lambda points: points) if space == "fsaverage" else (lambda p: carried(p, from_, to, dense))
         out[space] = {
@@ -253,7 +255,9 @@ def derived(side, atlases):
             "space": space,
             "side": side,
             "outlines": [{"name": "medial wall", "line": rounded(place(around))}],
-            "cuts": [{"name": name, "root": "medial wall", "line": rounded(place(line))} for name, line in lines.items()],
+            "cuts": [
+                {"name": name, "root": "medial wall", "line": rounded(place(line))} for name, line in lines.items()
+            ],
             "anchors": {
                 "sphere": rounded(place(unit(sphere[chosen]))),
                 "flat": rounded(flat[chosen], 2),
@@ -265,7 +269,7 @@ def derived(side, atlases):
 
 
 def alike(found):
-    """Turn the right anchors' places on the map, so that left and right are mirror images: by homologous points of fs_LR."""
+    """Turn the right map's anchors, so that left and right are mirror images: by homologous points of fs_LR."""
     left, right = (found[side]["fs_LR"]["anchors"] for side in SIDES)
     on_right = np.array(right["sphere"])
     flat = np.array(right["flat"])
@@ -280,6 +284,7 @@ def alike(found):
 
 
 def picture(found, path):
+    """Draw strips and lines on the sphere, and anchors on the map."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -288,7 +293,7 @@ def picture(found, path):
     figure, axes = plt.subplots(2, 3, figsize=(24, 16))
     for row, side in zip(axes, SIDES, strict=True):
         one = found[side]
-        flat, flat_faces, sphere, faces, missing, wall = one["flat"]
+        flat, flat_faces, sphere, faces, missing = one["flat"]
         sulc = arrays(FSAVERAGE5 / f"sulc_{side}.gii.gz")[0]
         medial = sphere[:, 0] * (1 if side == "left" else -1)
         views = ((medial > -30, sphere[:, 1], sphere[:, 2]), (sphere[:, 2] < 40, sphere[:, 1], sphere[:, 0]))

@@ -318,10 +318,10 @@ def _check_surface(
             advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
     errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, whole, patch, how)
     if len(errors) == 2:
-        (by, error), (_, other) = errors.items()
+        (by, named), (_, automatic) = errors.items()
         advice.append(
-            f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * error:.1f} % off, "
-            f"with automatic cuts {100 * other:.1f} %"
+            f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
+            f"with automatic cuts {100 * automatic:.1f} %"
         )
     return _and(
         found,

@@ -209,7 +209,8 @@ def _with_outlines(
     whole: Surface, choice: Choice, region: NDArray[np.bool_] | None
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Return what is kept: the user's region where it leaves out what the template does, else what both keep."""
-    assert choice.template is not None and choice.sphere is not None
+    assert choice.template is not None
+    assert choice.sphere is not None
     kept = kept_by(choice.template, whole, choice.sphere)
     if region is None:
         return kept, []
@@ -224,11 +225,10 @@ def _with_outlines(
     ]
 
 
-def _cut_by(
-    choice: Choice, part: Surface, progress: Progress | None
-) -> tuple[Surface, list[TracedCut], list[str]]:
+def _cut_by(choice: Choice, part: Surface, progress: Progress | None) -> tuple[Surface, list[TracedCut], list[str]]:
     """Cut along a template's lines."""
-    assert choice.template is not None and choice.sphere is not None
+    assert choice.template is not None
+    assert choice.sphere is not None
     topology = part.core.topology()
     if topology["handles"]:
         raise InputError(
@@ -262,8 +262,8 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
     sketch = "" if np.isnan(error) else f"; distances of a sketch are {100 * error:.1f} % off"
     return (
-        f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those that "
-        "suit this surface best, and voxflat check says how well"
+        f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those "
+        "that suit this surface best, and voxflat check says how well"
     )
 
 

@@ -65,9 +65,9 @@ def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool
         asked = Path(cuts)
     if asked is not None:
         found, remarks = _needed_sphere(whole, sphere)
-        template = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
-        _check_fits(template, found)
-        return Choice(template, found, False, tuple(remarks))
+        named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
+        _check_fits(named, found)
+        return Choice(named, found, False, tuple(remarks))
     place = sphere
     if place is None and cuts is None and is_free:
         place = sphere_beside(whole)
@@ -78,7 +78,9 @@ def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool
     except InputError as error:
         if sphere is not None:
             raise
-        return Choice(None, None, True, (f"cuts are automatic, since the sphere beside the surface does not fit: {error}",))
+        return Choice(
+            None, None, True, (f"cuts are automatic, since the sphere beside the surface does not fit: {error}",)
+        )
     is_usual = cuts is None and is_free and _is_closed(whole)
     template = standard_template(found.space, found.side) if is_usual else None
     return Choice(template, found, is_usual, tuple(remarks))

@@ -40,13 +40,12 @@ class Turned:
     residual: float
 
 
-def in_standard_frame(
-    uv: NDArray[np.float64], part: Surface, faces: NDArray[Any], sphere: Sphere
-) -> Turned:
+def in_standard_frame(uv: NDArray[np.float64], part: Surface, faces: NDArray[Any], sphere: Sphere) -> Turned:
     """Turn and move a map rigidly onto the flat map of fsaverage5, by points that correspond on the sphere.
 
     The points lie evenly on the template's map, so that each counts the same. The turn is the one of the least sum of
-    squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the template's.
+    squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the
+    template's.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def sphere_beside(whole: Surface) -> Path | None:
     """
     given = whole.metadata.get("input")
     match = re.match(r"[lr]h(?=\.)", Path(given).name) if given and not whole.is_voxels else None
-    if match is None:
+    if given is None or match is None:
         return None
     path = Path(given).with_name(f"{match[0]}.sphere.reg")
     return path if path.is_file() else None
@@ -109,7 +109,9 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
         If it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not registered.
     """
     mesh = _as_points(sphere)
-    name, points = ("the sphere", mesh) if isinstance(mesh, np.ndarray) else (str(mesh.path or "the sphere"), mesh.points)
+    name, points = (
+        ("the sphere", mesh) if isinstance(mesh, np.ndarray) else (str(mesh.path or "the sphere"), mesh.points)
+    )
     if len(points) != whole.count:
         raise InputError(
             f"{name} has {len(points)} vertices, the surface {whole.count}: give the sphere of this surface, one "
@@ -150,7 +152,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
             raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
         return read_mesh(sphere)
     if isinstance(sphere, tuple) and len(sphere) == 2:
-        return Mesh(*(np.asarray(part) for part in sphere))
+        return Mesh(np.asarray(sphere[0]), np.asarray(sphere[1]))
     try:
         points = np.asarray(sphere)
     except ValueError:
@@ -183,7 +185,9 @@ def _side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str:
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other")
+        raise InputError(
+            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
+        )
     side = of_surface or of_sphere
     if side is None:
         middle = float(whole.points[:, 0].mean())

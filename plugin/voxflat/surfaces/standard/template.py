@@ -212,13 +212,13 @@ def _parsed(path: Path, content: Any, name: str) -> Template:
     cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
     if not outlines and not cuts:
         raise InputError(f"{path} has neither outlines nor cuts")
-    known = {line.name for line in outlines}
+    names = {line.name for line in outlines}
     for cut in cuts:
-        if cut.root is not None and cut.root not in known:
+        if cut.root is not None and cut.root not in names:
             raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, no outline and no cut before it")
-        if cut.name in known:
+        if cut.name in names:
             raise InputError(f"{path} has two lines named {cut.name!r}")
-        known.add(cut.name)
+        names.add(cut.name)
     return Template(
         name, content["space"], content["side"], outlines, cuts, _anchors(path, content), content.get("provenance", {})
     )

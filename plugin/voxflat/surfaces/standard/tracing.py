@@ -1,14 +1,15 @@
 """Lines of a template on a surface: what its outlines leave out, and its cuts as paths along edges.
 
-A cut is the cheapest path from the vertex at its tip to what it is rooted at, where an edge costs the more the farther it
-lies from the template's line. It runs through vertices that belong to no boundary and to no other cut, and ends with the
-first one that it may be rooted at. So it is a simple path that touches nothing else, whatever the mesh is like, and a
-surface with one boundary keeps one, and its Euler characteristic.
+A cut is the cheapest path from the vertex at its tip to what it is rooted at, where an edge costs the more the farther
+it lies from the template's line. It runs through vertices that belong to no boundary and to no other cut, and ends with
+the first one that it may be rooted at. So it is a simple path that touches nothing else, whatever the mesh is like, and
+a surface with one boundary keeps one, and its Euler characteristic.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +106,9 @@ def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
     pole = pole / np.linalg.norm(pole) if np.linalg.norm(pole) > 1e-6 else np.cross(line[0], line[1])
     x, y = _across(pole)
 
-    def flat(points: NDArray[np.float64]) -> NDArray[np.float64]:  # stereographic: circles stay circles, left stays left
+    def flat(
+        points: NDArray[np.float64],
+    ) -> NDArray[np.float64]:  # stereographic: circles stay circles, left stays left
         away = np.maximum(1 + points @ pole, 1e-9)
         return np.stack([points @ x, points @ y], axis=1) / away[:, None]
 
@@ -135,7 +138,7 @@ def _across(pole: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return a line with points in between, on the unit sphere, no farther apart than a step."""
     parts = []
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         t = np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / step))), endpoint=False)[:, None]
         parts.append((1 - t) * a + t * b)
     dense = np.concatenate([*parts, points[-1:]])
@@ -209,8 +212,8 @@ def traced(
         way = _way(part, tip, is_root, is_open, factors, cut.name, progress)
         if aside[way].max() > astray:
             raise InputError(
-                f"the cut {cut.name!r} would run {100 * aside[way].max():.0f} mm beside its place on a sphere of 100 mm: "
-                "what is left out lies in its way; give other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would run {100 * aside[way].max():.0f} mm beside its place on a sphere of "
+                "100 mm: what is left out lies in its way; give other regions, or cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
@@ -234,7 +237,9 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
     """Return how far places lie from a cut's line, which may be drawn on beyond its root."""
     points = cut.points
     if drawn_on:
-        inwards = points[np.linalg.norm(points - points[0], axis=1) <= max(_DIRECTION, np.linalg.norm(points[1] - points[0]))]
+        inwards = points[
+            np.linalg.norm(points - points[0], axis=1) <= max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
+        ]
         back = points[0] - inwards[-1]
         back -= (back @ points[0]) * points[0]
         back /= max(float(np.linalg.norm(back)), 1e-12)
