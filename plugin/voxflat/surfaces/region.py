@@ -256,7 +256,9 @@ def _cuts_by(choice: Choice, paths: list[Any] | None) -> str:
 
 def _told_of_standard(cut: Cutout, error: float) -> str:
     """Say which cuts were made, why, and what else there is."""
-    names = ", ".join(cut.metadata["cut_names"]) or "none"
+    names = ", ".join(cut.metadata["cut_names"])
+    if not names:
+        return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
     length = sum(one.length for one in cut.traced)
     by = cut.metadata["sphere"]["input"]
     what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"

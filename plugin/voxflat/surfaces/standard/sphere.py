@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
-from voxflat.surfaces.standard.template import SIDES, Anchors, standard_template
+from voxflat.surfaces.standard.template import SIDES, Template, standard_template
 from voxflat.surfaces.surface import Surface, triangle_keys
 
 __all__ = ["Sphere", "in_triangles", "sphere_beside", "sphere_of"]
@@ -23,8 +23,7 @@ _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
 _ROUND = 0.02  # of the radius that points may lie off the sphere
 _FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
 _SHARED = 0.9  # of the surface's triangles that the sphere must have
-_BESIDE = 5.0  # mm from the middle of the brain from which on a side is sure
-_FAR = (15.0, 25.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
+_FAR = (12.0, 20.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
 _NEAREST = 12  # vertices whose triangles may hold a place
 
 
@@ -134,11 +133,8 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
                 "subject or side"
             )
     folded = _folded(whole, places, name)
-    side = _side(whole, mesh, name)
     space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
-    anchors = standard_template(space, side).anchors
-    assert anchors is not None
-    distance, remarks = _distance(whole, places, anchors, name, side)
+    side, distance, remarks = _side(whole, places, space, _named_side(whole, mesh, name), name)
     if folded:
         remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
@@ -179,25 +175,14 @@ def _folded(whole: Surface, places: NDArray[np.float64], name: str) -> int:
     return folded
 
 
-def _side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str:
-    """Return the side that the surface and its sphere say they are of, or where the surface lies."""
+def _named_side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
+    """Return the side that the surface and its sphere say they are of, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(
-            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
-        )
-    side = of_surface or of_sphere
-    if side is None:
-        middle = float(whole.points[:, 0].mean())
-        if abs(middle) < _BESIDE:
-            raise InputError(
-                "of which hemisphere the surface is, neither its file's name (lh., rh., hemi-L, hemi-R) nor its place "
-                f"says (x = {middle:.1f} mm on average): name the file so"
-            )
-        side = "left" if middle < 0 else "right"
-    return side
+        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other")
+    return of_surface or of_sphere
 
 
 def in_triangles(
@@ -251,23 +236,38 @@ def in_triangles(
     return found, weights, is_inside
 
 
-def _distance(
-    whole: Surface, places: NDArray[np.float64], anchors: Anchors, name: str, side: str
-) -> tuple[float, list[str]]:
-    """Return how far the surface lies from the template's brain at corresponding places, and doubts."""
-    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, anchors.sphere)
-    if is_inside.sum() < len(anchors.sphere) / 2:  # a patch
-        return float("nan"), []
-    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])[is_inside]
-    distance = _apart(own, anchors.white[is_inside])
-    mirrored = _apart(own * [-1, 1, 1], anchors.white[is_inside])
-    if distance > _FAR[0] and mirrored < distance / 2:
-        other = "right" if side == "left" else "left"
-        raise InputError(f"by {name} the surface is a {other} hemisphere, taken for a {side} one: give its own sphere")
+def _side(
+    whole: Surface, places: NDArray[np.float64], space: str, named: str | None, name: str
+) -> tuple[str, float, list[str]]:
+    """Return the side, the distance from its template's brain at corresponding places, and doubts."""
+    distances = {side: _distance(whole, places, standard_template(space, side)) for side in SIDES}
+    if any(np.isnan(distance) for distance in distances.values()):  # a patch
+        if named is None:
+            raise InputError(
+                "of which hemisphere the surface is, its file's name does not say: name it lh., rh., hemi-L or hemi-R"
+            )
+        return named, float("nan"), []
+    side = min(distances, key=lambda side: distances[side]) if named is None else named
+    distance, other = distances[side], min(distances.values())
+    if distance > _FAR[0] and other < distance / 2:
+        raise InputError(
+            f"by {name} the surface is of the other hemisphere than the {side} one that its name says: rename it, or give "
+            "the sphere that belongs to it"
+        )
     told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
     if distance > _FAR[1]:
         raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
-    return distance, [f"{told}, where 4 to 9 are usual: is it registered?"] if distance > _FAR[0] else []
+    return side, distance, [f"{told}, where 4 to 9 are usual: is it registered?"] if distance > _FAR[0] else []
+
+
+def _distance(whole: Surface, places: NDArray[np.float64], template: Template) -> float:
+    """Return how far the surface lies from a template's brain at corresponding places; NaN of a patch."""
+    assert template.anchors is not None
+    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, template.anchors.sphere)
+    if is_inside.sum() < len(is_inside) / 2:
+        return float("nan")
+    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])[is_inside]
+    return _apart(own, template.anchors.white[is_inside])
 
 
 def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:
