@@ -117,7 +117,9 @@ def row(name, cut, flat, seconds):
 def compare_real(folder, side, files, maps):
     """Print how far homologous points of real surfaces lie apart on their maps."""
     lh, _ = SIDES[side]
-    on_fsaverage = nibabel.load(folder / f"t1prep/data/templates_surfaces_32k/{lh}.sphere.freesurfer.gii").darrays[0].data
+    on_fsaverage = (
+        nibabel.load(folder / f"t1prep/data/templates_surfaces_32k/{lh}.sphere.freesurfer.gii").darrays[0].data
+    )
     wanted = homologous(side)
     places = {"standard": [], "automatic": []}
     for name, of in maps.items():
@@ -189,7 +191,9 @@ def subject(seed, side):
     corners, weights, _ = in_triangles(dense, hemisphere["faces"], places)
     points = np.einsum("ij,ijk->ik", weights, hemisphere["white"][corners])
     points = points * random.uniform(0.9, 1.1, size=3) + smooth_field(random, points, 3.0, 3.0)
-    points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points) + random.normal(scale=3, size=3)
+    points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points) + random.normal(
+        scale=3, size=3
+    )
     strength = 3.0
     while True:  # a warp that folds nothing
         sphere = unit(100 * places + smooth_field(np.random.default_rng(seed + 10**6), 100 * places, strength, 3.0))

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
-from voxflat.surfaces.standard.template import SIDES, Template, standard_template
+from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 from voxflat.surfaces.surface import Surface, triangle_keys
 
 __all__ = ["Sphere", "in_triangles", "sphere_beside", "sphere_of"]
@@ -94,7 +94,8 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
         The surface.
     sphere : path, Mesh, (points, faces) or array_like of shape (V, 3)
         One place for each vertex of the mesh, around the origin, of any radius. In fsaverage space, or in that of fs_LR
-        where the file's name says so (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``).
+        where the file's name says so (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned
+        against each other by 40°, so that where the surface says clearly that it is the other one, that counts.
 
     Returns
     -------
@@ -133,8 +134,7 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
                 "subject or side"
             )
     folded = _folded(whole, places, name)
-    space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
-    side, distance, remarks = _side(whole, places, space, _named_side(whole, mesh, name), name)
+    space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
     if folded:
         remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
@@ -181,7 +181,9 @@ def _named_side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> 
     of_surface = named.get(whole.metadata.get("structure") or "")
     of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
     if of_surface and of_sphere and of_surface != of_sphere:
-        raise InputError(f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other")
+        raise InputError(
+            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
+        )
     return of_surface or of_sphere
 
 
@@ -236,38 +238,56 @@ def in_triangles(
     return found, weights, is_inside
 
 
-def _side(
-    whole: Surface, places: NDArray[np.float64], space: str, named: str | None, name: str
-) -> tuple[str, float, list[str]]:
-    """Return the side, the distance from its template's brain at corresponding places, and doubts."""
-    distances = {side: _distance(whole, places, standard_template(space, side)) for side in SIDES}
+def _placed(
+    whole: Surface, places: NDArray[np.float64], named: str | None, name: str
+) -> tuple[str, str, float, list[str]]:
+    """Return the space, the side, the distance from the template's brain at corresponding places, and doubts."""
+    told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
+    distances = _distances(whole, places)
     if any(np.isnan(distance) for distance in distances.values()):  # a patch
         if named is None:
             raise InputError(
                 "of which hemisphere the surface is, its file's name does not say: name it lh., rh., hemi-L or hemi-R"
             )
-        return named, float("nan"), []
-    side = min(distances, key=lambda side: distances[side]) if named is None else named
-    distance, other = distances[side], min(distances.values())
-    if distance > _FAR[0] and other < distance / 2:
-        raise InputError(
-            f"by {name} the surface is of the other hemisphere than the {side} one that its name says: rename it, or give "
-            "the sphere that belongs to it"
+        return told_space, named, float("nan"), []
+    best = min(distances, key=lambda key: distances[key])
+    own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
+    remarks = []
+    if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
+        if named is not None and best[1] != named:
+            raise InputError(
+                f"by {name} the surface is of the {best[1]} hemisphere, not of the {named} one that its name says: "
+                "rename it, or give the sphere that belongs to it"
+            )
+        remarks.append(
+            f"{name} is taken for one of {best[0]}, where corresponding places lie {distances[best]:.0f} mm apart; in "
+            f"{told_space} they would {distances[own]:.0f} mm"
         )
+        own = best
+    distance = distances[own]
     told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
     if distance > _FAR[1]:
         raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
-    return side, distance, [f"{told}, where 4 to 9 are usual: is it registered?"] if distance > _FAR[0] else []
+    if distance > _FAR[0]:
+        remarks.append(f"{told}, where 4 to 9 are usual: is it registered?")
+    return *own, distance, remarks
 
 
-def _distance(whole: Surface, places: NDArray[np.float64], template: Template) -> float:
-    """Return how far the surface lies from a template's brain at corresponding places; NaN of a patch."""
-    assert template.anchors is not None
-    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, template.anchors.sphere)
-    if is_inside.sum() < len(is_inside) / 2:
-        return float("nan")
-    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])[is_inside]
-    return _apart(own, template.anchors.white[is_inside])
+def _distances(whole: Surface, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+    """Return by space and side how far the surface lies from the template's brain; NaN of a patch."""
+    templates = [standard_template(space, side) for space in SPACES for side in SIDES]
+    anchors = [template.anchors for template in templates if template.anchors is not None]
+    wanted = np.concatenate([of.sphere for of in anchors])
+    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, wanted)
+    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])
+    found, start = {}, 0
+    for template, of in zip(templates, anchors, strict=True):
+        rows = np.arange(start, start + len(of.sphere))
+        start += len(rows)
+        there = is_inside[rows]
+        distance = _apart(own[rows[there]], of.white[there]) if there.sum() > len(there) / 2 else float("nan")
+        found[template.space, template.side] = distance
+    return found
 
 
 def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:

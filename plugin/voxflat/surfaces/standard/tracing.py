@@ -29,6 +29,7 @@ _STEP = 0.0025  # between points of a line to which distances are measured, radi
 _BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
 _DIRECTION = 0.1  # of a line at its root: over so much of it
 _ASTRAY = 0.1  # radians that a path may run beside its line, or its tip lie from the line's, or four edges
+_ASIDE = 0.3  # of the way to the middle of the triangles beyond that a saved outline lies
 _SMALL_LOOP = 15.0  # mm around; smaller holes are no boundary to begin at
 _STEEP = 1e6  # most that an edge costs for its length
 
@@ -295,13 +296,13 @@ def template_of(
         If a cut begins neither at a border nor at another cut, or is closed.
     """
     part = whole.with_core(whole.core.part_of_faces(faces))
+    beyond = _beyond(whole, faces, sphere)
     outlines = []
+    at: dict[int, str] = {}
     for number, loop in enumerate(_directed_loops(part)):
         name = "outline" if number == 0 else f"outline {number + 1}"
-        outlines.append(Line(name, sphere.places[part.vertices[loop]]))
-    at: dict[int, str] = {}
-    for outline, loop in zip(outlines, _directed_loops(part), strict=True):
-        at.update(dict.fromkeys(part.vertices[loop].tolist(), outline.name))
+        outlines.append(Line(name, beyond[part.vertices[loop]]))
+        at.update(dict.fromkeys(part.vertices[loop].tolist(), name))
     lines: list[Line] = []
     rest = list(cuts)
     while rest:
@@ -326,6 +327,22 @@ def template_of(
                 f"the cut {rest[0][0]!r} begins neither at a border nor at another cut: a template needs a root for it"
             )
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
+
+
+def _beyond(whole: Surface, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray[np.float64]:
+    """Return places a little beyond those of vertices at the border of what is kept, so that these lie inside."""
+    corners = whole.vertices[whole.faces]
+    towards = np.zeros_like(sphere.places)
+    counts = np.zeros(len(towards))
+    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from what is kept, where nothing was left out
+        middles = sphere.places[corners[chosen]].mean(axis=1)
+        is_new = counts == 0
+        for corner in corners[chosen].T:
+            is_at = is_new[corner]
+            np.add.at(towards, corner[is_at], sign * (middles[is_at] - sphere.places[corner[is_at]]))
+            np.add.at(counts, corner[is_at], 1)
+    moved = sphere.places + _ASIDE * towards / np.maximum(counts, 1)[:, None]
+    return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
 
 
 def _directed_loops(part: Surface) -> list[NDArray[np.int64]]:
