@@ -635,7 +635,7 @@ def command_line_of_meshes(threads, place):
     making = (white, "--pial", pial)
     patch, more = ("--seed-point", "4000", "--radius", "50"), with_threads(threads)
     command("cut", *making, *patch, "--relax-length", "50", "-o", "cuts.json", *more, place=place)
-    how = (*patch, "--cut", "cuts.json", "--sources", "150", *more)
+    how = (*patch, "--cuts", "cuts.json", "--sources", "150", *more)
     command("flatten", *making, *how, "-o", "lh.flat.surf.gii", place=place)
     judged = command(
         *("measure", *making, "lh.flat.surf.gii", flat, "--sources", "30", "--reference", "graph", "--json"),

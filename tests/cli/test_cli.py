@@ -137,7 +137,8 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
     options += " --store rows --scale areas"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
-    assert [given.pop(name) for name in ("cuts", "polygon", "relax")] == [None] * 3
+    assert [given.pop(name) for name in ("cuts", "polygon", "relax", "sphere")] == [None] * 4
+    assert given.pop("mirror") is False
     assert given == {
         "method": "grossmann2002",
         "drop": Path("d.nii"),

@@ -65,8 +65,8 @@ OVER_INPUTS = {
     "symbolic link": "surface lh.white --pial lh.pial -o lh.soft",
     "volume": "surface solid.nii.gz --repair voxels --repaired solid.nii.gz -o s.ply",
     "probability": "surface solid.nii.gz --probability p.nii.gz --repair voxels --repaired p.nii.gz -o s.ply",
-    "cuts": "cut lh.white --cut cuts.obj -o cuts.obj",
-    "file of cuts": "cut lh.white --cut cuts.json -o cuts.json",
+    "cuts": "cut lh.white --cuts cuts.obj -o cuts.obj",
+    "file of cuts": "cut lh.white --cuts cuts.json -o cuts.json",
     "polygon": "flatten lh.white --polygon corners.obj -o corners.obj",
     "sidecar": "flatten lh.white --drop drop.ply.json -o drop.ply --sidecar",
     "texture": "texture map.npz t.png -o t.vtp",
@@ -269,7 +269,7 @@ def test_other_results_have_records(folder):
     assert run("cut", "lh.white", "-o", "cuts.json").exit_code == 0
     record = json.loads(Path("cuts.json").read_text())["provenance"]
     assert (record["function"], record["files"]) == ("cut", files)
-    assert run("flatten", "lh.white", "--cut", "cuts.json", "-o", "m.npz", "--sources", 20).exit_code == 0
+    assert run("flatten", "lh.white", "--cuts", "cuts.json", "-o", "m.npz", "--sources", 20).exit_code == 0
     assert voxflat.load("m.npz").provenance["files"] == {**files, "cuts.json": sha256("cuts.json")}
     made = told("surface", "lh.white", "-o", "s.surf.gii")
     assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])

@@ -158,7 +158,7 @@ def test_the_command_writes_what_flatten_takes(tmp_path):
     assert 0 < sum(cut["length"] for cut in content["cuts"]) <= 60
     run("cut", ball_, *drop, "--relax", "-o", tmp_path / "open.ply")
     assert len(voxflat.io.read_mesh(tmp_path / "open.ply").points) > below(points, 10).sum()
-    run("flatten", ball_, "--cut", cuts, "--sources", 60, "-o", tmp_path / "map.npz")
+    run("flatten", ball_, "--cuts", cuts, "--sources", 60, "-o", tmp_path / "map.npz")
     flat = voxflat.load(tmp_path / "map.npz")
     assert flat.metadata["automatic_cuts"] == []
     assert len(flat) == content["vertices"]

@@ -114,7 +114,7 @@ def test_the_command_writes_a_path_that_cuts(tmp_path):
     assert result.exit_code == 0, result.stderr
     written = np.loadtxt(tmp_path / "cut.txt", dtype=int)
     assert json.loads(result.stdout)["ids"] == written.tolist()
-    result = run("flatten", tmp_path / "s.ply", "--cut", tmp_path / "cut.txt", "-o", tmp_path / "map.npz")
+    result = run("flatten", tmp_path / "s.ply", "--cuts", tmp_path / "cut.txt", "-o", tmp_path / "map.npz")
     assert result.exit_code == 0, result.stderr
     flat = voxflat.load(tmp_path / "map.npz")
     assert flat.metadata["cuts"] == [written.tolist()]

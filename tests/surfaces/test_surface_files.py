@@ -70,7 +70,18 @@ class TestPatches:
         write_mesh(tmp_path / "lh.white", Mesh(*white))
         away = np.linalg.norm(white[0][:, None] - white[0][seam][None], axis=2).min(axis=1)
         np.save(tmp_path / "wall.npy", np.linalg.norm(white[0] - white[0][away.argmax()], axis=1) < 15)
-        arguments = ["flatten", "lh.white", "--drop", "wall.npy", "--cut", "seam.txt", "--sources", "60", "-o", "m.npz"]
+        arguments = [
+            "flatten",
+            "lh.white",
+            "--drop",
+            "wall.npy",
+            "--cuts",
+            "seam.txt",
+            "--sources",
+            "60",
+            "-o",
+            "m.npz",
+        ]
         arguments = [str(tmp_path / part) if "." in part else part for part in arguments]
         result = CliRunner().invoke(cli.main, arguments)
         assert result.exit_code == 0, result.output

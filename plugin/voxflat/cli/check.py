@@ -29,6 +29,7 @@ Examples:
 @options.volume
 @options.making
 @options.region
+@options.sphere
 @options.threads
 @options.memory_limit
 @options.as_json

@@ -28,6 +28,7 @@ Examples:
   voxflat flatten wm.nii.gz --threshold 0.5 --seed-point 136,112,127 --radius 45 -o map.npz
   voxflat flatten mask.npy --spacing 0.5,0.5,0.5 --keep patch.npy --json -o map.npz
   voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii
+  voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz
   voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
 """,
 )
@@ -51,6 +52,7 @@ Examples:
 @options.making
 @options.volume
 @options.region
+@options.sphere
 @options.relax
 @options.memory_limit
 @click.option(
@@ -105,6 +107,9 @@ Examples:
     metavar="C",
     help=options.telling_default("bound", "saucan2006: how much lengths may change at most."),
 )
+@click.option(
+    "--mirror", is_flag=True, help="Exchange left and right of the map, so that right hemispheres look like left ones."
+)
 @options.seed
 @options.threads
 @click.option("--keep-rows", is_flag=True, help="Store the distances from all sources to all points, too (large).")
@@ -139,6 +144,7 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
     return "\n".join(
         [
             f"{'flattened':22}{metadata['points']} of {metadata['surface_points']} points, {_part(metadata)}",
+            *_cuts(metadata),
             *([f"{'sources':22}{metadata['sources']}"] if "sources" in metadata else []),
             f"{'map':22}{width:.1f} x {height:.1f} mm{_torn(metadata)}",
             f"{'memory, at most':22}{metadata['memory_need_bytes'] / 2**20:.0f} MiB",
@@ -148,6 +154,12 @@ def _summary(flat_map: FlatMap, output: Path) -> str:
             f"saved as {output}",
         ]
     )
+
+
+def _cuts(metadata: dict[str, Any]) -> list[str]:
+    """Say what said where to cut, if it was a template."""
+    names = [name for name in metadata.get("cut_names", []) if name]
+    return [f"{'cuts':22}{metadata['cuts_by']}: {', '.join(names)}"] if names else []
 
 
 def _torn(metadata: dict[str, Any]) -> str:

@@ -16,6 +16,8 @@ from voxflat.cli.output import READ, WRITTEN
 from voxflat.distances.geodesic import geodesic
 from voxflat.methods.flatten import flatten
 from voxflat.methods.options import OPTIONS
+from voxflat.surfaces.standard.choice import AUTOMATIC
+from voxflat.surfaces.standard.template import STANDARD
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "rings",
     "sampling",
     "seed",
+    "sphere",
     "store",
     "telling_default",
     "threads",
@@ -119,11 +122,16 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
 
 
-def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | None:
-    """Take files of vertex lists as cuts; a file of cuts stays one."""
+def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
+    """Take files of vertex lists as cuts; a file of cuts, and a word, stay one."""
+    words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
+    if words:
+        if len(value) > 1:
+            raise click.BadParameter(f"{words.pop()} says where to cut; give no other.")
+        return words.pop()
     if any(file.suffix.lower() == ".json" for file in value):
         if len(value) > 1:
-            raise click.BadParameter("a file of cuts (.json) holds all of them; give no other.")
+            raise click.BadParameter("a file of cuts or a template (.json) holds all of them; give no other.")
         return value[0]
     return [_vertices(ctx, param, file) for file in value] or None
 
@@ -274,17 +282,28 @@ region = _group(
         help="Flatten what the shortest paths between the corners listed in this file enclose; a corner a line.",
     ),
     click.option(
-        "--cut",
-        "cuts",
+        "--cuts",
         type=FILE,
-        metavar="FILE",
+        metavar="standard|automatic|FILE",
         multiple=True,
         callback=_paths,
-        help="Cut along the neighbouring vertices listed in this file, as voxflat path writes it; may be given again. "
-        "Or cut as in this one file of cuts (.json), as voxflat cut writes it.",
+        help="Cut along standard lines, the same for every brain; or where it suits this surface best; or as in this "
+        "file of cuts or template (.json), as voxflat cut writes it; or along the neighbouring vertices listed in this "
+        "file, as voxflat path writes it, which may be given again.  [default: standard where the sphere is known, "
+        "else automatic]",
     ),
 )
 """Which part of the surface is worked on."""
+
+
+sphere = click.option(
+    "--sphere",
+    type=FILE,
+    metavar="MESH",
+    help="The surface's registered sphere, in fsaverage space, or in that of fs_LR by its name.  [default: "
+    "lh.sphere.reg beside lh.white]",
+)
+"""By which standard cuts are traced."""
 
 
 def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
@@ -301,7 +320,7 @@ relax = _group(
         type=click.FloatRange(min=0),
         metavar="MM",
         is_eager=True,
-        help="Relaxation cuts, those of --cut included, are no longer than this, mm.",
+        help="Relaxation cuts, those of --cuts included, are no longer than this, mm.",
     ),
     click.option(
         "--relax/--no-relax",

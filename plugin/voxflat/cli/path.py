@@ -29,7 +29,7 @@ Examples:
 )
 @options.input_
 @click.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=options.places)
-@click.option("-o", "--output", type=OUT, metavar="OUT", help="Write what it passes, one in each line, for --cut.")
+@click.option("-o", "--output", type=OUT, metavar="OUT", help="Write what it passes, one in each line, for --cuts.")
 @click.option(
     "--geodesic",
     type=click.Choice([*SOLVERS, "edges", "chain"]),

@@ -92,7 +92,8 @@ seed, threads, memory_limit, progress
     elif geodesic in SOLVERS:
         refuse(geodesic, link_lengths=link_lengths)
         whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-        part = cut_out(whole, **patch, **over_triangles, threads=threads, progress=progress, to_disk=False).part
+        how: dict[str, Any] = {"threads": threads, "progress": progress, "to_disk": False, "with_usual_cuts": False}
+        part = cut_out(whole, **patch, **over_triangles, **how).part
         what = {"geodesic": geodesic}
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")

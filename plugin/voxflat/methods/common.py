@@ -16,6 +16,7 @@ from voxflat.arguments import Progress, amount, check_memory, is_whole, log, wor
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.region import Cutout
+from voxflat.surfaces.standard.frame import STANDARD_FRAME, in_standard_frame
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["MUCH", "How", "error_of_distances", "map_over_triangles", "told"]
@@ -34,6 +35,7 @@ class How:
 
     sources: int | ArrayLike | None
     sampling: str
+    mirror: bool
     seed: int
     keep_rows: bool
     store: str | os.PathLike[str] | None
@@ -113,6 +115,7 @@ def map_over_triangles(
             f"triangles turned over in the map, where it folds: {distortion.triangles.flipped} of {len(part.faces)}"
         )
     anatomy = cut.anatomy(how.threads, how.progress)
+    uv, framed = _framed(result["uv"], cut, how)
     merged, places = part.also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
@@ -121,7 +124,7 @@ def map_over_triangles(
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
     return FlatMap(
-        uv=result["uv"][rows_of],
+        uv=uv[rows_of],
         points=part.points[rows_of],
         normals=result["normals"][rows_of],
         ids=ids,
@@ -130,13 +133,24 @@ def map_over_triangles(
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
-        metadata={"method": method, **cut.metadata, **told(how, chosen, result, need, warnings), **more},
+        metadata={"method": method, **cut.metadata, **framed, **told(how, chosen, result, need, warnings), **more},
         rows=rows,
         bridges=part.bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
         white_points=None if part.white_points is None else part.white_points[ids],
         pial_points=None if part.pial_points is None else part.pial_points[ids],
     )
+
+
+def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Turn a map into the standard frame if it was cut by a template, and mirror it if that is wanted."""
+    found: dict[str, Any] = {"frame": None, "mirrored": how.mirror}
+    if cut.is_standard and cut.sphere is not None:
+        turned = in_standard_frame(uv, cut.part, cut.faces, cut.sphere)
+        uv = turned.uv
+        if turned.anchors:
+            found |= {"frame": STANDARD_FRAME, "frame_points": turned.anchors, "frame_residual": turned.residual}
+    return uv * [-1.0, 1.0] if how.mirror else uv, found
 
 
 def told(how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str]) -> dict[str, Any]:

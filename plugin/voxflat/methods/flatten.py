@@ -46,6 +46,8 @@ def flatten(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    sphere: object | None = None,
+    mirror: bool = False,
     relax: float | bool | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str | None = None,
@@ -100,10 +102,22 @@ def flatten(
     polygon : array_like of voxel indices (k, 3) or vertex numbers (k,), optional
         Corners; what is flattened is the smaller side of the closed path along edges that is shortest from each to the
         next.
-    cuts : list of paths, or path of a file, optional
-        Paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the surface is cut
-        before; `voxflat.path` finds them. Or a file of cuts, as `voxflat.cut` saves it. What is still no disk is cut
-        open automatically, and that is said; ``[]`` forbids it.
+    cuts : "standard", "automatic", list of paths, or path of a file, optional
+        "standard": along the medial wall, the calcarine sulcus, three medial lines and a temporal one, which are the
+        same for every brain, traced by the surface's registered `sphere`. A template that `CutSurface.save_template`
+        wrote is applied so, too. "automatic": what is no disk is cut open, and further as `relax` says, as suits this
+        surface best. Or paths of neighbouring vertices (voxel indices (k, 3), or vertex numbers (k,)) along which the
+        surface is cut before, which `voxflat.path` finds, or a file of cuts, as `voxflat.cut` saves it; what is still
+        no disk is cut open automatically, and that is said; ``[]`` forbids it. By default "standard" for a closed
+        surface whose sphere is given, or lies beside its file as FreeSurfer's does (``lh.sphere.reg`` beside
+        ``lh.white``), if neither `keep` nor a patch is given; else "automatic".
+    sphere : path, Mesh, (points, faces) or array_like of shape (V, 3), optional
+        The registered sphere of a mesh: one place for each vertex of the whole mesh, around the origin, of any radius.
+        In fsaverage space, or in that of fs_LR where the file's name says so. By default FreeSurfer's, where it lies
+        beside the surface's file and standard cuts are made. Maps cut by a template are turned onto the flat map of
+        fsaverage5 by corresponding points (``metadata["frame"]`` is "standard").
+    mirror : bool
+        Exchange left and right of the map, so that maps of right hemispheres look like those of left ones.
     relax : bool or float, optional
         Cut the disk further, from its boundary inwards, where that relieves the map most: as long as it pays (True), or
         up to a length in mm, of which yours (`cuts`) are part; or not at all (False). By default as long as it pays,
@@ -179,6 +193,8 @@ def flatten(
         drop=drop,
         polygon=polygon,
         cuts=cuts,
+        sphere=sphere,
+        mirror=mirror,
         relax=relax,
         sources=sources,
         sampling=sampling,
@@ -195,6 +211,7 @@ def flatten(
     how = How(
         sources=sources,  # the methods know how many are usual
         sampling=taken.get("sampling", ""),
+        mirror=bool(mirror),
         seed=checked_seed(seed),
         keep_rows=keep_rows,
         store=store,
@@ -211,7 +228,7 @@ def flatten(
     way = _OVER_TRIANGLES[method]
     own = way.checked(**{name: taken[name] for name in _OWN if name in taken})
     whole = _surface(surface, **place, threads=how.threads, **common)
-    patch |= {name: taken[name] for name in ("drop", "polygon", "cuts", "relax")}
+    patch |= {name: taken[name] for name in ("drop", "polygon", "cuts", "sphere", "relax")}
     cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
     flat: FlatMap = way.flatten(cut, how, **own)
     return flat

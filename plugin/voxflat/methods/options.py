@@ -29,7 +29,10 @@ _OVER_TRIANGLES = ("voxflat", "zigelman2002", "schwartz1989", "saucan2006")
 OPTIONS: dict[str, dict[str, Any]] = {
     "drop": dict.fromkeys(_OVER_TRIANGLES),
     "polygon": dict.fromkeys(_OVER_TRIANGLES),
+    # None: standard ones where the sphere is known, and nobody has said what to flatten; else automatic ones
     "cuts": dict.fromkeys(_OVER_TRIANGLES),
+    "sphere": dict.fromkeys(_OVER_TRIANGLES),
+    "mirror": dict.fromkeys(_OVER_TRIANGLES, False),
     # None: as long as it pays, unless someone has said where to cut; gluing cuts where it must
     "relax": {**dict.fromkeys(_OVER_TRIANGLES), "saucan2006": False},
     # voxflat: more change no map that was measured; the papers': 1,000; 25 x 25; fewer than 50 leave starts in a fold

@@ -19,7 +19,8 @@ from voxflat.io.volumes import Volume, as_volume
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.of_mesh import as_mesh
-from voxflat.surfaces.region import Cutout, cut_out, opened_to_disk
+from voxflat.surfaces.region import Cutout, cut_out, opened_to_disk, sketch_error
+from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["Check", "check"]
@@ -70,6 +71,13 @@ class Check:
         ``points`` lie there, and the ``worst`` thickness and its ``place`` (RAS+ mm).
     automatic_cuts : tuple of dict
         What it would be cut open along: ``length`` (mm), ``reason``, ``ids``.
+    named_cuts : tuple of dict
+        The cuts of a template before: ``name``, ``length`` (mm), ``ids``.
+    cuts_by : str or None
+        What says where it is cut: "standard", a template's file, "given" or "automatic".
+    sketch_errors : dict of str to float
+        Where a template says it: by how much a sketch of the map gets distances wrong (mean relative error), by
+        `cuts_by`, and for "automatic" cuts, which would be found otherwise.
     can_flatten : bool
         The verdict.
     advice : tuple of str
@@ -92,6 +100,9 @@ class Check:
     handles: tuple[dict[str, Any], ...] = ()
     thin: dict[str, Any] | None = None
     automatic_cuts: tuple[dict[str, Any], ...] = ()
+    named_cuts: tuple[dict[str, Any], ...] = ()
+    cuts_by: str | None = None
+    sketch_errors: dict[str, float] = field(default_factory=dict)
     can_flatten: bool = False
     advice: tuple[str, ...] = ()
 
@@ -145,6 +156,9 @@ class Check:
         ]
         if self.thin is not None and self.thin["points"]:
             rows.append(("thin places", f"{self.thin['points']} vertices below {self.thin['thickness']:.2f} mm"))
+        if self.named_cuts:
+            cuts = ", ".join(f"{cut['name']} {cut['length']:.0f} mm" for cut in self.named_cuts)
+            rows.append(("cuts", f"{self.cuts_by}: {cuts}"))
         return [(name, value.removesuffix(": ")) for name, value in rows]
 
 
@@ -171,6 +185,7 @@ def check(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    sphere: object | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -179,7 +194,7 @@ def check(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, threads, \
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, threads, \
 memory_limit, progress
         As in `flatten`.
 
@@ -202,6 +217,7 @@ memory_limit, progress
             "radius": radius,
             "polygon": polygon,
             "cuts": cuts,
+            "sphere": sphere,
         }
         if isinstance(surface, Surface):
             return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, how)
@@ -300,6 +316,13 @@ def _check_surface(
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
             advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
+    errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, whole, patch, how)
+    if len(errors) == 2:
+        (by, named), (_, automatic) = errors.items()
+        advice.append(
+            f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
+            f"with automatic cuts {100 * automatic:.1f} %"
+        )
     return _and(
         found,
         used=len(cut.part),
@@ -308,10 +331,28 @@ def _check_surface(
         boundary=tuple(sorted((loop["length"] for loop in part["loops"]), reverse=True)),
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
         thin=_thin(cut.part, how),
+        named_cuts=tuple(
+            {"name": one.name, "length": one.length, "ids": ids}
+            for one, ids in zip(cut.traced, cut.metadata["cuts"], strict=cut.is_standard)
+        ),
+        cuts_by=cut.metadata["cuts_by"],
+        sketch_errors=errors,
         automatic_cuts=() if opened is None else tuple(opened.metadata["automatic_cuts"]),
         can_flatten=opened is not None and len(opened.part) >= 3,
         advice=tuple(advice),
     )
+
+
+def _sketch_errors(opened: Cutout, whole: Surface, patch: dict[str, Any], how: _How) -> dict[str, float]:
+    """Return the error of the sketch with a template's cuts, and with those that would be found otherwise."""
+    found = {opened.metadata["cuts_by"]: opened.metadata["sketch_error"]}
+    try:
+        otherwise = {**patch, "cuts": AUTOMATIC, "sphere": None}
+        other = cut_out(whole, **otherwise, threads=how.threads, progress=how.progress)
+        found[AUTOMATIC] = sketch_error(other.part, how.threads, how.progress)
+    except InputError:
+        pass  # they are advice
+    return {by: error for by, error in found.items() if np.isfinite(error)}
 
 
 def _thin(part: Surface, how: _How) -> dict[str, Any]:

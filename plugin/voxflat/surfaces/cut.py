@@ -6,16 +6,20 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_threads, log
+from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, saving, telling
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
+from voxflat.surfaces.standard.sphere import Sphere
+from voxflat.surfaces.standard.tracing import template_of
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["Cut", "CutSurface", "cut"]
@@ -31,17 +35,21 @@ class Cut:
         The vertices along it, or their voxels.
     length : float or None
         mm; None of a given one.
-    reason : {"given", "handle", "boundaries joined", "closed sphere", "relaxation"}
+    reason : {"given", "template", "handle", "boundaries joined", "closed sphere", "relaxation"}
         Why it was made.
+    name : str or None
+        That of a template's cut, such as ``"calcarine"``.
     """
 
     ids: NDArray[np.int64]
     length: float | None
     reason: str
+    name: str | None = None
 
     def __repr__(self) -> str:
         length = "" if self.length is None else f"{self.length:.1f} mm, "
-        return f"<Cut along {len(self.ids)} vertices, {length}{self.reason}>"
+        name = "" if self.name is None else f"{self.name!r}, "
+        return f"<Cut {name}along {len(self.ids)} vertices, {length}{self.reason}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +68,10 @@ class CutSurface:
         What the user should know of it.
     provenance : dict
         What made it.
+    whole : Surface or None
+        What it was cut from.
+    sphere : Sphere or None
+        The registered sphere of that, if it is known.
     """
 
     surface: Surface
@@ -67,6 +79,8 @@ class CutSurface:
     left_out: NDArray[np.int64]
     remarks: tuple[str, ...] = ()
     provenance: Record = field(default_factory=dict)
+    whole: Surface | None = None
+    sphere: Sphere | None = None
 
     def __repr__(self) -> str:
         return (
@@ -109,6 +123,48 @@ class CutSurface:
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
             beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
+    def save_template(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Write the cuts, and the border of what was left out, as a template that `cuts` of `flatten` takes.
+
+        The lines lie on the sphere, so that the template is for every surface with a sphere of that side and space.
+
+        Parameters
+        ----------
+        path : path
+            A JSON file: ``space``, ``side``, ``outlines`` and ``cuts`` with their names, their lines on the unit
+            sphere, and of each cut the ``root``, and ``provenance``.
+        sidecar, overwrite
+            As in `Surface.save`.
+
+        Raises
+        ------
+        InputError
+            If no sphere was given to `voxflat.cut`, or a cut begins neither at a border nor at another cut.
+        OSError
+            If it cannot be written.
+        """
+        if self.sphere is None or self.whole is None:
+            raise InputError("a template lies on the sphere, and none is known: give sphere (--sphere)")
+        if not self.cuts and not len(self.left_out):
+            raise InputError("nothing is cut and nothing left out: that makes no template")
+        kept = self.whole.has_triangles(self.surface.vertices[self.surface.faces])
+        assert kept is not None
+        names: dict[str, int] = {}
+        cuts = []
+        for cut in self.cuts:
+            name = cut.name or cut.reason
+            names[name] = names.get(name, 0) + 1
+            cuts.append((name if cut.name else f"{name} {names[name]}", self._vertices(cut)))
+        template = replace(template_of(self.whole, kept, cuts, self.sphere), name=Path(path).stem)
+        template = replace(template, provenance=self.provenance)
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
+            beside.write_text(template.as_json(), encoding="utf-8")
+
+    def _vertices(self, cut: Cut) -> NDArray[np.int64]:
+        """Return a cut as vertices of the whole surface."""
+        assert self.whole is not None
+        return self.whole.vertices[self.whole.find(cut.ids)] if self.whole.is_voxels else cut.ids
+
 
 @telling
 def cut(
@@ -124,6 +180,7 @@ def cut(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    sphere: object | None = None,
     relax: float | bool | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -133,7 +190,7 @@ def cut(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, relax, threads, \
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, relax, threads, \
 memory_limit, progress
         As in `flatten`.
 
@@ -157,14 +214,18 @@ memory_limit, progress
         radius=radius,
         polygon=polygon,
         cuts=cuts,
+        sphere=sphere,
         relax=relax,
         threads=threads,
         progress=progress,
     )
     for remark in done.remarks:
         log.warning(remark)
-    given = [Cut(np.asarray(path), None, "given") for path in done.metadata["cuts"]]
+    reason = "template" if done.is_standard else "given"
+    lengths = [one.length for one in done.traced] if done.is_standard else [None] * len(done.metadata["cuts"])
+    entries = zip(done.metadata["cuts"], lengths, done.metadata["cut_names"], strict=True)
+    given = [Cut(np.asarray(path), length, reason, name) for path, length, name in entries]
     automatic = done.metadata["automatic_cuts"]
     made = [Cut(np.asarray(entry["ids"]), entry["length"], entry["reason"]) for entry in automatic]
     left_out = whole.ids[~np.isin(whole.vertices, done.part.vertices)]
-    return CutSurface(done.part, (*given, *made), left_out, done.remarks)
+    return CutSurface(done.part, (*given, *made), left_out, done.remarks, whole=whole, sphere=done.sphere)

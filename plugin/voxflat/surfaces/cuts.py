@@ -65,7 +65,9 @@ def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]]
     try:
         content = json.loads(contents(path))
     except OSError as error:
-        raise InputError(f"cannot read the cuts {path}: {error.strerror}") from error
+        raise InputError(
+            f"cannot read the cuts {path}: {error.strerror}; give 'standard', 'automatic', a file or paths"
+        ) from error
     except ValueError as error:
         raise InputError(f"{path} is no file of cuts: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("cuts"), list):

@@ -22,9 +22,15 @@ from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
 from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
+from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
+from voxflat.surfaces.standard.sphere import Sphere
+from voxflat.surfaces.standard.template import STANDARD
+from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
 from voxflat.surfaces.surface import Surface
 
 _STRAY_SHARE = 0.05  # of a patch's area, that may lie in stray pieces
+_COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
+_NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,9 @@ class Cutout:
     given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
     is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
     is_whole: bool  # whether nothing was left out of what was handed over
+    sphere: Sphere | None = None  # that of the whole surface, if it is known
+    traced: tuple[TracedCut, ...] = ()  # cuts of a template, which are those in the metadata
+    is_standard: bool = False  # whether a template's cuts were chosen
 
     def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
         """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
@@ -60,10 +69,12 @@ def cut_out(
     radius: float | None = None,
     polygon: ArrayLike | None = None,
     cuts: object | None = None,
+    sphere: object | None = None,
     relax: float | bool | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     to_disk: bool = True,
+    with_usual_cuts: bool = True,
 ) -> Cutout:
     """Cut the part to work on out of a surface.
 
@@ -71,10 +82,12 @@ def cut_out(
     ----------
     whole : Surface
         The surface.
-    keep, drop, seed_point, radius, polygon, cuts, relax, threads, progress
+    keep, drop, seed_point, radius, polygon, cuts, sphere, relax, threads, progress
         As in `voxflat.flatten`.
     to_disk : bool
         Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
+    with_usual_cuts : bool
+        Make standard cuts where nobody has said where to cut, and the sphere is known.
 
     Returns
     -------
@@ -86,8 +99,16 @@ def cut_out(
     check_relax(relax)
     remarks = list(whole.remarks)
     part = whole
-    paths, left_out = read_cuts(whole, cuts)
+    is_free = with_usual_cuts and keep is None and seed_point is None and polygon is None
+    choice = chosen(whole, cuts, sphere, is_free=is_free)
+    remarks += choice.remarks
+    is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
+    paths, left_out = (None, None) if is_named else read_cuts(whole, cuts)
     region, by_triangles = _region(whole, keep, drop, left_out)
+    is_whole = region is None and seed_point is None and polygon is None
+    if choice.template is not None:
+        region, told = _with_outlines(whole, choice, region)
+        remarks += told
     for given in (keep, drop):
         if isinstance(given, str | os.PathLike):
             remarks += check_region(whole, given)
@@ -107,7 +128,14 @@ def cut_out(
         part = part.with_core(core)
     part, told = _one_piece(part, region is not None or seed_id is not None or polygon is not None)
     remarks += told
-    part, cut_paths, length = cut_along(part, paths)
+    named: list[TracedCut] = []
+    if choice.template is None:
+        part, cut_paths, length = cut_along(part, paths)
+    else:
+        uncut = part
+        part, named, told = _cut_by(choice, part, progress)
+        cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
+        remarks += told
     metadata = {
         **whole.metadata,
         "keep": keep is not None,
@@ -117,14 +145,18 @@ def cut_out(
         "radius": radius,
         "polygon": None if polygon is None else np.asarray(polygon).tolist(),
         "cuts": cut_paths,
+        "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
+        "cuts_by": _cuts_by(choice, paths),
+        "sphere": None if choice.sphere is None else choice.sphere.described(),
         "automatic_cuts": [],
         "surface_points": len(whole),
         "points": len(np.unique(part.vertices)),
     }
-    given = None if paths is None else length
-    is_whole = region is None and seed_id is None and polygon is None
-    is_cut = by_triangles or paths is not None
-    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole)
+    is_standard = choice.template is not None
+    given = length if is_standard or paths is not None else None
+    is_cut = by_triangles or given is not None
+    more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
+    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
     return opened_to_disk(cut, relax, threads, progress) if to_disk else cut
 
 
@@ -145,7 +177,7 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
     automatic: list[dict[str, Any]] = []
-    is_fixed = cut.given_length is not None and not cut.metadata["cuts"]
+    is_fixed = cut.given_length is not None and not cut.metadata["cuts"] and not cut.is_standard
     if relax or not is_fixed:
         given = cut.given_length or 0.0
         part, automatic, told = opened(
@@ -154,7 +186,97 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
         faces = part.faces[: len(faces)]
         remarks += told
     metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
+    if cut.is_standard:
+        error = sketch_error(part, threads, progress)
+        metadata["sketch_error"] = error
+        remarks.append(_told_of_standard(cut, error))
     return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
+
+
+def sketch_error(part: Surface, threads: int | None, progress: Progress | None) -> float:
+    """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
+
+    Parameters
+    ----------
+    part : Surface
+        A disk.
+    threads, progress
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    float
+        Mean relative error, at the best scale; NaN where the disk is too small for a sketch.
+    """
+    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, threads, progress)
+    return float(error)
+
+
+# --------------------------------------------------------------------------------------------- templates
+
+
+def _with_outlines(
+    whole: Surface, choice: Choice, region: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Return what is kept: the user's region where it leaves out what the template does, else what both keep."""
+    assert choice.template is not None
+    assert choice.sphere is not None
+    kept = kept_by(choice.template, whole, choice.sphere)
+    if region is None:
+        return kept, []
+    left_out = ~kept
+    covered = float((~region)[left_out].mean()) if left_out.any() else 1.0
+    if covered >= _COVERED:
+        return region, []
+    names = ", ".join(line.name for line in choice.template.outlines)
+    return region & kept, [
+        f"the region that is left out holds {100 * covered:.0f} % of what the template leaves out ({names}): the "
+        "template's is left out, too"
+    ]
+
+
+def _cut_by(choice: Choice, part: Surface, progress: Progress | None) -> tuple[Surface, list[TracedCut], list[str]]:
+    """Cut along a template's lines."""
+    assert choice.template is not None
+    assert choice.sphere is not None
+    topology = part.core.topology()
+    if topology["handles"]:
+        raise InputError(
+            f"the surface has {topology['handles']} handles, and a sphere none: a template needs a surface that was "
+            "repaired; give cuts='automatic', or repair='cuts'"
+        )
+    cuts, remarks = traced(choice.template, part, choice.sphere, progress)
+    if not cuts:
+        return part, cuts, remarks
+    opened_part = part.with_core(part.core.cut([cut.vertices.astype(np.uint32) for cut in cuts]))
+    after = opened_part.core.topology()
+    if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
+        raise InputError(
+            f"cut along the template the surface has Euler characteristic {after['euler']} and "
+            f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
+        )
+    return opened_part, cuts, remarks
+
+
+def _cuts_by(choice: Choice, paths: list[Any] | None) -> str:
+    if choice.template is not None:
+        return choice.template.name
+    return AUTOMATIC if paths is None else "given"
+
+
+def _told_of_standard(cut: Cutout, error: float) -> str:
+    """Say which cuts were made, why, and what else there is."""
+    names = ", ".join(cut.metadata["cut_names"])
+    if not names:
+        return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
+    length = sum(one.length for one in cut.traced)
+    by = cut.metadata["sphere"]["input"]
+    what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
+    sketch = "" if np.isnan(error) else f"; distances of a sketch are {100 * error:.1f} % off"
+    return (
+        f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those "
+        "that suit this surface best, and voxflat check says how well"
+    )
 
 
 # --------------------------------------------------------------------------------------------- regions

@@ -106,6 +106,43 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
     }
 }
 
+/// Turns and moves a map, rigidly and without scaling, such that places on it come to lie nearest to others: of all turns the
+/// one with the least sum of squares (Procrustes; Schönemann 1966), about the places' mean, which comes to lie on that of the
+/// others. Returns the turn, radians counterclockwise; 0 where the places leave it open.
+///
+/// # Panics
+/// If there are not as many places as others.
+///
+/// # Examples
+/// ```
+/// use voxflat::orient::turn_onto;
+///
+/// let onto = [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]];
+/// let places = onto.map(|[x, y]| [5.0 - 3.0 * y, 3.0 * x]); // turned, moved and three times as large
+/// let mut uv = places.to_vec();
+/// let turn = turn_onto(&places, &onto, &mut uv);
+/// assert!((turn + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+/// assert!((uv[1][0] - uv[0][0] - 6.0).abs() < 1e-12 && (uv[1][1] - uv[0][1]).abs() < 1e-12);
+/// ```
+pub fn turn_onto(places: &[[f64; 2]], onto: &[[f64; 2]], uv: &mut [[f64; 2]]) -> f64 {
+    assert_eq!(places.len(), onto.len(), "one place for each other");
+    if places.is_empty() {
+        return 0.0;
+    }
+    let mean = |of: &[[f64; 2]]| of.iter().map(|&p| Vector2::from(p)).sum::<Vector2<f64>>() / of.len() as f64;
+    let (from, to) = (mean(places), mean(onto));
+    let pairs = || places.iter().zip(onto).map(|(&p, &q)| (Vector2::from(p) - from, Vector2::from(q) - to));
+    let along: f64 = pairs().map(|(p, q)| p.dot(&q)).sum();
+    let across: f64 = pairs().map(|(p, q)| p.perp(&q)).sum();
+    let turn = if along.hypot(across) > 0.0 { across.atan2(along) } else { 0.0 };
+    let (sin, cos) = turn.sin_cos();
+    for place in uv {
+        let p = Vector2::from(*place) - from;
+        *place = [to.x + p.x * cos - p.y * sin, to.y + p.x * sin + p.y * cos];
+    }
+    turn
+}
+
 /// Positive if the map shows the surface from outside: the sum over all points of how its neighbourhood, projected along
 /// the outward direction, turns in the map.
 ///

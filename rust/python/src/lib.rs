@@ -32,6 +32,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(surface::defects, module)?)?;
     module.add_function(wrap_pyfunction!(surface::is_sheet, module)?)?;
     module.add_function(wrap_pyfunction!(surface::repair, module)?)?;
+    module.add_function(wrap_pyfunction!(surface::maps::turn_onto, module)?)?;
     module.add_function(wrap_pyfunction!(surface::measure::reference_sources, module)?)?;
     module.add_function(wrap_pyfunction!(surface::spheres::locate_on_sphere, module)?)?;
     module.add_function(wrap_pyfunction!(surface::vertex_normals, module)?)?;

@@ -2,7 +2,7 @@
 
 mod cuts;
 mod distances;
-mod maps;
+pub mod maps;
 pub mod measure;
 mod patches;
 mod solvers;

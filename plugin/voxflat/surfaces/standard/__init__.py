@@ -1,1 +1,1 @@
-"""One frame for all brains: what is known on fsaverage's sphere, and how a surface gets there."""
+"""Standard maps: the same named cuts and the same orientation for every brain, by its registered sphere."""

@@ -15,7 +15,7 @@ use voxflat::geodesic::shortest::trace_path;
 use voxflat::rows::DistanceRows;
 use voxflat::sources::{Sources, by_curvature};
 use voxflat::store::Store;
-use voxflat::surface::mesh::paths::shortest_path;
+use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
@@ -190,6 +190,31 @@ impl Surface {
             Ok((path, length))
         })?;
         Ok((path.into_pyarray(py), length))
+    }
+
+    /// The cheapest path along edges from a vertex to any of those `to` (N), through those that `may_pass` (N); an edge costs its
+    /// length times the mean of its ends' `factors` (N).
+    #[pyo3(signature = (source, to, may_pass, factors, progress=None))]
+    fn edge_path_to_any<'py>(
+        &self,
+        py: Python<'py>,
+        source: u32,
+        to: PyReadonlyArray1<'py, bool>,
+        may_pass: PyReadonlyArray1<'py, bool>,
+        factors: PyReadonlyArray1<'py, f64>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let to: Vec<bool> = to.as_array().iter().copied().collect();
+        let may_pass: Vec<bool> = may_pass.as_array().iter().copied().collect();
+        let factors: Vec<f64> = factors.as_array().iter().copied().collect();
+        for (given, name) in [(to.len(), "to"), (may_pass.len(), "may_pass"), (factors.len(), "factors")] {
+            self.check_length(given, name)?;
+        }
+        let inner = Arc::clone(&self.0);
+        let path = run(py, Some(1), progress.as_ref(), move |control| {
+            path_to_any(&inner.surface, source, &to, &may_pass, &factors, control)
+        })?;
+        Ok(path.into_pyarray(py))
     }
 }
 

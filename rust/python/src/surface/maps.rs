@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use voxflat::distortion::judge::REFERENCE_SOURCES;
@@ -13,6 +13,7 @@ use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::geodesic::engine::Engine;
+use voxflat::orient;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
 
@@ -221,4 +222,23 @@ impl Surface {
     fn saucan2006_memory_need(&self, threads: usize) -> u64 {
         saucan2006::memory_need(self.0.surface.len(), threads)
     }
+}
+
+/// The places `uv` (N, 2) turned and moved rigidly such that `places` (k, 2) among them come nearest to `onto` (k, 2), and the turn in
+/// radians.
+#[pyfunction]
+pub fn turn_onto<'py>(
+    py: Python<'py>,
+    uv: PyReadonlyArray2<'py, f64>,
+    places: PyReadonlyArray2<'py, f64>,
+    onto: PyReadonlyArray2<'py, f64>,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, f64)> {
+    let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
+    let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);
+    if places.len() != onto.len() {
+        let message = format!("there are {} places, and {} to turn them onto", places.len(), onto.len());
+        return Err(InputError::new_err(message));
+    }
+    let turn = orient::turn_onto(&places, &onto, &mut uv);
+    Ok((convert::array(py, &uv)?, turn))
 }

@@ -230,13 +230,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
     check_points(surface, stops)?;
     let network = match factors {
         None => Network::of(surface),
-        Some(factors) => {
-            assert_eq!(factors.len(), surface.len(), "one factor a vertex");
-            if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
-                return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
-            }
-            Network::weighted(surface, |v| factors[v as usize])
-        }
+        Some(factors) => factored(surface, factors)?,
     };
     let mut search = EdgeSearch::new(surface.len());
     let mut path: Vec<u32> = stops.first().copied().into_iter().collect();
@@ -255,6 +249,63 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
         path[start..].reverse();
     }
     Ok(path)
+}
+
+/// The vertices of the cheapest path along edges from a vertex to any of those `to`, both included, through vertices that
+/// `may_pass`: a simple path that meets `to` at its end alone. An edge costs its length times the mean of its ends' factors.
+///
+/// # Errors
+/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
+///
+/// # Panics
+/// If there is not one factor, and one word on each vertex.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::surface::mesh::paths::path_to_any;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let sheet = shapes::surface(shapes::sheet(4, 4)); // 5 by 5 vertices, 1 mm apart
+/// let to: Vec<bool> = sheet.points().iter().map(|p| p.x == 0.0).collect();
+/// let path = path_to_any(&sheet, 12, &to, &[true; 25], &[1.0; 25], &Control::default())?;
+/// assert_eq!((path[0], path.len(), to[path[2] as usize]), (12, 3, true));
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn path_to_any(
+    surface: &Surface,
+    from: u32,
+    to: &[bool],
+    may_pass: &[bool],
+    factors: &[f64],
+    control: &Control,
+) -> Result<Vec<u32>> {
+    check_points(surface, &[from])?;
+    assert!([to.len(), may_pass.len()] == [surface.len(); 2], "one word on each vertex");
+    let network = factored(surface, factors)?;
+    let mut search = EdgeSearch::new(surface.len());
+    search.seed(from);
+    let target = to.iter().position(|&is| is).unwrap_or(from as usize);
+    let unreachable = Error::Unreachable { source_vertex: from as usize, vertex: target };
+    loop {
+        control.check()?;
+        let may_enter = |v: u32| to[v as usize] || may_pass[v as usize];
+        let node = search.settle(&network, may_enter).ok_or(unreachable.clone())?;
+        if to[node as usize] {
+            let mut path: Vec<u32> = std::iter::once(node).chain(search.back(node).map(|step| step.from)).collect();
+            path.reverse();
+            return Ok(path);
+        }
+    }
+}
+
+/// The network of a surface whose edges cost their length times the mean of their ends' factors.
+fn factored(surface: &Surface, factors: &[f64]) -> Result<Network> {
+    assert_eq!(factors.len(), surface.len(), "one factor a vertex");
+    if let Some(vertex) = factors.iter().position(|&f| !(f > 0.0 && f <= LONGEST.sqrt())) {
+        return Err(Error::FactorNotPositive { vertex, factor: factors[vertex] });
+    }
+    Ok(Network::weighted(surface, |v| factors[v as usize]))
 }
 
 fn check_points(surface: &Surface, vertices: &[u32]) -> Result<()> {
@@ -294,6 +345,25 @@ mod tests {
         assert!(path.iter().filter(|&&v| sheet.points()[v as usize][1] == 3.0).count() > 3);
         let refused = shortest_path(&sheet, &[0, 110], Some(&[0.0; 121]), &Control::default());
         assert_eq!(refused, Err(Error::FactorNotPositive { vertex: 0, factor: 0.0 }));
+    }
+
+    #[test]
+    fn a_path_to_any_ends_at_the_cheapest_and_passes_only_where_it_may() {
+        let sheet = shapes::surface(shapes::sheet(6, 6));
+        let control = Control::default();
+        let centre = sheet.points().iter().position(|p| [p[0], p[1]] == [3.0, 3.0]).unwrap() as u32;
+        let border = |p: &nalgebra::Vector3<f64>| [0.0, 6.0].contains(&p[0]) || [0.0, 6.0].contains(&p[1]);
+        let to: Vec<bool> = sheet.points().iter().map(border).collect();
+        let line: Vec<f64> = sheet.points().iter().map(|p| 1.0 + 100.0 * (p[0] - p[1]).powi(2)).collect();
+        let path = path_to_any(&sheet, centre, &to, &[true; 49], &line, &control).unwrap();
+        assert!(path.iter().all(|&v| sheet.points()[v as usize][0] == sheet.points()[v as usize][1]));
+        assert_eq!(path.iter().filter(|&&v| to[v as usize]).count(), 1);
+        let right: Vec<bool> = sheet.points().iter().map(|p| p[0] >= 3.0).collect();
+        let path = path_to_any(&sheet, centre, &to, &right, &[1.0; 49], &control).unwrap();
+        assert!(path[..path.len() - 1].iter().all(|&v| right[v as usize]));
+        let nowhere = path_to_any(&sheet, centre, &to, &[false; 49], &[1.0; 49], &control);
+        assert!(matches!(nowhere, Err(Error::Unreachable { .. })));
+        assert_eq!(path_to_any(&sheet, centre, &[true; 49], &[true; 49], &[1.0; 49], &control), Ok(vec![centre]));
     }
 
     #[test]

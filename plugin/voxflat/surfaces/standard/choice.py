@@ -1,0 +1,130 @@
+"""Which cuts a surface gets: standard ones, those of a template, or what `voxflat.flatten` finds by itself."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from voxflat.errors import InputError
+from voxflat.surfaces.standard.sphere import Sphere, sphere_beside, sphere_of
+from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["AUTOMATIC", "Choice", "chosen"]
+
+AUTOMATIC = "automatic"
+"""The word for cuts that are found anew for each surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The cuts that were chosen.
+
+    Parameters
+    ----------
+    template : Template or None
+        Whose cuts are made.
+    sphere : Sphere or None
+        The surface's, if it is known.
+    is_usual : bool
+        Whether nobody asked for it.
+    remarks : tuple of str
+        What the user should know.
+    """
+
+    template: Template | None
+    sphere: Sphere | None
+    is_usual: bool
+    remarks: tuple[str, ...]
+
+
+def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool) -> Choice:
+    """Choose the cuts.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    cuts, sphere
+        As in `voxflat.flatten`.
+    is_free : bool
+        Whether nobody has said what to flatten: then a closed surface with a registered sphere gets standard cuts.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    InputError
+        If a template is asked for, and does not fit, or there is no sphere.
+    """
+    asked: str | Path | None = STANDARD if cuts == STANDARD and isinstance(cuts, str) else None
+    if asked is None and cuts != AUTOMATIC and isinstance(cuts, str | os.PathLike) and is_template(Path(cuts)):
+        asked = Path(cuts)
+    if asked is not None:
+        found, remarks = _needed_sphere(whole, sphere)
+        named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
+        _check_fits(named, found)
+        return Choice(named, found, False, tuple(remarks))
+    place = sphere
+    if place is None and cuts is None and is_free:
+        place = sphere_beside(whole)
+    if place is None:
+        return Choice(None, None, True, ())
+    try:
+        found, remarks = sphere_of(whole, place)
+    except InputError as error:
+        if sphere is not None:
+            raise
+        return Choice(
+            None, None, True, (f"cuts are automatic, since the sphere beside the surface does not fit: {error}",)
+        )
+    is_usual = cuts is None and is_free and _is_closed(whole)
+    template = standard_template(found.space, found.side) if is_usual else None
+    return Choice(template, found, is_usual, tuple(remarks))
+
+
+def _needed_sphere(whole: Surface, sphere: object | None) -> tuple[Sphere, list[str]]:
+    place = sphere_beside(whole) if sphere is None else sphere
+    return registered(whole) if place is None else sphere_of(whole, place)
+
+
+def registered(whole: Surface) -> tuple[Sphere, list[str]]:
+    """Register a surface that has no sphere.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+
+    Returns
+    -------
+    sphere : Sphere
+    remarks : list of str
+
+    Raises
+    ------
+    InputError
+        Always, as yet.
+    """
+    raise InputError(
+        "standard cuts need the surface's registered sphere: give sphere (--sphere), such as lh.sphere.reg of "
+        "FreeSurfer or a sphere of fs_LR, one place for each vertex; or cuts='automatic'"
+    )
+
+
+def _check_fits(template: Template, sphere: Sphere) -> None:
+    for name, own, other in (("side", template.side, sphere.side), ("space", template.space, sphere.space)):
+        if own != other:
+            raise InputError(
+                f"the template {template.name} is of {name} {own}, the sphere {sphere.name} of {other}: give one of "
+                f"the same {name}"
+            )
+
+
+def _is_closed(whole: Surface) -> bool:
+    topology = whole.core.topology()
+    largest = topology["components"][0]
+    return not topology["loops"] and int(largest["euler"]) == 2

@@ -1,0 +1,300 @@
+"""The registered sphere of a surface: read, found beside it, and checked."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
+from voxflat.surfaces.surface import Surface, triangle_keys
+
+__all__ = ["Sphere", "in_triangles", "sphere_beside", "sphere_of"]
+
+_FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
+_ROUND = 0.02  # of the radius that points may lie off the sphere
+_FOLDED = 0.01  # share of triangles that may be turned over; FreeSurfer leaves none to some hundred of 300,000
+_SHARED = 0.9  # of the surface's triangles that the sphere must have
+_FAR = (12.0, 20.0)  # mm, median, from the template's brain: told, refused; 4 to 9 are usual
+_NEAREST = 12  # vertices whose triangles may hold a place
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """Where each vertex of a surface lies on the sphere of fsaverage or fs_LR.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (V, 3)
+        Unit vectors, one for each vertex of the whole mesh.
+    space : {"fsaverage", "fs_LR"}
+        Whose sphere.
+    side : {"left", "right"}
+        Of which hemisphere.
+    name : str
+        The file's, or what else it is.
+    folded : int
+        Triangles of the surface that are turned over on it.
+    distance : float
+        Median distance from the template's brain, rigidly laid on it and scaled, mm, at corresponding places: how well
+        it is registered, roughly.
+    """
+
+    places: NDArray[np.float64]
+    space: str
+    side: str
+    name: str
+    folded: int
+    distance: float
+
+    def __repr__(self) -> str:
+        return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
+
+    def described(self) -> dict[str, Any]:
+        """Return what a map's metadata say of it."""
+        told = {"input": self.name, "space": self.space, "side": self.side}
+        return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
+
+
+def sphere_beside(whole: Surface) -> Path | None:
+    """Find the registered sphere that FreeSurfer leaves beside a surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        Such as of ``surf/lh.white``.
+
+    Returns
+    -------
+    Path or None
+        ``surf/lh.sphere.reg``, if it is there.
+    """
+    given = whole.metadata.get("input")
+    match = re.match(r"[lr]h(?=\.)", Path(given).name) if given and not whole.is_voxels else None
+    if given is None or match is None:
+        return None
+    path = Path(given).with_name(f"{match[0]}.sphere.reg")
+    return path if path.is_file() else None
+
+
+def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
+    """Take what is given as the registered sphere of a surface.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    sphere : path, Mesh, (points, faces) or array_like of shape (V, 3)
+        One place for each vertex of the mesh, around the origin, of any radius. In fsaverage space, or in that of fs_LR
+        where the file's name says so (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned
+        against each other by 40°, so that where the surface says clearly that it is the other one, that counts.
+
+    Returns
+    -------
+    sphere : Sphere
+    remarks : list of str
+        What the user should know of it.
+
+    Raises
+    ------
+    InputError
+        If it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not registered.
+    """
+    mesh = _as_points(sphere)
+    name, points = (
+        ("the sphere", mesh) if isinstance(mesh, np.ndarray) else (str(mesh.path or "the sphere"), mesh.points)
+    )
+    if len(points) != whole.count:
+        raise InputError(
+            f"{name} has {len(points)} vertices, the surface {whole.count}: give the sphere of this surface, one "
+            "place for each vertex"
+        )
+    radii = np.linalg.norm(points[whole.vertices], axis=1)
+    radius = float(np.median(radii))
+    if not radius > 0 or np.abs(radii / radius - 1).max() > _ROUND:
+        raise InputError(
+            f"{name} is no sphere around the origin: its points lie {radii.min():.4g} to {radii.max():.4g} from it"
+        )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
+    if isinstance(mesh, Mesh):
+        own = whole.vertices[whole.faces]
+        shared = float(np.isin(triangle_keys(own), triangle_keys(whole.merged_in(mesh.faces))).mean())
+        if shared < _SHARED:
+            raise InputError(
+                f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "
+                "subject or side"
+            )
+    folded = _folded(whole, places, name)
+    space, side, distance, remarks = _placed(whole, places, _named_side(whole, mesh, name), name)
+    if folded:
+        remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
+    return Sphere(places, space, side, name, folded, distance), remarks
+
+
+def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
+    if isinstance(sphere, Mesh):
+        return sphere
+    if isinstance(sphere, str | os.PathLike):
+        if not Path(sphere).is_file():
+            raise InputError(f"the sphere {os.fspath(sphere)}: there is no such file")
+        return read_mesh(sphere)
+    if isinstance(sphere, tuple) and len(sphere) == 2:
+        return Mesh(np.asarray(sphere[0]), np.asarray(sphere[1]))
+    try:
+        points = np.asarray(sphere)
+    except ValueError:
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
+        raise InputError(
+            f"sphere is {type(sphere).__name__}; give a file such as lh.sphere.reg, or finite places of shape (V, 3)"
+        )
+    return points.astype(np.float64)
+
+
+def _folded(whole: Surface, places: NDArray[np.float64], name: str) -> int:
+    """Return how many triangles are turned over, if they are few."""
+    a, b, c = (places[whole.vertices[whole.faces[:, corner]]] for corner in range(3))
+    folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
+    share = folded / len(whole.faces)
+    if share > 1 - _FOLDED:
+        raise InputError(f"{name} is mirrored: all triangles are turned over on it; give it as FreeSurfer has it")
+    if share > _FOLDED:
+        raise InputError(
+            f"{100 * share:.1f} % of the surface's triangles are turned over on {name}: it is of another surface, or "
+            "damaged"
+        )
+    return folded
+
+
+def _named_side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
+    """Return the side that the surface and its sphere say they are of, if they do."""
+    named = {structure: side for side, structure in SIDES.items()}
+    of_surface = named.get(whole.metadata.get("structure") or "")
+    of_sphere = named.get(mesh.structure or "") if isinstance(mesh, Mesh) else None
+    if of_surface and of_sphere and of_surface != of_sphere:
+        raise InputError(
+            f"{name} is of the {of_sphere} hemisphere, the surface of the {of_surface} one: give the other"
+        )
+    return of_surface or of_sphere
+
+
+def in_triangles(
+    places: NDArray[np.float64], faces: NDArray[Any], wanted: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Find the spherical triangles that hold places on the unit sphere.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (N, 3)
+        Of vertices; unit vectors.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of vertices.
+    wanted : ndarray of float64, shape (k, 3)
+        Unit vectors.
+
+    Returns
+    -------
+    corners : ndarray of int64, shape (k, 3)
+        Of the triangle that holds each, or comes nearest to holding it.
+    weights : ndarray of float64, shape (k, 3)
+        Its weights there, which sum to 1.
+    is_inside : ndarray of bool, shape (k,)
+        Whether one holds it.
+    """
+    used = np.unique(faces)
+    near = used[KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(len(wanted), -1)
+    is_near = np.zeros(len(places), dtype=np.bool_)
+    is_near[near] = True
+    candidates = faces[is_near[faces].any(axis=1)].astype(np.int64)
+    around: dict[int, list[int]] = {}
+    for number, corners in enumerate(candidates.tolist()):
+        for corner in corners:
+            around.setdefault(corner, []).append(number)
+    found = np.zeros((len(wanted), 3), dtype=np.int64)
+    weights = np.zeros((len(wanted), 3))
+    is_inside = np.zeros(len(wanted), dtype=np.bool_)
+    for row, (place, vertices) in enumerate(zip(wanted, near.tolist(), strict=True)):
+        of = candidates[sorted({number for vertex in vertices for number in around.get(vertex, ())})]
+        corners = places[of]
+        volumes = np.stack(
+            [np.cross(corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]) @ place for k in range(3)], axis=1
+        )
+        total = volumes.sum(axis=1)
+        shares = np.where(total[:, None] > 0, volumes / np.where(total > 0, total, 1)[:, None], -np.inf)
+        best = int(shares.min(axis=1).argmax())
+        is_inside[row] = shares[best].min() > -1e-6
+        found[row] = of[best]
+        bounded = np.clip(np.nan_to_num(shares[best], neginf=0.0), 0, None)
+        weights[row] = bounded / bounded.sum() if bounded.sum() > 0 else np.full(3, 1 / 3)
+    return found, weights, is_inside
+
+
+def _placed(
+    whole: Surface, places: NDArray[np.float64], named: str | None, name: str
+) -> tuple[str, str, float, list[str]]:
+    """Return the space, the side, the distance from the template's brain at corresponding places, and doubts."""
+    told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
+    distances = _distances(whole, places)
+    if any(np.isnan(distance) for distance in distances.values()):  # a patch
+        if named is None:
+            raise InputError(
+                "of which hemisphere the surface is, its file's name does not say: name it lh., rh., hemi-L or hemi-R"
+            )
+        return told_space, named, float("nan"), []
+    best = min(distances, key=lambda key: distances[key])
+    own = told_space, named or min(SIDES, key=lambda side: distances[told_space, side])
+    remarks = []
+    if distances[own] > _FAR[0] and distances[best] < distances[own] / 2:
+        if named is not None and best[1] != named:
+            raise InputError(
+                f"by {name} the surface is of the {best[1]} hemisphere, not of the {named} one that its name says: "
+                "rename it, or give the sphere that belongs to it"
+            )
+        remarks.append(
+            f"{name} is taken for one of {best[0]}, where corresponding places lie {distances[best]:.0f} mm apart; in "
+            f"{told_space} they would {distances[own]:.0f} mm"
+        )
+        own = best
+    distance = distances[own]
+    told = f"by {name} the surface lies {distance:.0f} mm (median) from the template's brain, rigidly laid on it"
+    if distance > _FAR[1]:
+        raise InputError(f"{told}: it is not registered to fsaverage or fs_LR; give lh.sphere.reg, not lh.sphere")
+    if distance > _FAR[0]:
+        remarks.append(f"{told}, where 4 to 9 are usual: is it registered?")
+    return *own, distance, remarks
+
+
+def _distances(whole: Surface, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+    """Return by space and side how far the surface lies from the template's brain; NaN of a patch."""
+    templates = [standard_template(space, side) for space in SPACES for side in SIDES]
+    anchors = [template.anchors for template in templates if template.anchors is not None]
+    wanted = np.concatenate([of.sphere for of in anchors])
+    corners, weights, is_inside = in_triangles(places[whole.vertices], whole.faces, wanted)
+    own = np.einsum("ij,ijk->ik", weights, whole.points[corners])
+    found, start = {}, 0
+    for template, of in zip(templates, anchors, strict=True):
+        rows = np.arange(start, start + len(of.sphere))
+        start += len(rows)
+        there = is_inside[rows]
+        distance = _apart(own[rows[there]], of.white[there]) if there.sum() > len(there) / 2 else float("nan")
+        found[template.space, template.side] = distance
+    return found
+
+
+def _apart(points: NDArray[np.float64], onto: NDArray[np.float64]) -> float:
+    """Return the median distance of points from others, after the best turn, move and scale (Umeyama 1991)."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.sign(np.linalg.det(u @ vt))
+    turn = u @ np.diag([1, 1, sign]) @ vt
+    scale = (s * [1, 1, sign]).sum() / (a**2).sum()
+    return float(np.median(np.linalg.norm(b - scale * a @ turn.T, axis=1)))

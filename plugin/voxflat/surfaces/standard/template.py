@@ -1,0 +1,271 @@
+"""Templates of cuts: named lines on the unit sphere, which any brain with a registered sphere can be cut along."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import contents
+from voxflat.io.provenance import Record
+
+__all__ = [
+    "SIDES",
+    "SPACES",
+    "STANDARD",
+    "Anchors",
+    "Line",
+    "Template",
+    "is_template",
+    "read_template",
+    "standard_template",
+]
+
+STANDARD = "standard"
+"""The name of the template that the package carries."""
+
+SPACES = ("fsaverage", "fs_LR")
+"""The spaces in which a sphere may be registered."""
+
+SIDES = {"left": "CortexLeft", "right": "CortexRight"}
+"""The sides, and GIFTI's names for them."""
+
+_FORMAT = 1
+_UNIT = 1e-3  # by how much a point's distance from the centre may differ from 1
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line on the unit sphere, its points joined by arcs of great circles.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"calcarine"``.
+    points : ndarray of float64, shape (k, 3)
+        Unit vectors. An outline is closed: its last point is joined to its first, and what belongs to the patch lies on
+        its left as seen from outside. A cut begins at its root.
+    root : str or None
+        Of a cut the name of the outline, or of the cut before it, at which it begins; None if it begins within a
+        surface without a boundary.
+    """
+
+    name: str
+    points: NDArray[np.float64]
+    root: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Corresponding points, by which maps are turned alike and spheres are checked.
+
+    Parameters
+    ----------
+    sphere : ndarray of float64, shape (a, 3)
+        Places on the unit sphere.
+    flat : ndarray of float64, shape (a, 2)
+        The same on the flat map of fsaverage5, mm.
+    white : ndarray of float64, shape (a, 3)
+        The same on the white surface of fsaverage5, mm.
+    """
+
+    sphere: NDArray[np.float64]
+    flat: NDArray[np.float64]
+    white: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Where a hemisphere is cut.
+
+    Parameters
+    ----------
+    name : str
+        What it is called; of a file its path.
+    space : {"fsaverage", "fs_LR"}
+        Whose sphere its lines lie on.
+    side : {"left", "right"}
+        Of which hemisphere it is.
+    outlines : tuple of Line
+        Borders of what is flattened, closed: around the medial wall, or around a region.
+    cuts : tuple of Line
+        In the order in which they are made.
+    anchors : Anchors or None
+        Of the template that the package carries.
+    provenance : dict
+        What it was derived from.
+    """
+
+    name: str
+    space: str
+    side: str
+    outlines: tuple[Line, ...]
+    cuts: tuple[Line, ...]
+    anchors: Anchors | None = None
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        names = ", ".join(line.name for line in self.cuts)
+        return f"<Template {self.name}: {self.side}, {self.space}; {names or 'no cuts'}>"
+
+    def as_json(self) -> str:
+        """Return what its file holds."""
+        content: dict[str, Any] = {
+            "voxflat": "template",
+            "format": _FORMAT,
+            "name": self.name,
+            "space": self.space,
+            "side": self.side,
+            "outlines": [{"name": line.name, "line": _rounded(line.points)} for line in self.outlines],
+            "cuts": [{"name": line.name, "root": line.root, "line": _rounded(line.points)} for line in self.cuts],
+            "provenance": self.provenance,
+        }
+        return json.dumps(content, allow_nan=False) + "\n"
+
+
+def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
+    rows: list[list[float]] = np.round(points, 6).tolist()
+    return rows
+
+
+@cache
+def standard_template(space: str, side: str) -> Template:
+    """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one.
+
+    Parameters
+    ----------
+    space : {"fsaverage", "fs_LR"}
+        The sphere's.
+    side : {"left", "right"}
+        The hemisphere's.
+
+    Returns
+    -------
+    Template
+    """
+    path = Path(__file__).parent / f"{space}.{side}.json"
+    return _parsed(path, json.loads(path.read_text(encoding="utf-8")), STANDARD)
+
+
+def is_template(path: Path) -> bool:
+    """Say whether a file is a template, and not a list of one surface's vertices.
+
+    Parameters
+    ----------
+    path : Path
+        A file of cuts.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        content = json.loads(contents(path)) if path.suffix.lower() == ".json" else None
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("voxflat") == "template"
+
+
+def read_template(path: str | os.PathLike[str]) -> Template:
+    """Read a template from a file, as `CutSurface.save_template` writes it.
+
+    Parameters
+    ----------
+    path : path
+        JSON.
+
+    Returns
+    -------
+    Template
+
+    Raises
+    ------
+    InputError
+        If it is no template, or names what there is not.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(contents(path))
+    except OSError as error:
+        raise InputError(f"cannot read the template {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no template of cuts: {error}") from error
+    return _parsed(path, content, os.fspath(path))
+
+
+def _parsed(path: Path, content: Any, name: str) -> Template:
+    if not isinstance(content, dict) or content.get("voxflat") != "template":
+        raise InputError(f"{path} is no template of cuts: make one with voxflat cut --save-template")
+    if content.get("format") != _FORMAT:
+        raise InputError(f"{path} has format {content.get('format')!r}; this version knows {_FORMAT}")
+    for key, known in (("space", SPACES), ("side", tuple(SIDES))):
+        if content.get(key) not in known:
+            raise InputError(f"{path}: {key} is {content.get(key)!r}; it must be {' or '.join(map(repr, known))}")
+    outlines = tuple(_line(path, entry, 3) for entry in _entries(path, content, "outlines"))
+    cuts = tuple(_line(path, entry, 2) for entry in _entries(path, content, "cuts"))
+    if not outlines and not cuts:
+        raise InputError(f"{path} has neither outlines nor cuts")
+    names = {line.name for line in outlines}
+    for cut in cuts:
+        if cut.root is not None and cut.root not in names:
+            raise InputError(f"{path}: the root of {cut.name!r} is {cut.root!r}, no outline and no cut before it")
+        if cut.name in names:
+            raise InputError(f"{path} has two lines named {cut.name!r}")
+        names.add(cut.name)
+    return Template(
+        name, content["space"], content["side"], outlines, cuts, _anchors(path, content), content.get("provenance", {})
+    )
+
+
+def _entries(path: Path, content: dict[str, Any], name: str) -> list[Any]:
+    entries = content.get(name, [])
+    if not isinstance(entries, list):
+        raise InputError(f"{path}: {name} is no list")
+    return entries
+
+
+def _line(path: Path, entry: Any, fewest: int) -> Line:
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str) or not entry["name"]:
+        raise InputError(f"{path}: each outline and each cut needs a name")
+    root = entry.get("root")
+    if root is not None and not isinstance(root, str):
+        raise InputError(f"{path}: the root of {entry['name']!r} is no name")
+    points = _numbers(path, entry.get("line"), 3, repr(entry["name"]), fewest)
+    far = np.abs(np.linalg.norm(points, axis=1) - 1)
+    if (far > _UNIT).any():
+        raise InputError(f"{path}: point {far.argmax()} of {entry['name']!r} does not lie on the unit sphere")
+    points = points / np.linalg.norm(points, axis=1)[:, None]
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    keep = np.concatenate([[True], apart > 1e-6])  # arcs need two ends
+    if keep.sum() < fewest or apart.max() > 1:
+        raise InputError(f"{path}: the points of {entry['name']!r} lie at one place, or too far apart to be joined")
+    return Line(entry["name"], points[keep], root)
+
+
+def _anchors(path: Path, content: dict[str, Any]) -> Anchors | None:
+    given = content.get("anchors")
+    if given is None:
+        return None
+    if not isinstance(given, dict):
+        raise InputError(f"{path}: anchors is no object")
+    found = [_numbers(path, given.get(key), width, key, 3) for key, width in (("sphere", 3), ("flat", 2), ("white", 3))]
+    if len({len(array) for array in found}) != 1:
+        raise InputError(f"{path}: the anchors have different lengths")
+    return Anchors(*found)
+
+
+def _numbers(path: Path, values: Any, width: int, name: str, fewest: int) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.shape[1] != width or len(array) < fewest or not np.isfinite(array).all():
+        raise InputError(f"{path}: {name} must be {fewest} or more rows of {width} finite numbers")
+    return array

@@ -1,0 +1,361 @@
+"""Lines of a template on a surface: what its outlines leave out, and its cuts as paths along edges.
+
+A cut is the cheapest path from the vertex at its tip to what it is rooted at, where an edge costs the more the farther
+it lies from the template's line. It runs through vertices that belong to no boundary and to no other cut, and ends with
+the first one that it may be rooted at. So it is a simple path that touches nothing else, whatever the mesh is like, and
+a surface with one boundary keeps one, and its Euler characteristic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.surfaces.standard.sphere import Sphere
+from voxflat.surfaces.standard.template import Line, Template
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["TracedCut", "kept_by", "template_of", "traced"]
+
+_STEP = 0.0025  # between points of a line to which distances are measured, radians: 0.25 mm on a sphere of 100 mm
+_BEYOND = 0.3  # by how much a cut's line is drawn on beyond its root, radians: the subject's own wall may lie there
+_DIRECTION = 0.1  # of a line at its root: over so much of it
+_ASTRAY = 0.1  # radians that a path may run beside its line, or its tip lie from the line's, or four edges
+_ASIDE = 0.3  # of the way to the middle of the triangles beyond that a saved outline lies
+_SMALL_LOOP = 15.0  # mm around; smaller holes are no boundary to begin at
+_STEEP = 1e6  # most that an edge costs for its length
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCut:
+    """A template's cut on a surface.
+
+    Parameters
+    ----------
+    name : str
+        The template's.
+    vertices : ndarray of int64, shape (k,)
+        Numbers of the part's vertices, from the root to the tip.
+    length : float
+        mm.
+    """
+
+    name: str
+    vertices: NDArray[np.int64]
+    length: float
+
+
+# ------------------------------------------------------------------------------------------- outlines
+
+
+def kept_by(template: Template, whole: Surface, sphere: Sphere) -> NDArray[np.bool_]:
+    """Find the triangles that a template's outlines keep: on their left, in one piece with one border each.
+
+    Parameters
+    ----------
+    template : Template
+        The template.
+    whole : Surface
+        The surface.
+    sphere : Sphere
+        Its sphere.
+
+    Returns
+    -------
+    ndarray of bool, shape (F,)
+
+    Raises
+    ------
+    InputError
+        If none is kept.
+    """
+    faces = whole.faces
+    kept = np.ones(len(faces), dtype=np.bool_)
+    for outline in template.outlines:
+        dropped = ~_left_of(outline, sphere.places[whole.vertices])
+        kept &= ~_largest(dropped, faces)[faces].any(axis=1)
+    if not kept.any():
+        raise InputError(f"the outlines of the template {template.name} keep no triangle of the surface")
+    piece = whole.core.part_of_faces(kept).largest_piece()
+    in_piece = np.zeros(whole.count, dtype=np.bool_)
+    in_piece[piece.ids] = True
+    return np.asarray(kept & in_piece[whole.vertices[faces]].all(axis=1))
+
+
+def _largest(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    """Return the largest of the pieces in which chosen vertices hang together."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    a, b = edges[chosen[edges].all(axis=1)].T.astype(np.int64)
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(chosen), len(chosen)))
+    _, piece = connected_components(graph, directed=False)
+    counts = np.bincount(piece[chosen], minlength=piece.max() + 1)
+    return np.asarray(chosen & (piece == counts.argmax()))
+
+
+def _left_of(outline: Line, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Find places on the left of a closed line, as seen from outside the sphere."""
+    line = outline.points
+    pole = line.mean(axis=0)
+    pole = pole / np.linalg.norm(pole) if np.linalg.norm(pole) > 1e-6 else np.cross(line[0], line[1])
+    x, y = _across(pole)
+
+    def flat(
+        points: NDArray[np.float64],
+    ) -> NDArray[np.float64]:  # stereographic: circles stay circles, left stays left
+        away = np.maximum(1 + points @ pole, 1e-9)
+        return np.stack([points @ x, points @ y], axis=1) / away[:, None]
+
+    a = flat(_dense(np.concatenate([line, line[:1]]), 0.01))[:-1]
+    b = np.roll(a, -1, axis=0)
+    at = flat(places)
+    near = np.flatnonzero(((at >= a.min(axis=0)) & (at <= a.max(axis=0))).all(axis=1))
+    u, v = at[near].T
+    inside = np.zeros(len(near), dtype=np.bool_)
+    for (au, av), (bu, bv) in zip(a, b, strict=True):
+        if av != bv:
+            inside ^= ((av > v) != (bv > v)) & (u < au + (v - av) * ((bu - au) / (bv - av)))
+    is_inside = np.zeros(len(places), dtype=np.bool_)
+    is_inside[near] = inside
+    is_counterclockwise = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) > 0
+    return is_inside if is_counterclockwise else ~is_inside
+
+
+def _across(pole: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return two unit vectors across a third, such that all three are right-handed."""
+    x = np.cross(np.eye(3)[np.abs(pole).argmin()], pole)
+    x /= np.linalg.norm(x)
+    y = np.cross(pole, x)
+    return x, y / np.linalg.norm(y)
+
+
+def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return a line with points in between, on the unit sphere, no farther apart than a step."""
+    parts = []
+    for a, b in pairwise(points):
+        t = np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / step))), endpoint=False)[:, None]
+        parts.append((1 - t) * a + t * b)
+    dense = np.concatenate([*parts, points[-1:]])
+    return np.asarray(dense / np.linalg.norm(dense, axis=1)[:, None])
+
+
+# ------------------------------------------------------------------------------------------- cuts
+
+
+def traced(
+    template: Template, part: Surface, sphere: Sphere, progress: Progress | None
+) -> tuple[list[TracedCut], list[str]]:
+    """Find a template's cuts on a part of a surface.
+
+    Parameters
+    ----------
+    template : Template
+        The template.
+    part : Surface
+        What is left of a surface, in one piece, not cut yet.
+    sphere : Sphere
+        That of the whole surface.
+    progress : callable, optional
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    cuts : list of TracedCut
+    remarks : list of str
+        Which cuts lie elsewhere and are not made.
+
+    Raises
+    ------
+    InputError
+        If a cut finds no way near its line.
+    """
+    places = sphere.places[part.vertices]
+    topology = part.core.topology()
+    loops = [np.asarray(loop["vertices"], dtype=np.int64) for loop in topology["loops"]]
+    wide = [loop for loop, of in zip(loops, topology["loops"], strict=True) if of["length"] > _SMALL_LOOP] or loops
+    is_border = np.zeros(len(part), dtype=np.bool_)
+    for loop in loops:
+        is_border[loop] = True
+    corners = places[part.faces]
+    edge = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+    astray = max(_ASTRAY, 4 * edge)
+    is_open = ~is_border
+    cuts: list[TracedCut] = []
+    remarks = []
+    names = {outline.name for outline in template.outlines}
+    found: dict[str, NDArray[np.int64]] = {}
+    for cut in template.cuts:
+        tips = np.flatnonzero(is_open)
+        apart = np.linalg.norm(places[tips] - cut.points[-1], axis=1)
+        tip = int(tips[apart.argmin()]) if len(tips) else -1
+        if tip < 0 or apart.min() > max(edge, _ASTRAY / 2):
+            remarks.append(f"the cut {cut.name!r} ends where nothing is flattened; it is not made")
+            continue
+        is_root = np.zeros(len(part), dtype=np.bool_)
+        if cut.root is None and not loops:
+            is_root[int(np.linalg.norm(places - cut.points[0], axis=1).argmin())] = True
+        elif cut.root is None or cut.root in names:
+            is_root[_nearest_loop(wide, places, cut)] = True
+        elif cut.root in found:
+            is_root[found[cut.root]] = True
+        else:
+            remarks.append(f"the cut {cut.name!r} begins at {cut.root!r}, which is not made; nor is it")
+            continue
+        aside = _beside(cut, places, drawn_on=cut.root is not None)
+        factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
+        way = _way(part, tip, is_root, is_open, factors, cut.name, progress)
+        if aside[way].max() > astray:
+            raise InputError(
+                f"the cut {cut.name!r} would run {100 * aside[way].max():.0f} mm beside its place on a sphere of "
+                "100 mm: what is left out lies in its way; give other regions, or cuts='automatic'"
+            )
+        vertices = way[::-1]
+        steps = np.diff(part.points[vertices], axis=0)
+        cuts.append(TracedCut(cut.name, vertices, float(np.linalg.norm(steps, axis=1).sum())))
+        found[cut.name] = vertices
+        is_open[vertices] = False
+    return cuts, remarks
+
+
+def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], cut: Line) -> NDArray[np.int64]:
+    """Return the border at which a cut begins: the one nearest to its line."""
+    if not loops:
+        raise InputError(
+            f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no border: its region was not left out"
+        )
+    apart = [float(KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min()) for loop in loops]
+    return loops[int(np.argmin(apart))]
+
+
+def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArray[np.float64]:
+    """Return how far places lie from a cut's line, which may be drawn on beyond its root."""
+    points = cut.points
+    if drawn_on:
+        inwards = points[
+            np.linalg.norm(points - points[0], axis=1) <= max(_DIRECTION, np.linalg.norm(points[1] - points[0]))
+        ]
+        back = points[0] - inwards[-1]
+        back -= (back @ points[0]) * points[0]
+        back /= max(float(np.linalg.norm(back)), 1e-12)
+        angles = np.arange(_BEYOND, 0, -0.01)[:, None]
+        points = np.concatenate([np.cos(angles) * points[0] + np.sin(angles) * back, points])
+    return np.asarray(KDTree(_dense(points, _STEP)).query(places)[0])
+
+
+def _way(
+    part: Surface,
+    tip: int,
+    is_root: NDArray[np.bool_],
+    is_open: NDArray[np.bool_],
+    factors: NDArray[np.float64],
+    name: str,
+    progress: Progress | None,
+) -> NDArray[np.int64]:
+    try:
+        return part.core.edge_path_to_any(tip, is_root, is_open, factors, progress).astype(np.int64)
+    except InputError:
+        raise InputError(
+            f"the cut {name!r} finds no way from its tip to its root: borders or other cuts lie between; give other "
+            "regions, or cuts='automatic'"
+        ) from None
+
+
+# ------------------------------------------------------------------------------------------- making a template
+
+
+def template_of(
+    whole: Surface, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
+) -> Template:
+    """Make a template of what was left out of a surface, and of its cuts.
+
+    Parameters
+    ----------
+    whole : Surface
+        The whole surface.
+    faces : ndarray of bool, shape (F,)
+        Its triangles that were kept.
+    cuts : list of (str, ndarray of int64)
+        Names, and paths of neighbouring vertices of the whole mesh.
+    sphere : Sphere
+        The surface's.
+
+    Returns
+    -------
+    Template
+
+    Raises
+    ------
+    InputError
+        If a cut begins neither at a border nor at another cut, or is closed.
+    """
+    part = whole.with_core(whole.core.part_of_faces(faces))
+    beyond = _beyond(whole, faces, sphere)
+    outlines = []
+    at: dict[int, str] = {}
+    for number, loop in enumerate(_directed_loops(part)):
+        name = "outline" if number == 0 else f"outline {number + 1}"
+        outlines.append(Line(name, beyond[part.vertices[loop]]))
+        at.update(dict.fromkeys(part.vertices[loop].tolist(), name))
+    lines: list[Line] = []
+    rest = list(cuts)
+    while rest:
+        for name, path in rest:
+            ends = int(path[0]), int(path[-1])
+            if ends[0] == ends[1] or len(path) < 2:
+                raise InputError(f"the cut {name!r} is closed: a template holds cuts that make no handle's loop")
+            if ends[0] in at or ends[1] in at:
+                way = path if ends[0] in at else path[::-1]
+                root: str | None = at[int(way[0])]
+            elif not outlines and not lines:
+                way, root = path, None
+            else:
+                continue
+            lines.append(Line(name, sphere.places[way], root))
+            for vertex in way.tolist():
+                at.setdefault(int(vertex), name)
+            rest = [one for one in rest if one[0] != name]
+            break
+        else:
+            raise InputError(
+                f"the cut {rest[0][0]!r} begins neither at a border nor at another cut: a template needs a root for it"
+            )
+    return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
+
+
+def _beyond(whole: Surface, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray[np.float64]:
+    """Return places a little beyond those of vertices at the border of what is kept, so that these lie inside."""
+    corners = whole.vertices[whole.faces]
+    towards = np.zeros_like(sphere.places)
+    counts = np.zeros(len(towards))
+    for chosen, sign in ((~faces, 1.0), (faces, -1.0)):  # away from what is kept, where nothing was left out
+        middles = sphere.places[corners[chosen]].mean(axis=1)
+        is_new = counts == 0
+        for corner in corners[chosen].T:
+            is_at = is_new[corner]
+            np.add.at(towards, corner[is_at], sign * (middles[is_at] - sphere.places[corner[is_at]]))
+            np.add.at(counts, corner[is_at], 1)
+    moved = sphere.places + _ASIDE * towards / np.maximum(counts, 1)[:, None]
+    return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
+
+
+def _directed_loops(part: Surface) -> list[NDArray[np.int64]]:
+    """Return the borders that are no small holes, longest first, with the surface on their left."""
+    faces = part.faces.astype(np.int64)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    keys = edges[:, 0] * len(part) + edges[:, 1]
+    loops = sorted(part.core.topology()["loops"], key=lambda loop: -loop["length"])
+    found = []
+    for loop in (loop for loop in loops if loop["length"] > _SMALL_LOOP):
+        vertices = np.asarray(loop["vertices"], dtype=np.int64)
+        if len(vertices) > 1 and vertices[0] == vertices[-1]:
+            vertices = vertices[:-1]
+        runs_with = bool(np.isin(vertices[0] * len(part) + vertices[1], keys))
+        found.append(vertices if runs_with else vertices[::-1])
+    return found

@@ -1,0 +1,433 @@
+"""Standard cuts by the registered sphere, templates, and the standard frame."""
+
+import json
+
+import lab
+import nibabel as nib
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial.transform import Rotation
+
+import voxflat
+from voxflat import InputError, _core
+from voxflat.io.overlays import read_region
+from voxflat.surfaces.standard.sphere import _FS_LR, in_triangles, sphere_of
+from voxflat.surfaces.standard.template import read_template, standard_template
+
+NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
+FEW = {"sources": 60, "threads": 1}
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory, sphere):
+    """Return a subject's folder with lh.sphere.reg."""
+    folder = tmp_path_factory.mktemp("subject")
+    lab.write(folder)
+    nib.freesurfer.write_geometry(folder / "lh.sphere.reg", sphere, lab.hemisphere()[2])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def standard(subject):
+    return voxflat.cut(subject / "lh.white")
+
+
+@pytest.fixture(scope="module")
+def flat(subject):
+    return voxflat.flatten(subject / "lh.white", **FEW)
+
+
+def is_disk(cut):
+    topology = cut.surface.core.topology()
+    return (topology["euler"], len(topology["loops"]), len(topology["components"])) == (1, 1, 1)
+
+
+def remeshed(seed, count, warp=0.03):
+    """Return another mesh of the hemisphere, with a sphere that was warped, and the true places on it."""
+    random = np.random.default_rng(seed)
+    dense, (white, faces) = lab.fsaverage5("sphere_left")[0] / 100, lab.fsaverage5("white_left")
+    turn, height = np.arange(count) * 2.4, 1 - (2 * np.arange(count) + 1) / count
+    places = np.column_stack([np.sqrt(1 - height**2) * np.cos(turn), np.sqrt(1 - height**2) * np.sin(turn), height])
+    places += random.normal(scale=0.9 / np.sqrt(count), size=places.shape)
+    places = Rotation.random(random_state=random).apply(places / np.linalg.norm(places, axis=1)[:, None])
+    triangles = ConvexHull(places).simplices
+    corners = places[triangles]
+    inwards = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) < 0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    at, weights, _ = in_triangles(dense, faces, places)
+    moved = places.copy()
+    for _ in range(6):
+        wave, way = random.normal(size=3), random.normal(size=3)
+        moved += warp / 3 * np.cos(2 * places @ wave + random.uniform(0, 7))[:, None] * way
+    return (
+        np.einsum("ij,ijk->ik", weights, white[at]),
+        triangles,
+        moved / np.linalg.norm(moved, axis=1)[:, None],
+        places,
+    )
+
+
+def turn_between(one, other, places, others):
+    """Return by how many degrees a map is turned against another, by homologous points of the sphere."""
+    anchors = standard_template("fsaverage", "left").anchors.sphere
+    found = []
+    for flat_map, on in ((one, places), (other, others)):
+        corners, weights, _ = in_triangles(on[flat_map.ids], flat_map.faces, anchors)
+        found.append(np.einsum("ij,ijk->ik", weights, flat_map.uv[corners]))
+    return np.degrees(_core.turn_onto(found[0], found[0], found[1])[1])
+
+
+# ---------------------------------------------------------------------------------------- cuts
+
+
+def test_a_subject_with_its_sphere_gets_the_five_standard_cuts(standard):
+    assert [cut.name for cut in standard.cuts] == NAMES
+    assert {cut.reason for cut in standard.cuts} == {"template"}
+    assert is_disk(standard)
+    assert any("standard cuts (calcarine, medial 1" in remark for remark in standard.remarks)
+
+
+def test_cuts_are_simple_paths_from_the_wall_that_touch_nothing_else(standard, sphere):
+    _, _, faces = lab.hemisphere()
+    wall = set(standard.left_out.tolist())
+    border = set(np.unique(faces[np.isin(faces, list(wall)).any(axis=1)]).tolist()) - wall
+    paths = [cut.ids.tolist() for cut in standard.cuts]
+    for path in paths:
+        assert len(set(path)) == len(path)
+        assert path[0] in border
+        assert not border & set(path[1:])
+        assert not wall & set(path)
+    assert len({vertex for path in paths for vertex in path}) == sum(map(len, paths))
+    for cut, line in zip(standard.cuts, standard_template("fsaverage", "left").cuts, strict=True):
+        beside = KDTree(line.points).query(sphere[cut.ids] / 100)[0]
+        assert np.median(beside) < 0.05  # an edge is 0.07 long
+        assert np.linalg.norm(line.points[-1] - sphere[cut.ids[-1]] / 100) < 0.07
+
+
+def test_the_wall_that_the_template_leaves_out_is_the_subjects_own(standard):
+    white, pial, _ = lab.hemisphere()
+    thin = np.linalg.norm(white - pial, axis=1) < 0.3
+    assert thin[standard.left_out].mean() > 0.6
+    assert np.isin(np.flatnonzero(thin), standard.left_out).mean() > 0.9
+
+
+def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(subject):
+    own = voxflat.cut(subject / "lh.white", drop=subject / "lh.Medial_wall.label")
+    label = read_region(subject / "lh.Medial_wall.label", lab.VERTICES)
+    assert np.isin(np.flatnonzero(label), own.left_out).mean() > 0.95  # but for corners of triangles that are kept
+    assert label[own.left_out].mean() > 0.95
+    assert [cut.name for cut in own.cuts] == NAMES
+    assert is_disk(own)
+    other = voxflat.cut(subject / "lh.white", drop=[1000])
+    assert any("0 % of what the template leaves out" in remark for remark in other.remarks)
+    assert 1000 in other.left_out
+    assert len(other.left_out) > 100
+
+
+def test_standard_cuts_are_made_where_nobody_has_said_what_to_flatten(subject, tmp_path):
+    for name in ("lh.white", "lh.Medial_wall.label"):
+        (tmp_path / name).write_bytes((subject / name).read_bytes())
+    alone = voxflat.cut(tmp_path / "lh.white")
+    assert {cut.name for cut in alone.cuts} == {None}  # no sphere beside it
+    asked = voxflat.cut(subject / "lh.white", cuts="automatic", relax=False)
+    assert [cut.reason for cut in asked.cuts] == ["closed sphere"]
+    patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=25.0)
+    assert patch.cuts == ()
+    assert patch.sphere is None
+    given = voxflat.cut(subject / "lh.white", cuts=[lab.hemisphere()[2][0, :2]], relax=False)
+    assert given.cuts[0].reason == "given"
+    rows = voxflat.geodesic(subject / "lh.white", 2)
+    assert rows.shape[1] == lab.VERTICES  # distances are not asked to be cut
+
+
+def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subject, sphere, tmp_path):
+    (tmp_path / "lh.white").write_bytes((subject / "lh.white").read_bytes())
+    nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere[:642], ConvexHull(sphere[:642]).simplices)
+    cut = voxflat.cut(tmp_path / "lh.white", relax=False)
+    assert [cut.reason for cut in cut.cuts] == ["closed sphere"]
+    assert any("642 vertices" in remark for remark in cut.remarks)
+    with pytest.raises(InputError, match="642 vertices"):
+        voxflat.cut(tmp_path / "lh.white", cuts="standard")
+
+
+def test_check_says_what_standard_and_automatic_cuts_cost(subject):
+    found = voxflat.check(subject / "lh.white")
+    assert found.cuts_by == "standard"
+    assert [cut["name"] for cut in found.named_cuts] == NAMES
+    assert 0 < found.sketch_errors["automatic"] < found.sketch_errors["standard"] < 0.3
+    assert "standard: calcarine" in found.table()
+    assert found.can_flatten
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_other_meshes_with_warped_spheres_become_disks(seed):
+    points, faces, sphere, _ = remeshed(seed, 500 + 400 * seed)
+    cut = voxflat.cut((points, faces), cuts="standard", sphere=100 * sphere)
+    assert is_disk(cut)
+    assert [cut.name for cut in cut.cuts] == NAMES
+    assert cut.sphere.side == "left"  # by the surface itself
+
+
+def test_both_sides_of_fsaverage5_become_disks_in_both_spaces():
+    for side in ("left", "right"):
+        surface, sphere = lab.fsaverage5(f"white_{side}"), lab.fsaverage5(f"sphere_{side}")[0]
+        cut = voxflat.cut(surface, cuts="standard", sphere=sphere)
+        assert is_disk(cut)
+        assert cut.sphere.side == side
+        lines = [standard_template(space, side).cuts for space in ("fsaverage", "fs_LR")]
+        for one, other in zip(*lines, strict=True):
+            assert one.name == other.name
+            lengths = [np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in (one, other)]
+            assert lengths[0] == pytest.approx(lengths[1], rel=0.3)
+    left, right = (standard_template("fs_LR", side) for side in ("left", "right"))
+    apart = KDTree(left.outlines[0].points * [-1, 1, 1]).query(right.outlines[0].points)[0]
+    assert apart.mean() < 0.12  # the sides are mirror images in fs_LR, but people cut them
+
+
+# ---------------------------------------------------------------------------------------- spheres
+
+
+def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, tmp_path):
+    whole = voxflat.surface(subject / "lh.white")
+    white, _, faces = lab.hemisphere()
+    nan = sphere.copy()
+    nan[7] = np.nan
+    turned = Rotation.from_rotvec([0, 0, np.pi / 2]).apply(sphere)
+    nib.freesurfer.write_geometry(tmp_path / "rh.sphere.reg", sphere, faces)
+    other = np.random.default_rng(0).permutation(lab.VERTICES)
+    nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere, other[faces])
+    for given, reason in (
+        (sphere[:-1], "2561 vertices, the surface 2562"),
+        (white, "no sphere around the origin"),
+        (nan, "finite places"),
+        (np.zeros_like(sphere), "no sphere around the origin"),
+        (sphere * [-1, 1, 1], "mirrored"),
+        (sphere[::-1], "turned over on the sphere"),
+        (turned, "not registered"),
+        (subject / "none", "there is no such file"),
+        (3, "sphere is int"),
+        ("lh.white", "there is no such file"),
+        (tmp_path / "rh.sphere.reg", "is of the right hemisphere, the surface of the left"),
+        (tmp_path / "lh.sphere.reg", "other triangles"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            sphere_of(whole, given)
+    with pytest.raises(InputError, match="need the surface's registered sphere"):
+        voxflat.cut((white, faces), cuts="standard")
+    with pytest.raises(InputError, match="sphere"):
+        voxflat.flatten(np.ones((3, 3, 3)), method="grossmann2002", sphere=sphere)
+
+
+def test_the_side_is_what_the_surface_looks_like_and_the_space_what_the_file_says(sphere):
+    white, _, faces = lab.hemisphere()
+    whole = voxflat.surface((white + np.array([80, 0, 0]), faces))
+    assert sphere_of(whole, 0.01 * sphere)[0].side == "left"
+    mirrored = voxflat.surface((white * [-1, 1, 1], faces[:, ::-1]))
+    assert sphere_of(mirrored, sphere * [-1, 1, 1])[0].side == "right"
+    for name in ("sub-01_hemi-L_space-fsLR_desc-reg_sphere", "S.L.sphere.reg_LR.native", "S.L.sphere.MSMAll.native"):
+        assert _FS_LR.search(name)
+    assert not _FS_LR.search("sub-01_hemi-L_desc-reg_sphere.surf.gii")
+    # a mesh of the anchors alone, which has places in both spaces
+    anchors = [standard_template(space, "left").anchors for space in ("fsaverage", "fs_LR")]
+    hull = ConvexHull(anchors[0].sphere).simplices
+    corners = anchors[0].sphere[hull]
+    inwards = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) < 0
+    hull[inwards] = hull[inwards][:, ::-1]
+    coarse = voxflat.surface((anchors[0].white, hull))
+    for space, of in zip(("fsaverage", "fs_LR"), anchors, strict=True):
+        found, remarks = sphere_of(coarse, of.sphere)
+        assert found.space == space
+        assert any("taken for one of fs_LR" in remark for remark in remarks) == (space == "fs_LR")
+
+
+def test_few_triangles_turned_over_are_told(subject, sphere):
+    folded = sphere.copy()
+    folded[[2000, 2001]] = folded[[2001, 2000]]
+    found, remarks = sphere_of(voxflat.surface(subject / "lh.white"), folded)
+    assert 0 < found.folded < 26
+    assert f"{found.folded} of 5120 triangles are turned over" in remarks[-1]
+
+
+# ---------------------------------------------------------------------------------------- templates
+
+
+def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tmp_path):
+    standard.save_template(tmp_path / "mine.json")
+    template = read_template(tmp_path / "mine.json")
+    assert [line.name for line in template.cuts] == NAMES
+    assert {line.root for line in template.cuts} == {"outline"}
+    again = voxflat.cut(subject / "lh.white", cuts=tmp_path / "mine.json")
+    for one, other in zip(standard.cuts, again.cuts, strict=True):
+        assert one.ids.tolist() == other.ids.tolist()
+    # the outline runs through vertices that are kept, so that it may leave out one ring less or more
+    assert len(set(standard.left_out.tolist()) ^ set(again.left_out.tolist())) <= len(template.outlines[0].points)
+
+
+def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject, sphere, tmp_path):
+    patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=45.0, sphere=sphere, relax=90.0)
+    assert len(patch.cuts) > 0
+    patch.save_template(tmp_path / "region.json")
+    points, faces, warped, true = remeshed(3, 3000, warp=0.0)
+    other = voxflat.cut((points, faces), cuts=tmp_path / "region.json", sphere=warped)
+    assert is_disk(other)
+    assert [cut.name for cut in other.cuts] == [f"relaxation {number + 1}" for number in range(len(patch.cuts))]
+    white, _, triangles = lab.hemisphere()
+
+    def area(points, faces, kept):
+        a, b, c = points[faces[np.isin(faces, kept).all(axis=1)]].transpose(1, 0, 2)
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+    assert area(points, faces, other.surface.ids) == pytest.approx(area(white, triangles, patch.surface.ids), rel=0.2)
+    centres = [places[cut.surface.ids].mean(axis=0) for places, cut in ((true, other), (sphere / 100, patch))]
+    assert np.linalg.norm(centres[0] - centres[1]) < 0.05
+
+
+def test_a_closed_surface_cut_by_lines_alone_makes_a_template(subject, sphere, tmp_path):
+    cut = voxflat.cut(subject / "lh.white", cuts="automatic", sphere=sphere, relax=150.0)
+    cut.save_template(tmp_path / "lines.json")
+    template = read_template(tmp_path / "lines.json")
+    assert template.outlines == ()
+    assert template.cuts[0].root is None
+    assert is_disk(voxflat.cut(subject / "lh.white", cuts=tmp_path / "lines.json"))
+
+
+def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
+    with pytest.raises(InputError, match="none is known"):
+        voxflat.cut(subject / "lh.white", cuts="automatic", relax=False).save_template(tmp_path / "t.json")
+    whole = voxflat.cut(subject / "lh.white", cuts=[], sphere=sphere)
+    with pytest.raises(InputError, match="nothing is cut"):
+        whole.save_template(tmp_path / "t.json")
+    assert not (tmp_path / "t.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"format": 2}, "format 2"),
+        ({"space": "MNI"}, "space is 'MNI'"),
+        ({"side": None}, "side is None"),
+        ({"cuts": 3}, "cuts is no list"),
+        ({"cuts": [{"name": "", "line": [[1, 0, 0], [0, 1, 0]]}]}, "needs a name"),
+        ({"cuts": [{"name": "a", "root": 3, "line": [[1, 0, 0], [0, 1, 0]]}]}, "root of 'a' is no name"),
+        ({"cuts": [{"name": "a", "root": "b", "line": [[1, 0, 0], [0.8, 0.6, 0]]}]}, "'b', no outline and no cut"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "at one place"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "finite numbers"),
+        ({"cuts": [{"name": "a", "line": [[1, 0], [0, 1]]}]}, "rows of 3"),
+        ({"cuts": [], "outlines": []}, "neither outlines nor cuts"),
+        ({"side": "right"}, "of side right, the sphere .* of left"),
+        ({"space": "fs_LR"}, "of space fs_LR, the sphere .* of fsaverage"),
+    ],
+)
+def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reason):
+    standard.save_template(tmp_path / "t.json")
+    content = json.loads((tmp_path / "t.json").read_text()) | change
+    (tmp_path / "t.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=reason):
+        voxflat.cut(subject / "lh.white", cuts=tmp_path / "t.json")
+
+
+# ---------------------------------------------------------------------------------------- the frame
+
+
+def test_maps_cut_by_a_template_lie_as_fsaverage5s_flat_map_does(flat, sphere):
+    assert flat.metadata["frame"] == "standard"
+    assert flat.metadata["cut_names"] == NAMES
+    assert len(flat.metadata["cuts"]) == 5
+    assert flat.metadata["cuts_by"] == "standard"
+    assert flat.distortion.triangles.flipped == flat.distortion.triangles.crossings == 0
+    anchors = standard_template("fsaverage", "left").anchors
+    corners, weights, _ = in_triangles(sphere[flat.ids] / 100, flat.faces, anchors.sphere)
+    places = np.einsum("ij,ijk->ik", weights, flat.uv[corners])
+    assert places.mean(axis=0) == pytest.approx(anchors.flat.mean(axis=0), abs=1e-3)
+    assert np.linalg.norm(places - anchors.flat, axis=1).mean() < 12
+    assert _core.turn_onto(places, places, anchors.flat)[1] == pytest.approx(0, abs=1e-6)
+    places = flat.points
+    front, back = (flat.uv[places[:, 1] > 50].mean(axis=0), flat.uv[places[:, 1] < -85].mean(axis=0))
+    top, bottom = (flat.uv[places[:, 2] > 65].mean(axis=0), flat.uv[places[:, 2] < -35].mean(axis=0))
+    assert front[0] < back[0] - 100  # a left hemisphere seen from outside
+    assert top[1] > bottom[1] + 100
+
+
+def test_small_changes_turn_a_map_by_less_than_a_degree(flat, subject, sphere):
+    white, _, faces = lab.hemisphere()
+    places = sphere / 100
+    noise = np.random.default_rng(1).normal(scale=0.1, size=white.shape)
+    noisy = voxflat.flatten((white + noise, faces), cuts="standard", sphere=sphere, **FEW)
+    other_seed = voxflat.flatten(subject / "lh.white", **FEW, seed=5)
+    points, triangles, warped, true = remeshed(4, 3000, warp=0.0)
+    other_mesh = voxflat.flatten((points, triangles), cuts="standard", sphere=warped, **FEW)
+    for other, on in ((noisy, places), (other_seed, places), (other_mesh, true)):
+        assert abs(turn_between(other, flat, on, places)) < 1
+
+
+def test_mirrored_maps_exchange_left_and_right_alone(flat, subject):
+    mirrored = voxflat.flatten(subject / "lh.white", mirror=True, **FEW)
+    assert np.array_equal(mirrored.uv, flat.uv * [-1, 1])
+    assert np.array_equal(mirrored.faces, flat.faces)
+    assert mirrored.metadata["mirrored"]
+    assert not flat.metadata["mirrored"]
+    assert mirrored.distortion.figures() == flat.distortion.figures()
+    image, other = (one.heat_map(2.0).data for one in (flat, mirrored))
+    assert np.nanmedian(np.abs(image - other[:, ::-1])) < 0.02
+
+
+def test_other_maps_stay_as_they_were(subject):
+    patch = voxflat.flatten(subject / "lh.white", seed_point=700, radius=25.0, **FEW)
+    assert patch.metadata["frame"] is None
+    assert patch.metadata["sphere"] is None
+    assert patch.metadata["cut_names"] == []
+
+
+def test_a_turn_onto_places_is_rigid_and_the_best():
+    random = np.random.default_rng(0)
+    onto = random.normal(size=(20, 2))
+    angle = 2.5
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    places = 3 * onto @ turn + [5, -7] + random.normal(scale=0.1, size=onto.shape)
+    uv, found = _core.turn_onto(places, places, onto)
+    assert found == pytest.approx(-angle, abs=0.05)
+    assert np.linalg.norm(uv[0] - uv[1]) == pytest.approx(np.linalg.norm(places[0] - places[1]))
+    for more in (-1e-3, 1e-3):
+        c, s = np.cos(more), np.sin(more)
+        off = (uv - uv.mean(axis=0)) @ [[c, s], [-s, c]] + uv.mean(axis=0)
+        assert np.square(off - onto).sum() > np.square(uv - onto).sum()
+    assert _core.turn_onto(uv, uv[:1], onto[:1])[1] == 0
+    with pytest.raises(InputError, match="2 places"):
+        _core.turn_onto(uv, uv[:2], onto[:3])
+
+
+# ---------------------------------------------------------------------------------------- the command line
+
+
+def test_the_command_line_saves_a_template_and_applies_it(subject, tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from voxflat.cli.program import main
+
+    monkeypatch.chdir(subject)
+
+    def run(*words):
+        result = CliRunner().invoke(main, [str(word) for word in words])
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)
+
+    template = tmp_path / "t.json"
+    cut = run("cut", "lh.white", "-o", tmp_path / "cuts.json", "--save-template", template, "--json")
+    assert [one["name"] for one in cut["cuts"]] == NAMES
+    how = ("--sphere", "lh.sphere.reg", "--sources", 60, "--mirror", "--json")
+    flat = run("flatten", "lh.white", "--cuts", template, *how, "-o", tmp_path / "map.npz")
+    assert flat["cut_names"] == NAMES
+    assert (flat["frame"], flat["mirrored"], flat["cuts_by"]) == ("standard", True, str(template))
+    assert [flat["sphere"][key] for key in ("space", "side")] == ["fsaverage", "left"]
+    check = run("check", "lh.white", "--cuts", "standard", "--json")
+    assert check["cuts_by"] == "standard"
+    result = CliRunner().invoke(main, ["flatten", "lh.white", "--cuts", "standard", "--cuts", "x", "-o", "m.npz"])
+    assert result.exit_code == 2
