@@ -32,9 +32,21 @@ from voxflat.surfaces.standard import registration
 from voxflat.surfaces.standard.pattern import icosphere
 
 FSAVERAGE5 = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
-COLUMNS = (
-    "surface vertices seconds side confidence score rigid depths,after mean,mm 95% cuts,mm in,space,mm turned,over".split()
-)
+COLUMNS = [
+    "surface",
+    "vertices",
+    "seconds",
+    "side",
+    "confidence",
+    "score",
+    "rigid",
+    "depths,after",
+    "mean,mm",
+    "95%",
+    "cuts,mm",
+    "in,space,mm",
+    "turned,over",
+]
 
 
 def main():
@@ -51,7 +63,9 @@ def main():
     for side in ("left", "right"):
         rows.append(mni152(side))
         print(*rows[-1], sep=" | ", flush=True)
-    table("Registration", [column.replace(",", " ") for column in COLUMNS], [[str(cell) for cell in row] for row in rows])
+    table(
+        "Registration", [column.replace(",", " ") for column in COLUMNS], [[str(cell) for cell in row] for row in rows]
+    )
     table("No hemispheres", ["surface", "verdict", "evidence"], [refused(*each) for each in others(options.folder)])
 
 
@@ -157,7 +171,16 @@ def about(name, made, seconds, side):
     right = made.side if made.side == side else f"{made.side}: WRONG"
     depths = " ".join(f"{r:.2f}" for r in told["correlations"])
     score = " / ".join(f"{told['score'][each]:.2f}" for each in (made.side, *{"left", "right"} - {made.side}))
-    return name, len(made.points), f"{seconds:.1f}", right, f"{made.confidence:.3f}", score, f"{told['rigid'][made.side]:.3f}", depths
+    return (
+        name,
+        len(made.points),
+        f"{seconds:.1f}",
+        right,
+        f"{made.confidence:.3f}",
+        score,
+        f"{told['rigid'][made.side]:.3f}",
+        depths,
+    )
 
 
 def folds(made):

@@ -100,7 +100,7 @@ def cut_out(
     remarks = list(whole.remarks)
     part = whole
     is_free = with_usual_cuts and keep is None and seed_point is None and polygon is None
-    choice = chosen(whole, cuts, sphere, is_free=is_free)
+    choice = chosen(whole, cuts, sphere, is_free=is_free, threads=threads, progress=progress)
     remarks += choice.remarks
     is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
     paths, left_out = (None, None) if is_named else read_cuts(whole, cuts)

@@ -6,8 +6,10 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.surfaces.standard.sphere import Sphere, sphere_beside, sphere_of
+from voxflat.surfaces.standard.registration import register
+from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
 from voxflat.surfaces.surface import Surface
 
@@ -39,14 +41,22 @@ class Choice:
     remarks: tuple[str, ...]
 
 
-def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool) -> Choice:
+def chosen(
+    whole: Surface,
+    cuts: object,
+    sphere: object | None,
+    *,
+    is_free: bool,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Choice:
     """Choose the cuts.
 
     Parameters
     ----------
     whole : Surface
         The surface.
-    cuts, sphere
+    cuts, sphere, threads, progress
         As in `voxflat.flatten`.
     is_free : bool
         Whether nobody has said what to flatten: then a closed surface with a registered sphere gets standard cuts.
@@ -58,13 +68,13 @@ def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool
     Raises
     ------
     InputError
-        If a template is asked for, and does not fit, or there is no sphere.
+        If a template is asked for and does not fit, or there is no sphere and the surface cannot be registered.
     """
     asked: str | Path | None = STANDARD if cuts == STANDARD and isinstance(cuts, str) else None
     if asked is None and cuts != AUTOMATIC and isinstance(cuts, str | os.PathLike) and is_template(Path(cuts)):
         asked = Path(cuts)
     if asked is not None:
-        found, remarks = _needed_sphere(whole, sphere)
+        found, remarks = _needed_sphere(whole, sphere, threads, progress)
         named = standard_template(found.space, found.side) if asked == STANDARD else read_template(asked)
         _check_fits(named, found)
         return Choice(named, found, False, tuple(remarks))
@@ -86,33 +96,20 @@ def chosen(whole: Surface, cuts: object, sphere: object | None, *, is_free: bool
     return Choice(template, found, is_usual, tuple(remarks))
 
 
-def _needed_sphere(whole: Surface, sphere: object | None) -> tuple[Sphere, list[str]]:
+def _needed_sphere(
+    whole: Surface, sphere: object | None, threads: int | None, progress: Progress | None
+) -> tuple[Sphere, list[str]]:
     place = sphere_beside(whole) if sphere is None else sphere
-    return registered(whole) if place is None else sphere_of(whole, place)
+    return _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
 
 
-def registered(whole: Surface) -> tuple[Sphere, list[str]]:
-    """Register a surface that has no sphere.
-
-    Parameters
-    ----------
-    whole : Surface
-        The surface.
-
-    Returns
-    -------
-    sphere : Sphere
-    remarks : list of str
-
-    Raises
-    ------
-    InputError
-        Always, as yet.
-    """
-    raise InputError(
-        "standard cuts need the surface's registered sphere: give sphere (--sphere), such as lh.sphere.reg of "
-        "FreeSurfer or a sphere of fs_LR, one place for each vertex; or cuts='automatic'"
+def _registered(whole: Surface, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:
+    """Register a surface that has no sphere."""
+    found = register(whole, threads=threads, progress=progress)
+    told = (
+        f"there is no sphere: the surface was registered by its folds ({found.side}, confidence {found.confidence:.2f})"
     )
+    return registered_sphere(found), [told]
 
 
 def _check_fits(template: Template, sphere: Sphere) -> None:

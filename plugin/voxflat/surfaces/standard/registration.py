@@ -163,9 +163,7 @@ def register(
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
     whole, remarks = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
-    found = whole.core.register(
-        *icosphere(), templates, None if side is None else SIDES.index(side), threads, progress
-    )
+    found = whole.core.register(*icosphere(), templates, None if side is None else SIDES.index(side), threads, progress)
     return _judged(whole, found, side, remarks)
 
 

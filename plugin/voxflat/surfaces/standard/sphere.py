@@ -14,10 +14,11 @@ from scipy.spatial import KDTree
 
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
 from voxflat.surfaces.surface import Surface, triangle_keys
 
-__all__ = ["Sphere", "in_triangles", "sphere_beside", "sphere_of"]
+__all__ = ["Sphere", "in_triangles", "registered_sphere", "sphere_beside", "sphere_of"]
 
 _FS_LR = re.compile(r"fs_?LR|reg_LR|MSM(All|Sulc)", re.IGNORECASE)
 _ROUND = 0.02  # of the radius that points may lie off the sphere
@@ -138,6 +139,23 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
     if folded:
         remarks.append(f"{folded} of {len(whole.faces)} triangles are turned over on the sphere {Path(name).name}")
     return Sphere(places, space, side, name, folded, distance), remarks
+
+
+def registered_sphere(found: Registration) -> Sphere:
+    """Take a surface's registration as its sphere.
+
+    Parameters
+    ----------
+    found : Registration
+        Of the surface, or of its largest component; what belongs to no other lies in the centre.
+
+    Returns
+    -------
+    Sphere
+    """
+    places = np.nan_to_num(found.sphere)
+    distance = _distances(found.surface, places)["fsaverage", found.side]
+    return Sphere(places, "fsaverage", found.side, "registered by its folds", 0, distance)
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
