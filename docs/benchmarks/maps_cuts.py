@@ -102,7 +102,7 @@ def error_on(rows, flat):
     return float(np.abs(scale * weight - 1).mean())
 
 
-def report(surface_name, cuts, length, surface, uncut, **patch):
+def report(surface_name, cuts, length, surface, uncut, /, **patch):
     """Make a map, print a row, and return the map."""
     wall, cpu = time.monotonic(), time.process_time()
     flat = voxflat.flatten(surface, **patch)

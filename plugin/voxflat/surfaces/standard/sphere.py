@@ -228,7 +228,7 @@ def in_triangles(
     is_inside : ndarray of bool, shape (k,)
         Whether one holds it.
     """
-    used = np.unique(faces)
+    used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(len(wanted), -1)
     is_near = np.zeros(len(places), dtype=np.bool_)
     is_near[near] = True

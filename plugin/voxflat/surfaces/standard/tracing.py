@@ -31,6 +31,7 @@ _DIRECTION = 0.1  # of a line at its root: over so much of it
 _ASTRAY = 0.1  # radians that a path may run beside its line, or its tip lie from the line's, or four edges
 _ASIDE = 0.3  # of the way to the middle of the triangles beyond that a saved outline lies
 _SMALL_LOOP = 15.0  # mm around; smaller holes are no boundary to begin at
+_FAR = 0.4  # beyond it all places are equally far
 _STEEP = 1e6  # most that an edge costs for its length
 
 
@@ -212,9 +213,10 @@ def traced(
         factors = np.minimum(1 + (aside / edge) ** 2, _STEEP)
         way = _way(part, tip, is_root, is_open, factors, cut.name, progress)
         if aside[way].max() > astray:
+            aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
-                f"the cut {cut.name!r} would run {100 * aside[way].max():.0f} mm beside its place on a sphere of "
-                "100 mm: what is left out lies in its way; give other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its place on a sphere of 100 mm: what is left "
+                "out lies in its way; give other regions, or cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
@@ -246,7 +248,7 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
         back /= max(float(np.linalg.norm(back)), 1e-12)
         angles = np.arange(_BEYOND, 0, -0.01)[:, None]
         points = np.concatenate([np.cos(angles) * points[0] + np.sin(angles) * back, points])
-    return np.asarray(KDTree(_dense(points, _STEP)).query(places)[0])
+    return np.asarray(KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
 
 
 def _way(
