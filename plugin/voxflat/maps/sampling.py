@@ -133,14 +133,19 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
         raise InputError(
             "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
         )
-    labels, which = np.unique(values, return_inverse=True)
-    rows = np.repeat(np.arange(len(values), dtype=np.int64), values.shape[1])
-    keys, item = np.unique(rows * len(labels) + which.ravel(), return_inverse=True)
-    total = np.bincount(item.ravel(), weights.ravel())
-    order = np.lexsort((keys, -np.round(total, 12), keys // max(len(labels), 1)))
-    owner = keys[order] // max(len(labels), 1)
-    first = np.flatnonzero(np.diff(owner, prepend=-1))
-    return np.asarray(labels[keys[order][first] % max(len(labels), 1)], dtype=np.float64)
+    found = values[:, 0].astype(np.float64)
+    mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all agree
+    if len(mixed) == 0:
+        return found
+    labels, which = np.unique(values[mixed], return_inverse=True)
+    count = len(labels)
+    rows = np.repeat(np.arange(len(mixed), dtype=np.int64), values.shape[1])
+    keys, item = np.unique(rows * count + which.ravel(), return_inverse=True)
+    total = np.bincount(item.ravel(), weights[mixed].ravel())
+    order = np.lexsort((keys, -np.round(total, 12), keys // count))
+    first = np.flatnonzero(np.diff(keys[order] // count, prepend=-1))
+    found[mixed] = labels[keys[order][first] % count]
+    return found
 
 
 def sample_layers(
