@@ -345,3 +345,18 @@ class TestCommand:
 
     def test_other_endings_are_refused(self, saved, tmp_path):
         assert self.run(saved, "-o", tmp_path / "a.tif").exit_code != 0
+
+
+def test_depth_is_of_volumes_alone(flat_map):
+    """Values at vertices have none: with a volume of parcels beside them it is the parcels'."""
+    values = np.arange(COUNT, dtype=float)
+    for depth in ({"depth": 2.0}, {"fraction": 0.5}):
+        with pytest.raises(voxflat.InputError, match="are for volumes"):
+            figures.flat_map(flat_map, values, **depth)
+    beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
+    affine = np.diag([25.0, 25, 25, 1])
+    affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
+    of = {"overlay": values, "parcels": Volume(beside, affine)}
+    with pytest.raises(voxflat.InputError, match="nothing on the map"):
+        figures.flat_map(flat_map, **of)
+    assert "7" in {text.get_text() for text in texts(figures.flat_map(flat_map, **of, depth=20))}

@@ -13,6 +13,7 @@ from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.provenance import Record, described, saving
 from voxflat.io.reading import reading
+from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import load
 
 FIGURE_ENDINGS = (".png", ".svg", ".pdf")
@@ -46,8 +47,18 @@ Examples:
     "--channel", metavar="NAME|N", help="Which map of F, where it has several: its name, or its number from 0."
 )
 @click.option(
-    "--depth", type=float, default=0.0, metavar="MM", help="How far outside the surface to sample volumes, mm."
+    "--depth",
+    metavar="MM[,MM...]",
+    callback=options.numbers,
+    help="How far outside the surface to sample volumes, mm; of several the mean, or most frequent label.  [default: 0]",
 )
+@click.option(
+    "--fraction",
+    metavar="F[,F...]",
+    callback=options.numbers,
+    help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0 to 1.",
+)
+@click.option("--layering", type=click.Choice(LAYERINGS), help="What --fraction is of, as in voxflat image.")
 @click.option("--interpolation", type=click.Choice(["linear", "nearest"]), help="As in voxflat image.")
 @click.option("--above", type=float, metavar="X", help="Show data only where they are greater.")
 @click.option(
@@ -124,6 +135,13 @@ def command(
         unused = [f"--{name}" for name, value in given.items() if value is not None]
         if unused:
             raise click.UsageError(f"{', '.join(unused)}: only with --overlay.")
+    if look["depth"] is not None and look["fraction"] is not None:
+        raise click.UsageError("Give --depth or --fraction.")
+    if look["layering"] is not None and look["fraction"] is None:
+        raise click.UsageError("--layering is for --fraction.")
+    for name in ("depth", "fraction", "layering"):
+        if look[name] is None:
+            del look[name]
     if look["table"] is not None and look["parcels"] is None:
         raise click.UsageError("--table is for --parcels.")
     check_output(output, FIGURE_ENDINGS, sidecar=sidecar, overwrite=overwrite)

@@ -19,10 +19,12 @@ from voxflat.errors import InputError
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names
 from voxflat.maps.colours import WINDOW, label_colours, passing
+from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import outline
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.sampler import Sampler
 
 __all__ = ["UNDERLAYS", "flat_map", "folds", "painted"]
 
@@ -49,7 +51,9 @@ def flat_map(
     overlay: object | None = None,
     *,
     channel: int | str | None = None,
-    depth: float = 0.0,
+    depth: float | Sequence[float] = 0.0,
+    fraction: float | Sequence[float] | None = None,
+    layering: str = "equivolume",
     interpolation: str | None = None,
     above: float | None = None,
     below: float | None = None,
@@ -71,8 +75,10 @@ def flat_map(
         A flat map.
     overlay : path, ndarray, image object or Volume, optional
         Data over the folds: all that `FlatMap.image` takes.
-    channel, depth, interpolation
-        As in `FlatMap.image`, of the overlay; `depth` also of parcels from a volume.
+    channel, interpolation
+        As in `FlatMap.image`, of the overlay.
+    depth, fraction, layering
+        As in `FlatMap.image`, of overlay and parcels, as far as they are volumes.
     above, below : float, optional
         Data are shown only where they are greater than `above`, or less than `below`; with both where they are beyond
         either (``above=2.3, below=-2.3``), or between them (``above=1, below=3``).
@@ -114,14 +120,21 @@ def flat_map(
         raise InputError("thresholds, limits, colour map, label, channel and interpolation are of an overlay; give one")
     if opacity is not None and not 0 <= checked_number(opacity, "opacity") <= 1:
         raise InputError(f"the opacity is {opacity!r}; give a number from 0 to 1")
+    depths = Depths.of(depth, fraction, layering)
+    sampler = flat_map._triangles.on_surface
+    in_volume = {name for name, of in (("overlay", overlay), ("parcels", parcels)) if _is_volume(sampler, of)}
+    if depths != ON_SURFACE and not in_volume:
+        raise InputError("depth and fraction are for volumes: neither overlay nor parcels is one; leave them out")
     page = _Page.of(flat_map, width, title)
     raster = flat_map.raster(page.pixel_size)
     under = folds(flat_map, raster, underlay)
     page.image(under, raster, "curvature")
     look = under[..., :3].mean(axis=2)
-    shown = None if parcels is None else _parcels(flat_map, parcels, table, depth)
+    of_parcels = depths if "parcels" in in_volume else ON_SURFACE
+    shown = None if parcels is None else _parcels(flat_map, parcels, table, of_parcels)
     if overlay is not None:
-        image = flat_map.image(overlay, page.pixel_size, channel=channel, depth=depth, interpolation=interpolation)
+        where: dict[str, Any] = {"depths": depths if "overlay" in in_volume else ON_SURFACE}
+        image = sampler.image(raster, overlay, channel=channel, interpolation=interpolation, **where)
         colours = _Colours.of(image, limits, colour_map, above, below, 1.0 if opacity is None else opacity)
         over = colours.paint(image.data)
         page.image(over, raster, "data")
@@ -301,10 +314,14 @@ def _over(pixels: NDArray[np.uint8], grey: NDArray[np.floating[Any]]) -> NDArray
     return np.asarray(share * (pixels[..., :3] @ np.array([0.3, 0.59, 0.11])) + (1 - share) * grey)
 
 
-def _parcels(flat_map: FlatMap, parcels: object, table: object, depth: float) -> Parcels:
+def _is_volume(sampler: Sampler, values: object) -> bool:
+    return not (values is None or isinstance(values, Parcels) or sampler.is_overlay(values))
+
+
+def _parcels(flat_map: FlatMap, parcels: object, table: object, depths: Depths) -> Parcels:
     if isinstance(parcels, Parcels):
         return parcels
-    return parcels_of(flat_map, parcels, table=table, depth=depth)
+    return parcels_of(flat_map, parcels, table=table, depths=depths)
 
 
 # --------------------------------------------------------------------------------------------- page

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat.arguments import checked_number
 from voxflat.errors import InputError
 
-__all__ = ["LAYERINGS", "Depths", "equivolume", "vertex_areas"]
+__all__ = ["LAYERINGS", "ON_SURFACE", "Depths", "equivolume", "vertex_areas"]
 
 LAYERINGS = ("equivolume", "equidistant")
 """What a fraction of cortical depth is a fraction of: the volume of the cortex there, or its thickness."""
@@ -82,6 +82,10 @@ class Depths:
         if self.layering is None:
             return tuple(f"{value:g} mm" for value in self.values)
         return tuple(f"{self.layering} {value:g}" for value in self.values)
+
+
+ON_SURFACE = Depths((0.0,))
+"""The surface itself."""
 
 
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:

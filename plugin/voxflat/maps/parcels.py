@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.label_tables import LabelTable, own_table, read_table
 from voxflat.maps.colours import all_whole, label_colour
+from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import borders, region_corners
 from voxflat.maps.raster import Raster
@@ -98,7 +99,12 @@ class Parcels:
 
 
 def parcels_of(
-    flat_map: FlatMap, labels: object, *, table: object = None, channel: int | str | None = None, depth: float = 0.0
+    flat_map: FlatMap,
+    labels: object,
+    *,
+    table: object = None,
+    channel: int | str | None = None,
+    depths: Depths = ON_SURFACE,
 ) -> Parcels:
     """Carry labels to a map.
 
@@ -113,8 +119,8 @@ def parcels_of(
         Names and colours, where the file has none: a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
     channel : int or str, optional
         Which map of the file, as in `FlatMap.image`.
-    depth : float
-        How far outside the surface to sample a volume, mm.
+    depths : Depths
+        Where to sample a volume; of several depths each point has the label that most of the voxels around have.
 
     Returns
     -------
@@ -129,7 +135,8 @@ def parcels_of(
     weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)
     on_points = Raster(points, weights, (0.0, 0.0), 1.0)
     sampler = flat_map._triangles.on_surface
-    stack = sampler.images(on_points, labels, depth=depth, interpolation="nearest")
+    way = "nearest" if len(depths.values) == 1 else "majority"
+    stack = sampler.images(on_points, labels, depths=depths, average=True, interpolation=way)
     number = stack.channels.find(channel)
     values: NDArray[Any] = stack[number].data
     name = labels if isinstance(labels, str | os.PathLike) else "the labels"

@@ -23,14 +23,13 @@ from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
-from voxflat.maps.depth import Depths, equivolume, vertex_areas
+from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, show
 from voxflat.maps.sampling import sample_layers, sample_mean
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
 
-ON_SURFACE = Depths((0.0,))
 """The depth of who asks for none."""
 
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
@@ -226,6 +225,10 @@ class Sampler:
             is_textured = path.name.lower().endswith(TEXTURE_ENDINGS)
             return read_texture(path, count) if is_textured else None
         return np.asarray(volume) if are_colours(volume, count) else None
+
+    def is_overlay(self, values: object) -> bool:
+        """Say whether values lie at the mesh's vertices, and so at no depth."""
+        return not self.is_voxels and self._overlay(values) is not None
 
     def _overlay(self, volume: object) -> Channels | None:
         """Return values at the mesh's vertices, if that is what was given."""
