@@ -155,7 +155,7 @@ def registered_sphere(found: Registration) -> Sphere:
     """
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
-    return Sphere(places, "fsaverage", found.side, "registered by its folds", 0, distance)
+    return Sphere(places, "fsaverage", found.side, "its own registration", 0, distance)
 
 
 def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
