@@ -21,6 +21,7 @@ __all__ = [
     "reference_sources",
     "repair",
     "store_memory_need",
+    "turn_onto",
     "vertex_normals",
 ]
 
