@@ -256,7 +256,8 @@ def simulated(options):
             places[side]["automatic"].append(at(automatic, true, wanted))
     print(
         f"\n{options.subjects} simulated subjects: {good} disks of five cuts (χ = 1, one border), no triangle turned "
-        f"over in their maps; error {100 * np.mean(errors):.1f} ± {100 * np.std(errors):.1f} %; cut in {np.median(seconds):.1f} s"
+        f"over in their maps; error {100 * np.mean(errors):.1f} ± {100 * np.std(errors):.1f} %; cut in "
+        f"{np.median(seconds):.1f} s"
     )
     for side, of in places.items():
         print(f"\nhomologous points of {len(of['standard'])} simulated subjects, {side}:", spread(of), flush=True)

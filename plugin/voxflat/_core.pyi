@@ -24,6 +24,7 @@ __all__ = [
     "repair",
     "ribbon_voxels",
     "store_memory_need",
+    "turn_onto",
     "vertex_normals",
 ]
 

@@ -133,8 +133,8 @@ def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(sub
 def test_standard_cuts_are_made_where_nobody_has_said_what_to_flatten(subject, tmp_path):
     for name in ("lh.white", "lh.Medial_wall.label"):
         (tmp_path / name).write_bytes((subject / name).read_bytes())
-    alone = voxflat.cut(tmp_path / "lh.white")
-    assert {cut.name for cut in alone.cuts} == {None}  # no sphere beside it
+    alone = voxflat.cut(tmp_path / "lh.white", relax=False)
+    assert [cut.reason for cut in alone.cuts] == ["closed sphere"]  # no sphere beside it
     asked = voxflat.cut(subject / "lh.white", cuts="automatic", relax=False)
     assert [cut.reason for cut in asked.cuts] == ["closed sphere"]
     patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=25.0)
@@ -156,6 +156,7 @@ def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subjec
         voxflat.cut(tmp_path / "lh.white", cuts="standard")
 
 
+@pytest.mark.slow
 def test_check_says_what_standard_and_automatic_cuts_cost(subject):
     found = voxflat.check(subject / "lh.white")
     assert found.cuts_by == "standard"
@@ -174,6 +175,7 @@ def test_other_meshes_with_warped_spheres_become_disks(seed):
     assert cut.sphere.side == "left"  # by the surface itself
 
 
+@pytest.mark.slow
 def test_both_sides_of_fsaverage5_become_disks_in_both_spaces():
     for side in ("left", "right"):
         surface, sphere = lab.fsaverage5(f"white_{side}"), lab.fsaverage5(f"sphere_{side}")[0]
@@ -269,6 +271,7 @@ def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tm
     assert len(set(standard.left_out.tolist()) ^ set(again.left_out.tolist())) <= len(template.outlines[0].points)
 
 
+@pytest.mark.slow
 def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject, sphere, tmp_path):
     patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=45.0, sphere=sphere, relax=90.0)
     assert len(patch.cuts) > 0
@@ -288,6 +291,7 @@ def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject,
     assert np.linalg.norm(centres[0] - centres[1]) < 0.05
 
 
+@pytest.mark.slow
 def test_a_closed_surface_cut_by_lines_alone_makes_a_template(subject, sphere, tmp_path):
     cut = voxflat.cut(subject / "lh.white", cuts="automatic", sphere=sphere, relax=150.0)
     cut.save_template(tmp_path / "lines.json")
@@ -356,6 +360,7 @@ def test_maps_cut_by_a_template_lie_as_fsaverage5s_flat_map_does(flat, sphere):
     assert top[1] > bottom[1] + 100
 
 
+@pytest.mark.slow
 def test_small_changes_turn_a_map_by_less_than_a_degree(flat, subject, sphere):
     white, _, faces = lab.hemisphere()
     places = sphere / 100
@@ -368,6 +373,7 @@ def test_small_changes_turn_a_map_by_less_than_a_degree(flat, subject, sphere):
         assert abs(turn_between(other, flat, on, places)) < 1
 
 
+@pytest.mark.slow
 def test_mirrored_maps_exchange_left_and_right_alone(flat, subject):
     mirrored = voxflat.flatten(subject / "lh.white", mirror=True, **FEW)
     assert np.array_equal(mirrored.uv, flat.uv * [-1, 1])
@@ -407,6 +413,7 @@ def test_a_turn_onto_places_is_rigid_and_the_best():
 # ---------------------------------------------------------------------------------------- the command line
 
 
+@pytest.mark.slow
 def test_the_command_line_saves_a_template_and_applies_it(subject, tmp_path, monkeypatch):
     from click.testing import CliRunner
 

@@ -215,8 +215,8 @@ def traced(
         if aside[way].max() > astray:
             aside_mm = 100 * min(float(aside[way].max()), _FAR)
             raise InputError(
-                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its place on a sphere of 100 mm: what is left "
-                "out lies in its way; give other regions, or cuts='automatic'"
+                f"the cut {cut.name!r} would run {aside_mm:.0f} mm beside its place on a sphere of 100 mm: what is "
+                "left out lies in its way; give other regions, or cuts='automatic'"
             )
         vertices = way[::-1]
         steps = np.diff(part.points[vertices], axis=0)
