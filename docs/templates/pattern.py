@@ -15,6 +15,7 @@ from pathlib import Path
 import nibabel
 import nilearn
 import numpy as np
+
 from voxflat import _core
 from voxflat.surfaces.standard.pattern import DEPTH_UNIT, PLACE_UNIT, SIDES, WEIGHT_UNIT, icosphere
 
@@ -43,11 +44,18 @@ def template(side: str) -> dict[str, np.ndarray]:
     depths = np.clip(np.rint(on_grid[:, :3].T / DEPTH_UNIT), -127, 127).astype(np.int8)
     places = np.rint(on_grid[:, 3:6] / PLACE_UNIT).astype(np.int16)
     weights = np.rint(on_grid[:, 6] / WEIGHT_UNIT).astype(np.uint8)
-    return {"depths": depths, "places": np.diff(places, axis=0, prepend=np.int16(0)).astype(np.int16), "weights": weights}
+    return {
+        "depths": depths,
+        "places": np.diff(places, axis=0, prepend=np.int16(0)).astype(np.int16),
+        "weights": weights,
+    }
 
 
 if __name__ == "__main__":
     arrays = {f"{side}_{name}": array for side in SIDES for name, array in template(side).items()}
-    told = {"made by": "docs/templates/pattern.py", "of": f"fsaverage5, nilearn {importlib.metadata.version('nilearn')}"}
+    told = {
+        "made by": "docs/templates/pattern.py",
+        "of": f"fsaverage5, nilearn {importlib.metadata.version('nilearn')}",
+    }
     np.savez_compressed(OUT, provenance=np.array(json.dumps(told)), **arrays)
     print(OUT, OUT.stat().st_size, "bytes")

@@ -24,5 +24,19 @@ def main() -> None:
     """Flatten curved surfaces, above all the cortex, into the plane while keeping geodesic distances."""
 
 
-for module in (flatten, check, surface, cut, register, path, measure, patches, rows, image, texture, demo):  # a command each
+_MODULES = (
+    flatten,
+    check,
+    surface,
+    cut,
+    register,
+    path,
+    measure,
+    patches,
+    rows,
+    image,
+    texture,
+    demo,
+)  # a command each
+for module in _MODULES:
     main.add_command(module.command)

@@ -53,4 +53,6 @@ def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json:
         told = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}
         print_json({**told, **made.figures, "warnings": list(made.remarks), "provenance": made.provenance})
         return
-    click.echo(f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}")
+    click.echo(
+        f"{made.side} hemisphere, confidence {made.confidence:.2f}\n{len(made.points)} vertices\nsaved as {output}"
+    )
