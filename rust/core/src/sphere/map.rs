@@ -23,8 +23,10 @@ use crate::surface::decimate::{self, Decimation, decimate};
 use crate::surface::mesh::{BORDER, next};
 use crate::surface::topology::Topology;
 
-/// How many times as many vertices a level has as the next coarser one.
+/// How many times as many vertices a level has as the next coarser one; and below so many vertices, where places get narrow.
 const FALL: f64 = 2.0;
+const SMALL_FALL: f64 = 1.25;
+const SMALL: usize = 1000;
 
 /// Below so many vertices, only topology is kept while decimating.
 const COARSE: usize = 200;
@@ -206,10 +208,11 @@ pub(crate) fn levels(surface: &Surface, control: &Control) -> Result<Vec<Decimat
         if finer.len() == LEAST {
             return Ok(levels);
         }
-        let vertices = ((finer.len() as f64 / FALL) as usize).max(LEAST);
+        let fall = if finer.len() > SMALL { FALL } else { SMALL_FALL };
+        let vertices = ((finer.len() as f64 / fall) as usize).max(LEAST);
         let options = decimate::Options { vertices, any_shape: vertices < COARSE, ..Default::default() };
         let mut level = decimate(finer, &[], &options, control)?;
-        if level.survivors.len() as f64 > 0.8 * finer.len() as f64 {
+        if 2 * level.survivors.len() > finer.len() + vertices {
             level = decimate(finer, &[], &decimate::Options { any_shape: true, ..options }, control)?;
         }
         if level.survivors.len() == finer.len() {
@@ -376,7 +379,7 @@ impl Metric {
         let normal = |corner: u32| {
             let (face, k) = (corner as usize / 3, corner as usize % 3);
             let [b, c] = [1, 2].map(|n| places[surface.faces()[face][(k + n) % 3] as usize]);
-            b.cross(&c)
+            b.cross(&(c - b))
         };
         let is_sound = |place: &Vector3<f64>| {
             self.corners(vertex).iter().all(|&corner| {
@@ -482,7 +485,7 @@ struct Slopes {
 
 impl Term {
     fn new(b: Vector3<f64>, c: Vector3<f64>, [x, y, z]: [f64; 3], double: f64) -> Self {
-        Self { k: 0.5 * x * (c - b).norm_squared() + y + z, g: c * y + b * z, m: b.cross(&c), s: double * double }
+        Self { k: 0.5 * x * (c - b).norm_squared() + y + z, g: c * y + b * z, m: b.cross(&(c - b)), s: double * double }
     }
 
     fn energy(&self, x: &Vector3<f64>) -> f64 {

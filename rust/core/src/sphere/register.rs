@@ -22,11 +22,12 @@ const MOST_VERTICES: usize = 12_000;
 /// Rotations that are tried: some 11° apart.
 const ROTATIONS: usize = 6000;
 
-/// How many of them are refined.
+/// How many of them are judged again, at all vertices that judge, and how many of these are refined.
+const AGAIN: usize = 300;
 const REFINED: usize = 24;
 
-/// Vertices at which rotations are judged.
-const JUDGED: usize = 500;
+/// Vertices at which rotations are judged, of which every third judges first.
+const JUDGED: usize = 450;
 
 /// Sweeps over the vertices that come back on a level.
 const NEW_SWEEPS: usize = 3;
@@ -151,7 +152,7 @@ pub fn register(
     let level = |n: usize| if n == 0 { &closed } else { &levels[n - 1].surface };
     let depth = (0..=levels.len()).find(|&n| level(n).len() <= MOST_VERTICES).unwrap_or(levels.len());
     let subject = Subject::new(level(depth), laid_out(&closed, &levels, depth, control)?, control)?;
-    control.begin("trying rotations", (ROTATIONS * templates.len()) as u64);
+    control.begin("trying rotations", ((ROTATIONS + AGAIN) * templates.len()) as u64);
     let align = |template: &Template| {
         let locator = template.locator();
         let rotation = subject.rotation(template, &locator, control)?;
@@ -306,16 +307,20 @@ impl<'a> Subject<'a> {
             let correlations = self.correlations(template, of, &at);
             Alignment::new(correlations, self.rigid_fit(template, of, &at)).score
         };
-        let mut tried: Vec<(f64, usize)> = (0..ROTATIONS)
-            .into_par_iter()
-            .map(|n| {
+        let best = |of: &[u32], among: Vec<usize>, count: usize| {
+            let judge = |n: usize| {
                 control.check()?;
                 control.advance();
-                Ok((score(&rotation(n, ROTATIONS), &self.judged), n))
-            })
-            .collect::<Result<_>>()?;
-        tried.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        tried.truncate(REFINED);
+                Ok((score(&rotation(n, ROTATIONS), of), n))
+            };
+            let mut found: Vec<(f64, usize)> = among.into_par_iter().map(judge).collect::<Result<_>>()?;
+            found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            found.truncate(count);
+            Ok(found)
+        };
+        let few: Vec<u32> = self.judged.iter().copied().step_by(3).collect();
+        let promising = best(&few, (0..ROTATIONS).collect(), AGAIN)?.into_iter().map(|(_, n)| n).collect();
+        let tried = best(&self.judged, promising, REFINED)?;
         let refine = |&(value, n): &(f64, usize)| {
             let (mut best, mut value) = (rotation(n, ROTATIONS), value);
             for angle in [0.1f64, 0.05, 0.025, 0.0125] {
