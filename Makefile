@@ -121,7 +121,7 @@ gallery: demo $(T1PREP) ## the pictures of docs/gallery.md
 	$(RUN) python docs/gallery/flat_maps.py demo/map.npz $(T1PREP) docs/pictures
 
 pictures: demo gallery ## the pictures of the docs
-	cp demo/folds.png demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
 	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py

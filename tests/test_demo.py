@@ -27,7 +27,15 @@ def test_the_hemisphere_is_whole_and_its_map_is_fair(output):
 
 def test_everything_is_written_and_named(output):
     directory, flat_map, told = output
-    for name in ("flat_image.png", "grey_matter.png", "heat_map.png", "scatter.png", "spectrum.png", "patch_3d.png"):
+    for name in (
+        "folds.png",
+        "flat_image.png",
+        "grey_matter.png",
+        "heat_map.png",
+        "scatter.png",
+        "spectrum.png",
+        "patch_3d.png",
+    ):
         picture = np.asarray(Image.open(directory / name).convert("RGB"))
         assert min(picture.shape[:2]) > 400
         assert picture.std() > 20  # not blank

@@ -1,4 +1,4 @@
-"""Pictures of `docs/gallery.md`: folds, thickness of both hemispheres, an atlas with names, a statistic with two thresholds.
+"""Pictures of `docs/gallery.md`: folds, thickness of both hemispheres, an atlas with names, a thresholded statistic.
 
     python docs/gallery/flat_maps.py demo/map.npz .tools/t1prep docs/pictures
 

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::surface::mesh::Surface;
 
 /// Conjugate gradients end at this part of the first residual, or after so many steps.
-const SMALL: f64 = 1e-3;
+const SMALL: f64 = 3e-3;
 const STEPS: usize = 500;
 /// So many vertices are worth a thread's while.
 const FEW: usize = 4096;
@@ -98,12 +98,14 @@ impl Stiffness {
             control.check()?;
             let ap = applied(&p);
             let alpha = over(rz, dot(&p, &ap));
+            let before = rz;
+            rz = Vector3::zeros();
             for v in 0..y.len() {
                 y[v] += alpha.component_mul(&p[v]);
                 r[v] -= alpha.component_mul(&ap[v]);
+                z[v] = r[v] / diagonal[v];
+                rz += r[v].component_mul(&z[v]);
             }
-            z = scaled(&r);
-            let before = std::mem::replace(&mut rz, dot(&r, &z));
             let beta = over(rz, before);
             p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + beta.component_mul(p));
         }
