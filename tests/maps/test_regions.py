@@ -86,7 +86,7 @@ class TestRoundTrips:
         again = m.regions(on_map).volume(grid)
         assert set(np.unique(again.data)) == {0, 7}
         inside = (radius > INNER + 0.05) & (radius < OUTER - 0.05)  # triangles lie within the spheres, by 0.004 mm
-        assert dice(again.data * inside, labels * inside) > 0.98
+        assert dice(again.data * inside, labels * inside) > 0.985
         finer = m.image(Volume(labels, grid.affine), 0.25, **how)
         assert dice(m.regions(finer).volume(grid).data * inside, labels * inside) > 0.985
 
@@ -223,16 +223,16 @@ class TestFiles:
         np.testing.assert_array_equal(nib.load(tmp_path / "roi.func.gii").agg_data(), regions.vertex_labels)
 
     def test_volume(self, m, grid, tmp_path):
-        write_volume(tmp_path / "t1.nii.gz", grid.data, grid.affine)
+        write_volume(tmp_path / "t1.mgz", grid.data, grid.affine)
         regions = m.regions(drawn(m))
-        regions.save(tmp_path / "l.nii.gz", volume=tmp_path / "t1.nii.gz")
+        regions.save(tmp_path / "l.nii.gz", volume=tmp_path / "t1.mgz")
         image = nib.load(tmp_path / "l.nii.gz")
         np.testing.assert_array_equal(np.asarray(image.dataobj), regions.volume(grid).data)
         np.testing.assert_allclose(image.affine, grid.affine)
         record = json.loads(image.header.extensions[0].get_content())
-        assert str(tmp_path / "t1.nii.gz") in record["files"]
+        assert str(tmp_path / "t1.mgz") in record["files"]
         with pytest.raises(InputError, match="it is an input"):
-            regions.save(tmp_path / "t1.nii.gz", volume=tmp_path / "t1.nii.gz")
+            regions.save(tmp_path / "t1.mgz", volume=tmp_path / "t1.mgz")
         with pytest.raises(InputError, match="give the volume whose grid"):
             regions.save(tmp_path / "l.nii.gz")
         with pytest.raises(InputError, match="leave them out"):
@@ -241,7 +241,7 @@ class TestFiles:
             regions.save(tmp_path / "l.txt")
 
     def test_both_sides_of_a_cut(self):
-        points, faces = sphere(INNER, 3)
+        points, faces = sphere(INNER, 2)
         whole = voxflat.flatten((points, faces), sources=30)
         labels = whole.regions(whole.image(np.ones(len(points), int), 0.5)).vertex_labels
         assert np.count_nonzero(labels) == len(points)  # up to the map's border, which pixels meet only in part
@@ -314,6 +314,7 @@ class TestDrawings:
         with pytest.raises(FileNotFoundError):
             m.regions(tmp_path / "none.svg")
 
+    @pytest.mark.slow
     def test_shapes_of_napari(self, m):
         """In napari's world the axes are −v and u; its ellipses have the corners of their boxes."""
         layer = pytest.importorskip("napari.layers").Shapes(

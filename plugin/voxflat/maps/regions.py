@@ -30,6 +30,7 @@ from voxflat.maps.depth import Depths
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
+from voxflat.maps.sampling import majority
 
 __all__ = ["REGION_ENDINGS", "Regions", "regions_of"]
 
@@ -361,7 +362,7 @@ def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """A label image on the pixels of the map."""
+    """A label image on the pixels of the map: between their centres the label of the greatest weight."""
 
     data: NDArray[np.int64]
     raster: Raster
@@ -377,9 +378,15 @@ class _Pixels:
         size, (height, width) = self.raster.pixel_size, self.raster.shape
         at = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
         is_on = (at > -0.5 - _BESIDE).all(axis=1) & (at < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
-        rows, columns = np.clip(np.floor(at[is_on] + 0.5).astype(np.int64), 0, [height - 1, width - 1]).T
+        last = np.array([height - 1, width - 1])
+        on = np.clip(at[is_on], 0, last)
+        low = np.minimum(np.floor(on).astype(np.int64), np.maximum(last - 1, 0))
+        rows, columns = low.T
+        values = [self._continued[rows + i * (height > 1), columns + j * (width > 1)] for i in (0, 1) for j in (0, 1)]
+        down, right = (on - low).T
+        weights = [(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right]
         found = np.zeros(len(places), dtype=np.int64)
-        found[is_on] = self._continued[rows, columns]
+        found[is_on] = majority(np.stack(values, axis=1), np.stack(weights, axis=1)).astype(np.int64)
         return found
 
 

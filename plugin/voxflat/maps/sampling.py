@@ -86,13 +86,26 @@ def _by_voxels(data: Any, at: NDArray[np.float64], interpolation: str) -> NDArra
     if interpolation == "nearest":
         near = np.maximum(np.floor(at + 0.5), 0).astype(np.int32)
         return voxels_at(data, near, _CORNERS[:1])[:, 0].astype(np.float64)
-    values, low = _around(data, at)
     if interpolation == "majority":
-        return majority(values, _weights(at, low, data))
+        return _majority_at(data, at[:, None])
+    values, low = _around(data, at)
     found = np.empty(len(at))
     for first in range(0, len(at), _BLOCK):
         part = slice(first, first + _BLOCK)
         found[part] = (values[part].astype(np.float64) * _weights(at[part], low[part], data)).sum(axis=1)
+    return found
+
+
+def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the label of most weight around several places together, shape (P, K, 3), each."""
+    count = at.shape[1]
+    values, low = _around(data, at.reshape(-1, 3))
+    values = values.reshape(-1, 8 * count)
+    _check_labels(values)
+    found = values[:, 0].astype(np.float64)
+    mixed = (values != values[:, :1]).any(axis=1)  # elsewhere all agree, and weights need not be known
+    weights = _weights(at[mixed].reshape(-1, 3), low.reshape(-1, count, 3)[mixed].reshape(-1, 3), data)
+    found[mixed] = majority(values[mixed], weights.reshape(-1, 8 * count))
     return found
 
 
@@ -106,7 +119,8 @@ def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[n
 def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDArray[np.float64]:
     """Return the weights of the eight voxels; beyond the outermost centres the values go on."""
     beyond = np.clip(at, 0, np.asarray(data.shape[:3]) - 1) - low
-    return np.asarray(np.where(_CORNERS, beyond[:, None], 1 - beyond[:, None]).prod(axis=-1))
+    i, j, k = (np.stack([1 - part, part], axis=1) for part in beyond.T)
+    return np.asarray((i[:, :, None, None] * j[:, None, :, None] * k[:, None, None, :]).reshape(-1, 8))
 
 
 def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -129,16 +143,11 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
     InputError
         If values are no whole numbers.
     """
-    if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
-        raise InputError(
-            "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
-        )
+    _check_labels(values)
     found = values[:, 0].astype(np.float64)
     mixed = np.flatnonzero((values != values[:, :1]).any(axis=1))  # elsewhere all agree
-    if len(mixed) == 0:
-        return found
     labels, which = np.unique(values[mixed], return_inverse=True)
-    count = len(labels)
+    count = max(len(labels), 1)
     rows = np.repeat(np.arange(len(mixed), dtype=np.int64), values.shape[1])
     keys, item = np.unique(rows * count + which.ravel(), return_inverse=True)
     total = np.bincount(item.ravel(), weights[mixed].ravel())
@@ -146,6 +155,13 @@ def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArra
     first = np.flatnonzero(np.diff(keys[order] // count, prepend=-1))
     found[mixed] = labels[keys[order][first] % count]
     return found
+
+
+def _check_labels(values: NDArray[Any]) -> None:
+    if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
+        raise InputError(
+            "interpolation is 'majority', which is of labels, but values are no whole numbers: give 'linear'"
+        )
 
 
 def sample_layers(
@@ -207,15 +223,9 @@ def sample_mean(
         together = np.stack(places)
         where, inside = _indices(volume, together)
         everywhere = inside.all(axis=0)
-        at = where[:, everywhere].reshape(-1, 3)
-        found, low = _around(volume.data, at)
-        count = len(places)
-        values, weights = (
-            part.reshape(count, -1, 8).swapaxes(0, 1).reshape(-1, 8 * count)
-            for part in (found, _weights(at, low, volume.data))
-        )
+        at = where[:, everywhere].swapaxes(0, 1)  # (P, depths, 3)
         image = np.full(everywhere.shape, np.nan)
-        image[everywhere] = majority(values, weights)
+        image[everywhere] = _majority_at(volume.data, at)
         return image
     layers = sample_layers(volume, places, interpolation)
     if len(layers) == 1:
