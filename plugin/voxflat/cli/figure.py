@@ -50,7 +50,8 @@ Examples:
     "--depth",
     metavar="MM[,MM...]",
     callback=options.numbers,
-    help="How far outside the surface to sample volumes, mm; of several the mean, or most frequent label.  [default: 0]",
+    help="How far outside the surface to sample volumes, mm; of several the mean, of labels the most frequent.  "
+    "[default: 0]",
 )
 @click.option(
     "--fraction",
