@@ -239,7 +239,7 @@ def test_an_unknown_space_has_no_directions_and_no_side(flat_map, caplog):
     marks = {text.get_text() for text in texts(figures.flat_map(bare), "marks")}
     assert len(marks) == 1  # the scale bar
     assert "space of the surface is unknown" in caplog.text
-    assert side(dataclasses.replace(bare, metadata={**metadata, "side": "right"})) == "R"
+    assert side(dataclasses.replace(bare, metadata={**metadata, "sphere": {"side": "right"}})) == "R"
 
 
 def test_the_scale_bar_is_as_long_as_it_says(flat_map):

@@ -81,8 +81,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
 
 
 def side(flat_map: FlatMap) -> str | None:
-    """Return "L" or "R" where it is known of which hemisphere a map is, by its file or its registration."""
-    told = (flat_map.metadata.get("structure"), flat_map.metadata.get("side"))
+    """Return "L" or "R" where it is known of which hemisphere a map is, by its file or its registered sphere."""
+    told = (flat_map.metadata.get("structure"), (flat_map.metadata.get("sphere") or {}).get("side"))
     return next((_SIDES[one] for one in told if one in _SIDES), None)
 
 
