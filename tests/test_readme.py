@@ -49,11 +49,11 @@ def test_the_python_example_runs(lab):
 @pytest.mark.slow
 def test_the_commands_run(lab):
     commands = re.findall(r"^ {4}voxflat (.*)$", README, re.MULTILINE)
-    assert len(commands) == 4
+    assert len(commands) == 5
     for command in commands:
         result = CliRunner().invoke(cli.main, shlex.split(command), prog_name="voxflat")
         assert result.exit_code == 0, result.output
-    assert {path.name for path in lab.iterdir()} >= {"map.npz", "t1_flat.png", "distortion.png"}
+    assert {path.name for path in lab.iterdir()} >= {"map.npz", "t1_flat.png", "distortion.png", "t1_figure.png"}
 
 
 def test_links_lead_somewhere_and_from_the_readme_to_every_page():

@@ -349,6 +349,33 @@ class TestCommand:
         assert self.run(saved, "-o", tmp_path / "a.tif").exit_code != 0
 
 
+def test_what_is_drawn_into_a_figure_finds_its_place(flat_map, tmp_path):
+    """A closed path in a layer of its own, at the places of three points of the map, as Inkscape writes it."""
+    figures.save(figures.flat_map(flat_map, title="sheet"), tmp_path / "folds.svg")
+    text = (tmp_path / "folds.svg").read_text()
+    root = ElementTree.fromstring(text)
+    left, right, bottom, top = (float(value) for value in root.get("data-voxflat-extent").split())
+    x, y, width, height = (float(value) for value in root.get("data-voxflat-axes").split())
+    assert (left, bottom) == pytest.approx(flat_map.uv.min(axis=0), abs=1e-6)
+    assert (right, top) == pytest.approx(flat_map.uv.max(axis=0), abs=1e-6)
+    assert width / (right - left) == pytest.approx(height / (top - bottom), rel=1e-3)
+    corners = flat_map.uv[[0, LONG * HIGH - HIGH, LONG * HIGH - 1]]
+    drawn = (corners - [left, top]) * [width / (right - left), -height / (top - bottom)] + [x, y]
+    path = " L ".join(f"{u:.6f},{v:.6f}" for u, v in drawn)
+    layer = (
+        '<g inkscape:groupmode="layer" inkscape:label="rois" id="layer9">'
+        f'<path inkscape:label="corner" d="M {path} Z" style="fill:#ff0000"/></g></svg>'
+    )
+    (tmp_path / "drawn.svg").write_text(text.replace("</svg>", layer))
+    drawn, given = flat_map.regions(tmp_path / "drawn.svg"), flat_map.regions({"corner": corners})
+    assert drawn.names == ("corner",)
+    low, high = flat_map.uv.min(axis=0), flat_map.uv.max(axis=0)
+    places = np.random.default_rng(0).uniform(low, high, (4000, 2))
+    differing = drawn.at(places) != given.at(places)
+    assert 500 < (given.at(places) > 0).sum() < 3000
+    assert differing.mean() < 0.002  # on the border, to 0.01 mm
+
+
 def test_depth_is_of_volumes_alone(flat_map):
     """Values at vertices have none: with a volume of parcels beside them it is the parcels'."""
     values = np.arange(COUNT, dtype=float)

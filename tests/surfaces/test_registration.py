@@ -1,5 +1,6 @@
 """A surface on fsaverage's sphere: what must be true of every registration."""
 
+import anatomy
 import lab
 import numpy as np
 import pytest
@@ -152,3 +153,30 @@ def test_the_file_is_a_sphere_of_radius_100_of_the_same_vertices(hemispheres, le
     assert np.array_equal(np.sort(read.faces, axis=1), np.sort(hemispheres["left"][2], axis=1))
     assert read.metadata["structure"] in ("CortexLeft", None)
     assert left.provenance["parameters"]["side"] == "left"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, side):
+    points, sphere, faces = hemispheres[side]
+    known = voxflat.cut((points, faces), cuts="standard", sphere=sphere, relax=False)
+    found = voxflat.cut((points @ rotation(3) + [10, 20, 30], faces), cuts="standard", relax=False)
+    assert [cut.name for cut in found.cuts] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
+    topology = found.surface.core.topology()
+    assert (topology["euler"], len(topology["loops"])) == (1, 1)
+    assert any("registered by its folds" in remark for remark in found.remarks)
+    for ours, theirs in zip(found.cuts, known.cuts, strict=True):
+        distances = np.linalg.norm(points[ours.ids][:, None] - points[theirs.ids], axis=2)
+        assert distances.min(axis=1).mean() < 5
+
+
+@pytest.mark.slow
+def test_a_volume_gets_standard_cuts_too():
+    """A hemisphere straight from voxels: the larger pieces beside it are left to their own."""
+    white, _, faces = lab.hemisphere()
+    labels, affine, _ = anatomy.voxelise(white, faces, 2.0)
+    labels[:4, :4, :4] = 1
+    found = voxflat.cut(labels, affine=affine, cuts="standard", relax=False)
+    assert len(found.cuts) == 5
+    topology = found.surface.core.topology()
+    assert (topology["euler"], len(topology["loops"])) == (1, 1)

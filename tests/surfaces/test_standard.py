@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat import InputError, _core
 from voxflat.io.overlays import read_region
+from voxflat.surfaces.standard.pattern import icosphere
 from voxflat.surfaces.standard.sphere import _FS_LR, in_triangles, sphere_of
 from voxflat.surfaces.standard.template import read_template, standard_template
 
@@ -220,8 +221,9 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
     ):
         with pytest.raises(InputError, match=reason):
             sphere_of(whole, given)
-    with pytest.raises(InputError, match="need the surface's registered sphere"):
-        voxflat.cut((white, faces), cuts="standard")
+    ball = 30 * icosphere(4)[0], icosphere(4)[1]
+    with pytest.raises(InputError, match="no hemisphere of a cortex"):
+        voxflat.cut(ball, cuts="standard")
     with pytest.raises(InputError, match="sphere"):
         voxflat.flatten(np.ones((3, 3, 3)), method="grossmann2002", sphere=sphere)
 

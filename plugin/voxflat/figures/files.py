@@ -52,7 +52,7 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
         with rc_context(_TEXT):
             figure.savefig(temporary, format=kind, dpi=max(_DPI, figure.dpi), metadata=_metadata(kind, record))
         if kind == "svg":
-            name_layers(temporary)
+            name_layers(temporary, figure)
 
 
 def _metadata(kind: str, record: Record | None) -> dict[str, Any] | None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
+from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names
 from voxflat.maps.colours import WINDOW, label_colours, passing
@@ -44,6 +45,7 @@ _EDGES = {"curvature": 0.02, "sulcal depth": 0.8}  # from where on it is all gyr
 _PARCELS_OPACITY = 0.75
 _NAMES_PIXEL = 0.2  # mm of paper
 _POINT = _INCH / 72
+_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8, "gid": "marks"}  # a name over data
 
 
 def flat_map(
@@ -342,6 +344,7 @@ class _Page:
         for axes in (self.paper, self.axes):
             axes.set_axis_off()
             axes.patch.set_visible(False)
+        self.axes.set_label(MAP)
         self.box = box
 
     @classmethod
@@ -466,4 +469,4 @@ class _Page:
         self.text((x + end) / 2, 5.4, f"{length:g} mm", "marks")
         for name, u, v in cut_names(flat_map):
             x, y = self.at(u, v)
-            self.text(x, y, name, "marks", style="italic", color="0.15")
+            self.text(x, y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)

@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-__all__ = ["LAYERS", "name_layers"]
+from matplotlib.figure import Figure
+
+from voxflat.io.svg import AXES, EXTENT
+
+__all__ = ["LAYERS", "MAP", "name_layers"]
+
+MAP = "map"
+"""What the axes of a flat map are labelled, in mm of the map."""
 
 LAYERS = ("curvature", "data", "parcels", "names", "marks")
 """Layers of a flat map, from below, by the gid of the artists that they hold."""
@@ -24,13 +31,17 @@ _PREFIXES = {
 }
 
 
-def name_layers(path: Path) -> None:
+def name_layers(path: Path, drawn: Figure) -> None:
     """Sort what an SVG file of matplotlib draws into layers, where artists have their names as gid.
+
+    The root tells where the map lies, so that regions that are drawn into the file find their way back.
 
     Parameters
     ----------
     path : Path
         The file; a figure without such artists stays as it is.
+    drawn : matplotlib.figure.Figure
+        What it shows.
     """
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):
@@ -40,12 +51,18 @@ def name_layers(path: Path) -> None:
         ElementTree.register_namespace(prefix, uri)
     root = ElementTree.fromstring(text)
     layers: dict[str, Any] = {name: _layer(name) for name in ("background", *LAYERS)}
+    for axes in drawn.axes:
+        if axes.get_label() == MAP:
+            box, (width, height) = axes.get_position(), 72 * drawn.get_size_inches()  # in points, y downwards
+            at = (box.x0 * width, (1 - box.y1) * height, box.width * width, box.height * height)
+            root.set(AXES, " ".join(f"{value:.6g}" for value in at))
+            root.set(EXTENT, " ".join(f"{value:.9g}" for value in (*axes.get_xlim(), *axes.get_ylim())))
     figure = next(child for child in root if child.get("id", "").startswith("figure"))
     _sort(figure, layers)
-    at = list(root).index(figure)
+    place = list(root).index(figure)
     root.remove(figure)
     for layer in reversed([layer for layer in layers.values() if len(layer)]):
-        root.insert(at, layer)
+        root.insert(place, layer)
     body = ElementTree.tostring(root, encoding="unicode")
     path.write_text((head[0] if head else "") + body + "\n", encoding="utf-8")
 
