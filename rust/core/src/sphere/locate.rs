@@ -129,7 +129,7 @@ fn cell_of(place: &Vector3<f64>, side: usize) -> usize {
 fn centre_of_cell(face: usize, row: usize, column: usize, side: usize) -> Vector3<f64> {
     let of = |n: usize| (2.0 * n as f64 + 1.0) / side as f64 - 1.0;
     let mut place = Vector3::zeros();
-    place[face / 2] = if face % 2 == 0 { 1.0 } else { -1.0 };
+    place[face / 2] = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
     place[(face / 2 + 1) % 3] = of(row);
     place[(face / 2 + 2) % 3] = of(column);
     place.normalize()

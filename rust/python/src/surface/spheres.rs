@@ -17,6 +17,8 @@ use crate::work::{InputError, run, to_python};
 
 /// A template's depths (K, N), places (N, 3) and weights (N,).
 type Values<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>);
+type Pattern<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+type Located<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>);
 
 #[pymethods]
 impl Surface {
@@ -34,11 +36,7 @@ impl Surface {
 
     /// The pattern of folds: depths (K, N) scale by scale, places (N, 3) on the smoothed surface, and areas (N,).
     #[pyo3(signature = (progress=None))]
-    fn pattern<'py>(
-        &self,
-        py: Python<'py>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+    fn pattern<'py>(&self, py: Python<'py>, progress: Option<Bound<'py, PyAny>>) -> PyResult<Pattern<'py>> {
         let inner = Arc::clone(&self.0);
         let count = inner.surface.len();
         let of = run(py, Some(1), progress.as_ref(), move |control| pattern(&inner.surface, control))?;
@@ -105,7 +103,7 @@ pub fn locate_on_sphere<'py>(
     points: PyReadonlyArray2<'py, f64>,
     faces: PyReadonlyArray2<'py, i64>,
     places: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;
     let found: Vec<_> = py.detach(|| {
