@@ -142,6 +142,7 @@ class Surface:
         length: float | None = None,
         least_relief: float = 0.0,
         bearable: float = 0.0,
+        within: float | None = None,
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[Surface, list[dict[str, Any]], list[float]]: ...

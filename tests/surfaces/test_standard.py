@@ -147,6 +147,22 @@ def test_standard_cuts_are_made_where_nobody_has_said_what_to_flatten(subject, t
     assert rows.shape[1] == lab.VERTICES  # distances are not asked to be cut
 
 
+@pytest.mark.slow
+def test_cuts_adapt_within_a_distance(subject, standard):
+    adapted = voxflat.cut(subject / "lh.white", adapt=12.0)
+    by_reason = {reason: [cut for cut in adapted.cuts if cut.reason == reason] for reason in ("template", "relaxation")}
+    assert [cut.name for cut in by_reason["template"]] == NAMES
+    assert by_reason["relaxation"]
+    assert is_disk(adapted)
+    white = lab.hemisphere()[0]
+    places = KDTree(white[np.concatenate([cut.ids for cut in standard.cuts])])
+    assert max(places.query(white[cut.ids])[0].max() for cut in by_reason["relaxation"]) <= 12
+    other = {"adapt": 12.0, "cuts": "automatic"}
+    for wrong in (other, {"adapt": -1.0}, {"adapt": 5.0, "relax": False}, {"adapt": True}):
+        with pytest.raises(InputError, match="adapt"):
+            voxflat.cut(subject / "lh.white", **wrong)
+
+
 def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subject, sphere, tmp_path):
     (tmp_path / "lh.white").write_bytes((subject / "lh.white").read_bytes())
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere[:642], ConvexHull(sphere[:642]).simplices)

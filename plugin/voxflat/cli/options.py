@@ -329,6 +329,12 @@ relax = _group(
         help="Cut the disk further where that relieves the map, as long as it pays.  [default: where nobody"
         " has said where to cut]",
     ),
+    click.option(
+        "--adapt",
+        type=click.FloatRange(min=0, min_open=True),
+        metavar="MM",
+        help="Let a template's cuts grow and branch where that relieves the map, within so many mm of their place.",
+    ),
 )
 """Which cuts are made beyond those that make a disk."""
 

@@ -49,6 +49,7 @@ def flatten(
     sphere: object | None = None,
     mirror: bool = False,
     relax: float | bool | None = None,
+    adapt: float | None = None,
     sources: int | ArrayLike | None = None,
     sampling: str | None = None,
     geodesic: str | None = None,
@@ -125,6 +126,9 @@ def flatten(
         closed like a sphere is then cut only where distances would be more than 4 % off, and if that takes a tenth off
         their error; and a disk that was handed over as it is, a scan or a patch that someone has cut, only where they
         would be more than 15 % off.
+    adapt : float, optional
+        Let the cuts of a template grow where that relieves the map, longer and with branches, as long as it pays, no
+        farther from where they are than this, mm. By default they stay the same for every brain.
     sources : int or array_like, optional
         How many points distances are measured from, or which: voxel indices (m, 3), or vertex numbers (m,). By default
         $sources, "grossmann2002": $sources_grossmann2002, "zigelman2002": $sources_zigelman2002, "schwartz1989":
@@ -196,6 +200,7 @@ def flatten(
         sphere=sphere,
         mirror=mirror,
         relax=relax,
+        adapt=adapt,
         sources=sources,
         sampling=sampling,
         geodesic=geodesic,
@@ -228,7 +233,7 @@ def flatten(
     way = _OVER_TRIANGLES[method]
     own = way.checked(**{name: taken[name] for name in _OWN if name in taken})
     whole = _surface(surface, **place, threads=how.threads, **common)
-    patch |= {name: taken[name] for name in ("drop", "polygon", "cuts", "sphere", "relax")}
+    patch |= {name: taken[name] for name in ("drop", "polygon", "cuts", "sphere", "relax", "adapt")}
     cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
     flat: FlatMap = way.flatten(cut, how, **own)
     return flat

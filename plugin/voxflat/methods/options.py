@@ -35,6 +35,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "mirror": dict.fromkeys(_OVER_TRIANGLES, False),
     # None: as long as it pays, unless someone has said where to cut; gluing cuts where it must
     "relax": {**dict.fromkeys(_OVER_TRIANGLES), "saucan2006": False},
+    "adapt": dict.fromkeys(_OVER_TRIANGLES),
     # voxflat: more change no map that was measured; the papers': 1,000; 25 x 25; fewer than 50 leave starts in a fold
     "sources": {"voxflat": 400, "grossmann2002": 1000, "zigelman2002": 625, "schwartz1989": 50},
     "sampling": {

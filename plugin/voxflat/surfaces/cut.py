@@ -182,6 +182,7 @@ def cut(
     cuts: object | None = None,
     sphere: object | None = None,
     relax: float | bool | None = None,
+    adapt: float | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -190,8 +191,8 @@ def cut(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, relax, threads, \
-memory_limit, progress
+    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, relax, adapt, \
+threads, memory_limit, progress
         As in `flatten`.
 
     Returns
@@ -216,6 +217,7 @@ memory_limit, progress
         cuts=cuts,
         sphere=sphere,
         relax=relax,
+        adapt=adapt,
         threads=threads,
         progress=progress,
     )

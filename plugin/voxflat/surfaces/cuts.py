@@ -132,14 +132,21 @@ def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any
 # ------------------------------------------------------------------------------------------- holes and automatic cuts
 
 
-def check_relax(relax: float | bool | None) -> None:
+def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """Refuse what says not how far to relax.
 
     Parameters
     ----------
     relax : bool, float or None
         As in `voxflat.flatten`.
+    adapt : float or None
+        As there.
     """
+    if adapt is not None:
+        if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
+            raise InputError(f"adapt is {adapt!r}; give how far from the template's cuts further ones may lie, in mm")
+        if relax is False:
+            raise InputError("adapt relaxes near the template's cuts, relax=False forbids it: give one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
         raise InputError(f"relax is {relax!r}; give True, False, or the length of the cuts in mm")
 
@@ -186,6 +193,7 @@ def opened(
     is_fixed: bool = False,
     is_cut: bool = False,
     is_given: bool = False,
+    adapt: float | None = None,
 ) -> tuple[Surface, list[dict[str, Any]], list[str]]:
     """Cut open what is no disk, and further where that relieves the map.
 
@@ -203,6 +211,8 @@ def opened(
         Whether someone has said where it is cut: then it is relaxed on demand only.
     is_given : bool
         Whether this is the surface that was handed over: if it is a disk, it is relaxed on demand or in need only.
+    adapt : float, optional
+        How far from the cuts that it has further ones may lie, mm: then they are made.
 
     Returns
     -------
@@ -224,13 +234,13 @@ def opened(
         _name(part, cuts)
         part = part.with_core(core)
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
-    if relax is False or (relax is None and is_cut and not was_closed):
+    if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
         return part, cuts, remarks
     length = None if relax is None or relax is True else max(0.0, float(relax) - given)
     least_relief, bearable = 0.0, 0.0
-    if relax is None and not was_closed:
+    if relax is None and not was_closed and adapt is None:
         least_relief, bearable = _LEAST_RELIEF, _BEARABLE if is_given and topology["euler"] == 1 else _FINE
-    core, further, errors = part.core.relax(length, least_relief, bearable, threads, progress)
+    core, further, errors = part.core.relax(length, least_relief, bearable, adapt, threads, progress)
     if further:
         paths, total = _counted(further, "relaxation cut")
         before, after = (100 * error for error in errors)

@@ -71,6 +71,7 @@ def cut_out(
     cuts: object | None = None,
     sphere: object | None = None,
     relax: float | bool | None = None,
+    adapt: float | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     to_disk: bool = True,
@@ -82,7 +83,7 @@ def cut_out(
     ----------
     whole : Surface
         The surface.
-    keep, drop, seed_point, radius, polygon, cuts, sphere, relax, threads, progress
+    keep, drop, seed_point, radius, polygon, cuts, sphere, relax, adapt, threads, progress
         As in `voxflat.flatten`.
     to_disk : bool
         Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
@@ -96,7 +97,7 @@ def cut_out(
     radius = check_disk(seed_point, radius)
     if polygon is not None and seed_point is not None:
         raise InputError("a polygon is given, and a seed point with a radius, too; give one of them")
-    check_relax(relax)
+    check_relax(relax, adapt)
     remarks = list(whole.remarks)
     part = whole
     is_free = with_usual_cuts and keep is None and seed_point is None and polygon is None
@@ -157,17 +158,25 @@ def cut_out(
     is_cut = by_triangles or given is not None
     more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
     cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
-    return opened_to_disk(cut, relax, threads, progress) if to_disk else cut
+    if adapt is not None and not is_standard:
+        raise InputError("adapt is for the cuts of a template: give cuts='standard' or a template, or leave it out")
+    return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
-def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None, progress: Progress | None) -> Cutout:
+def opened_to_disk(
+    cut: Cutout,
+    relax: float | bool | None,
+    threads: int | None,
+    progress: Progress | None,
+    adapt: float | None = None,
+) -> Cutout:
     """Close small holes, and cut the rest open to a disk.
 
     Parameters
     ----------
     cut : Cutout
         As `cut_out` leaves it with ``to_disk=False``.
-    relax, threads, progress
+    relax, threads, progress, adapt
         As in `voxflat.flatten`.
 
     Returns
@@ -181,7 +190,15 @@ def opened_to_disk(cut: Cutout, relax: float | bool | None, threads: int | None,
     if relax or not is_fixed:
         given = cut.given_length or 0.0
         part, automatic, told = opened(
-            part, relax, given, threads, progress, is_fixed=is_fixed, is_cut=cut.is_cut, is_given=cut.is_whole
+            part,
+            relax,
+            given,
+            threads,
+            progress,
+            is_fixed=is_fixed,
+            is_cut=cut.is_cut,
+            is_given=cut.is_whole,
+            adapt=adapt,
         )
         faces = part.faces[: len(faces)]
         remarks += told
@@ -208,7 +225,7 @@ def sketch_error(part: Surface, threads: int | None, progress: Progress | None) 
     float
         Mean relative error, at the best scale; NaN where the disk is too small for a sketch.
     """
-    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, threads, progress)
+    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)
 
 

@@ -14,7 +14,7 @@ use super::check::check_disk;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::surface::Surface;
-use crate::surface::cuts::inward::{Inward, spread};
+use crate::surface::cuts::inward::{Inward, from_lips, spread};
 use crate::surface::cuts::{Cut, Reason, described};
 use crate::surface::decimate::{Options, decimate};
 use sketch::{LANDMARKS, Sketch};
@@ -47,12 +47,14 @@ pub struct Relaxation {
     pub least_relief: f64,
     /// None is made, either, where without any that error is no more than this.
     pub bearable: f64,
+    /// Cuts stay within this distance, mm along edges, of the cuts that the surface has: of vertices that share an id.
+    pub within: f64,
 }
 
 impl Default for Relaxation {
     /// As long as it pays: about 350 mm of a hemisphere without its medial wall.
     fn default() -> Self {
-        Self { length: f64::INFINITY, least_gain: 0.02, least_relief: 0.0, bearable: 0.0 }
+        Self { length: f64::INFINITY, least_gain: 0.02, least_relief: 0.0, bearable: 0.0, within: f64::INFINITY }
     }
 }
 
@@ -72,6 +74,9 @@ impl Relaxation {
         }
         if self.bearable.is_nan() || self.bearable < 0.0 {
             return refuse("bearable", self.bearable);
+        }
+        if self.within.is_nan() || self.within < 0.0 {
+            return refuse("within", self.within);
         }
         Ok(())
     }
@@ -114,6 +119,10 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
     if relaxation.length == 0.0 {
         return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
     }
+    let near: Option<Vec<bool>> = match relaxation.within {
+        f64::INFINITY => None,
+        within => Some(from_lips(surface, control)?.into_iter().map(|distance| distance <= within).collect()),
+    };
     let mut open = surface.clone().into_input(false); // a vertex' id is now its number
     let coarse = decimate(&open, &[], &Options { vertices: COARSE, ..Options::default() }, control)?.surface;
     control.begin("cutting", MOST_CUTS as u64);
@@ -121,7 +130,7 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
         return Ok(Relaxed { surface: surface.clone(), cuts: Vec::new(), energies: Vec::new(), errors: [f64::NAN; 2] });
     }
     let unit = surface.areas().iter().sum::<f64>().sqrt();
-    let mut trials = Trials::new(coarse, relaxation.least_gain / unit, control)?;
+    let mut trials = Trials::new(coarse, relaxation.least_gain / unit, near, control)?;
     let (mut cuts, mut energies) = (Vec::new(), vec![trials.sketch.energy]);
     let error = trials.sketch.error(control)?;
     let mut left = relaxation.length;
@@ -130,7 +139,9 @@ pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Re
         && let Some(trial) = trials.best(left, control)?
     {
         let path = Inward::of(&open, control)?.to(trial.slit.tip);
-        let (path, length) = shortened(surface, path.unwrap_or_default(), left); // it may be longer than the coarse one
+        let mut path = path.unwrap_or_default();
+        path.truncate(path.iter().take_while(|&&h| trials.allows(&open, h)).count());
+        let (path, length) = shortened(surface, path, left); // it may be longer than the coarse one
         if path.is_empty() {
             break;
         }
@@ -181,14 +192,26 @@ struct Trials {
     tips: Vec<Tip>,
     /// By how much a cut has to lower the energy, for each mm.
     least_rate: f64,
+    /// Where cuts may lie, by the ids of vertices; anywhere if there is none.
+    near: Option<Vec<bool>>,
 }
 
 impl Trials {
-    fn new(coarse: Surface, least_rate: f64, control: &Control) -> Result<Self> {
-        let sketch = Sketch::new(coarse, control)?;
-        let ids = spread(&sketch.surface, TIPS, control)?.into_iter().map(|v| sketch.surface.ids()[v as usize]);
-        let tips = ids.map(|id| Tip { id, gain: f64::INFINITY }).collect();
-        Ok(Self { sketch, tips, least_rate })
+    fn new(coarse: Surface, least_rate: f64, near: Option<Vec<bool>>, control: &Control) -> Result<Self> {
+        let mut trials = Self { sketch: Sketch::new(coarse, control)?, tips: Vec::new(), least_rate, near };
+        let surface = &trials.sketch.surface;
+        let tips = spread(surface, TIPS, |v| trials.is_near(surface.ids()[v as usize]), control)?;
+        trials.tips = tips.into_iter().map(|v| Tip { id: surface.ids()[v as usize], gain: f64::INFINITY }).collect();
+        Ok(trials)
+    }
+
+    fn is_near(&self, id: u32) -> bool {
+        self.near.as_ref().is_none_or(|near| near[id as usize])
+    }
+
+    /// May a cut run along a half-edge of a surface with these ids?
+    fn allows(&self, surface: &Surface, half_edge: u32) -> bool {
+        [surface.origin(half_edge), surface.target(half_edge)].iter().all(|&v| self.is_near(surface.ids()[v as usize]))
     }
 
     /// The cut, no longer than `longest` mm, that is worth most; none if none gains enough.
@@ -229,7 +252,8 @@ impl Trials {
         let surface = &self.sketch.surface;
         let inward = Inward::of(surface, control)?;
         let slit = |tip: &Tip| {
-            let (half_edges, length) = shortened(surface, inward.to(tip.id)?, longest);
+            let path = Some(inward.to(tip.id)?).filter(|path| path.iter().all(|&h| self.allows(surface, h)))?;
+            let (half_edges, length) = shortened(surface, path, longest);
             let tip = surface.ids()[surface.target(*half_edges.last()?) as usize];
             Some(Slit { tip, half_edges, length })
         };

@@ -103,22 +103,26 @@ impl Surface {
     }
 
     /// A disk with relaxation cuts of a length in all, or as many as pay, if the error of distances is more than what is bearable,
-    /// and they take a share off it; the cuts, and that error of a coarse map without and with them.
-    #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, threads=None, progress=None))]
+    /// and they take a share off it, within a distance (mm) of the cuts that it has; the cuts, and that error of a coarse map without
+    /// and with them.
+    #[pyo3(signature = (length=None, least_relief=0.0, bearable=0.0, within=None, threads=None, progress=None))]
+    #[expect(clippy::too_many_arguments)]
     fn relax<'py>(
         &self,
         py: Python<'py>,
         length: Option<f64>,
         least_relief: f64,
         bearable: f64,
+        within: Option<f64>,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<(Self, Bound<'py, PyList>, [f64; 2])> {
         let inner = Arc::clone(&self.0);
         let relaxation = match length {
             None => Relaxation { least_relief, bearable, ..Relaxation::default() },
-            Some(length) => Relaxation { length, least_gain: 0.0, least_relief, bearable },
+            Some(length) => Relaxation { length, least_gain: 0.0, least_relief, bearable, ..Relaxation::default() },
         };
+        let relaxation = Relaxation { within: within.unwrap_or(f64::INFINITY), ..relaxation };
         let relaxed = run(py, threads, progress.as_ref(), move |control| relax(&inner.surface, relaxation, control))?;
         Ok((relaxed.surface.into(), cut_list(py, relaxed.cuts)?, relaxed.errors))
     }

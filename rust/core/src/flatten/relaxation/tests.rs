@@ -67,13 +67,14 @@ fn cuts_that_hardly_mend_distances_are_not_made() {
     let all = relaxed(&cap, 3.0, 0.0);
     let [before, after] = all.errors;
     assert!(0.0 < after && after < 0.7 * before, "{before} {after}");
-    let least_relief = |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share, bearable: 0.0 };
+    let least_relief =
+        |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share, ..Relaxation::default() };
     let share = 1.0 - after / before;
     let made = |share| relax(&cap, least_relief(share), &Control::default()).unwrap();
     assert_eq!(made(share - 1e-9), all);
     let none = made(share + 1e-9);
     assert_eq!((none.cuts.len(), &none.surface, none.errors), (0, &cap, [before; 2]));
-    let bearable = |bearable| Relaxation { length: 3.0, least_gain: 0.0, least_relief: 0.0, bearable };
+    let bearable = |bearable| Relaxation { length: 3.0, least_gain: 0.0, bearable, ..Relaxation::default() };
     assert_eq!(relax(&cap, bearable(before * (1.0 - 1e-9)), &Control::default()).unwrap(), all);
     assert_eq!(relax(&cap, bearable(before * (1.0 + 1e-9)), &Control::default()).unwrap(), none);
 }
@@ -132,9 +133,29 @@ fn what_is_too_small_or_no_disk_or_not_wanted() {
         Relaxation { least_relief: 1.1, ..usual },
         Relaxation { bearable: f64::NAN, ..usual },
         Relaxation { bearable: -1.0, ..usual },
+        Relaxation { within: f64::NAN, ..usual },
+        Relaxation { within: -1.0, ..usual },
     ] {
         assert!(matches!(relax(&cap, refused, &control), Err(Error::RelaxationOption { .. })), "{refused:?}");
     }
     control.cancel();
     assert_eq!(relax(&cap, Relaxation::default(), &control), Err(Error::Cancelled));
+}
+
+#[test]
+fn cuts_may_be_kept_near_those_that_are_there() {
+    let control = Control::default();
+    let open = open_to_disk(&shapes::surface(shapes::sphere(4)), &control).unwrap().surface;
+    let within = |within| relax(&open, Relaxation { within, ..Relaxation::default() }, &control).unwrap();
+    let distances = from_lips(&open, &control).unwrap();
+    let farthest = |relaxed: &Relaxed| {
+        let vertices = relaxed.cuts.iter().flat_map(|cut| &cut.vertices);
+        vertices.map(|&v| distances[v as usize]).fold(0.0, f64::max)
+    };
+    let (near, free) = (within(0.4), within(f64::INFINITY));
+    assert!((0.1..=0.4).contains(&farthest(&near)), "{}", farthest(&near));
+    assert!(farthest(&free) > 0.6);
+    assert_cut(&open, &near);
+    assert!(within(0.0).cuts.is_empty());
+    assert_eq!(free, relax(&open, Relaxation::default(), &control).unwrap());
 }

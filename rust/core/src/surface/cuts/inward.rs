@@ -19,9 +19,14 @@ impl<'a> Inward<'a> {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn of(surface: &'a Surface, control: &Control) -> Result<Self> {
-        let mut inward = Self { surface, network: Network::of(surface), search: EdgeSearch::new(surface.len()) };
         let borders = (0..surface.twins().len() as u32).filter(|&h| !surface.is_inner(h));
-        borders.for_each(|h| inward.search.seed(surface.origin(h)));
+        Self::from(surface, borders.map(|h| surface.origin(h)), control)
+    }
+
+    /// The same from other vertices.
+    fn from(surface: &'a Surface, vertices: impl Iterator<Item = u32>, control: &Control) -> Result<Self> {
+        let mut inward = Self { surface, network: Network::of(surface), search: EdgeSearch::new(surface.len()) };
+        vertices.for_each(|v| inward.search.seed(v));
         inward.settle(control)?;
         Ok(inward)
     }
@@ -47,18 +52,37 @@ impl<'a> Inward<'a> {
     }
 }
 
-/// Vertices inside a surface, each the one farthest from the boundary and from those before it.
+/// The distance along edges, mm, of every vertex from the nearest that shares its id with another: from the lips of cuts.
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`].
-pub(crate) fn spread(surface: &Surface, count: usize, control: &Control) -> Result<Vec<u32>> {
+pub(crate) fn from_lips(surface: &Surface, control: &Control) -> Result<Vec<f64>> {
+    let mut by_id: Vec<u32> = (0..surface.len() as u32).collect();
+    by_id.sort_by_key(|&v| surface.ids()[v as usize]);
+    let same = by_id.chunk_by(|&a, &b| surface.ids()[a as usize] == surface.ids()[b as usize]);
+    let lips = same.filter(|vertices| vertices.len() > 1).flatten().copied();
+    let inward = Inward::from(surface, lips, control)?;
+    Ok((0..surface.len() as u32).map(|v| inward.search.distance(v)).collect())
+}
+
+/// Vertices inside a surface, each the one farthest from the boundary and from those before it, of those that are allowed.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub(crate) fn spread(
+    surface: &Surface,
+    count: usize,
+    is_allowed: impl Fn(u32) -> bool,
+    control: &Control,
+) -> Result<Vec<u32>> {
     let mut from = Inward::of(surface, control)?;
     let mut nearest = vec![f64::INFINITY; surface.len()];
     let mut chosen = Vec::new();
     while chosen.len() < count {
         (0..).zip(&mut nearest).for_each(|(v, nearest)| *nearest = nearest.min(from.search.distance(v)));
         let is_farther = |&a: &usize, &b: &usize| nearest[a].total_cmp(&nearest[b]).then(b.cmp(&a));
-        let Some(vertex) = (0..surface.len()).max_by(is_farther).filter(|&v| nearest[v] > 0.0) else { break };
+        let allowed = (0..surface.len()).filter(|&v| is_allowed(v as u32));
+        let Some(vertex) = allowed.max_by(is_farther).filter(|&v| nearest[v] > 0.0) else { break };
         chosen.push(vertex as u32);
         from.search.clear();
         from.search.seed(vertex as u32);
