@@ -203,9 +203,10 @@ class TestFlatAtlas:
         width, height = np.ptp(places, axis=0)
         assert 0.4 < width / height < 2.5
 
-    def test_saved_and_loaded_it_is_the_same(self, atlas, tmp_path):
-        atlas.save(tmp_path / "atlas.npz")
-        loaded = FlatAtlas.load(tmp_path / "atlas.npz")
+    @pytest.mark.parametrize("name", ["atlas.npz", "atlas.voxflat"])
+    def test_saved_and_loaded_it_is_the_same(self, atlas, tmp_path, name):
+        atlas.save(tmp_path / name)
+        loaded = FlatAtlas.load(tmp_path / name)
         assert loaded.certificate == atlas.certificate
         assert loaded.metadata == atlas.metadata
         assert loaded.table() == atlas.table()

@@ -242,12 +242,15 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     qtbot.waitUntil(lambda: widget.form.label.label == 3)
     choose_whole(widget)
     run(widget, qtbot)
-    path = str(tmp_path / "map.npz")
+    path = str(tmp_path / "map")
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
-    (opened,) = viewer.open(path, plugin="voxflat")
+    (opened,) = viewer.open(f"{path}.voxflat")  # no other program's file, so that napari asks no other reader
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
+    voxflat.load(f"{path}.voxflat").save(f"{path}.npz")
+    (again,) = viewer.open(f"{path}.npz", plugin="voxflat")
+    assert_array_equal(again.data, opened.data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
     assert flat_map_reader(str(tmp_path / "other.npz")) is None
 

@@ -14,7 +14,7 @@ from voxflat.maps.flat_map import load
 
 
 def flat_map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
-    """Offer to read an .npz file, if it is a flat map or an atlas of voxflat.
+    """Offer to read a file, if it is a flat map or an atlas of voxflat.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def _ask() -> None:
     from qtpy.QtWidgets import QFileDialog
 
     viewer = current_viewer()
-    path, _ = QFileDialog.getOpenFileName(None, "Read a flat map", "", "Flat maps and atlases (*.npz)")
+    path, _ = QFileDialog.getOpenFileName(None, "Read a flat map", "", "Flat maps and atlases (*.voxflat *.npz)")
     if viewer is not None and path:
         viewer.open(path, plugin="voxflat")
 
@@ -56,7 +56,7 @@ def _atlas(path: str) -> list[LayerData]:
     Parameters
     ----------
     path : str
-        An .npz file.
+        An .npz or .voxflat file.
 
     Returns
     -------

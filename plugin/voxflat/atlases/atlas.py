@@ -19,7 +19,7 @@ from voxflat.atlases.layout import lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, holding
+from voxflat.io.files import SAVED_ENDINGS, atomic_path, holding
 from voxflat.io.provenance import Record, saving
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
@@ -287,7 +287,7 @@ class Atlas(FlatPieces, ABC):
         Parameters
         ----------
         path : path
-            Ends in .npz, which holds `provenance`.
+            Ends in .npz or .voxflat, which hold `provenance`.
         sidecar : bool
             Write `provenance` to ``<path>.json``, too.
         overwrite : bool
@@ -301,8 +301,8 @@ class Atlas(FlatPieces, ABC):
             If it cannot be written.
         """
         path = Path(path)
-        if path.suffix.lower() != ".npz":
-            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz")
+        if path.suffix.lower() not in SAVED_ENDINGS:
+            raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self._arrays}
         with (
@@ -328,7 +328,7 @@ class Atlas(FlatPieces, ABC):
         Parameters
         ----------
         path : path
-            An .npz file.
+            An .npz or .voxflat file.
 
         Returns
         -------

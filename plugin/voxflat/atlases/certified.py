@@ -248,7 +248,7 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     Parameters
     ----------
     path : path
-        An .npz file that `FlatAtlas.save` or `GluedAtlas.save` wrote.
+        An .npz or .voxflat file that `FlatAtlas.save` or `GluedAtlas.save` wrote.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Which of the two an .npz file holds: a flat map or an atlas."""
+"""Which of the two a file holds: a flat map or an atlas."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["saved_kind"]
 
 
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
-    """Say what an .npz file holds.
+    """Say what a file holds.
 
     Parameters
     ----------

@@ -39,8 +39,8 @@ Examples:
     type=OUT,
     required=True,
     metavar="OUT",
-    help="The map's file: .npz holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and .obj the flat "
-    "surface.",
+    help="The map's file: .npz or .voxflat holds everything; .surf.gii, .patch.flat, .flat.patch.3d, .vtp, .ply and "
+    ".obj the flat surface.",
 )
 @click.option(
     "--method",

@@ -16,6 +16,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.texture import TEXTURED_ENDINGS, TexturedSurface, files_beside
 
 
@@ -37,8 +38,8 @@ Examples:
     type=OUT,
     required=True,
     metavar="OUT",
-    help="The atlas's file: .npz holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and .ply the "
-    "surface with the page as its texture.",
+    help="The atlas's file: .npz or .voxflat holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and "
+    ".ply the surface with the page as its texture.",
 )
 @click.option(
     "--max-angle",
@@ -116,8 +117,8 @@ def command(
     A texture shows the patches in colours, or what --volume or --heat-map says; voxflat image draws them from an .npz.
     """
     more = {"sidecar": sidecar, "overwrite": overwrite}
-    check_output(output, (".npz", *TEXTURED_ENDINGS), beside=files_beside(output), **more)
-    is_textured = output.suffix.lower() != ".npz"
+    check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **more)
+    is_textured = output.suffix.lower() not in SAVED_ENDINGS
     _check_texture(is_textured, volume, heat_map, depth, pixel_size)
     for path in (page, picture):
         if path is not None:

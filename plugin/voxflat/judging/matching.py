@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
 from voxflat.io.patches import is_patch, read_patch
@@ -85,7 +85,7 @@ def loaded(flat: object) -> object:
     -------
     object
     """
-    is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(".npz")
+    is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
 

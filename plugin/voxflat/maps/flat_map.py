@@ -17,7 +17,7 @@ from voxflat.distances.store import write_provenance
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, holding
+from voxflat.io.files import SAVED_ENDINGS, atomic_path, holding
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
@@ -34,7 +34,7 @@ from voxflat.surfaces.surface import patch_of
 
 __all__ = ["FlatMap", "load"]
 
-MAP_ENDINGS = (".npz", ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
+MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
 
 _FORMAT = 5
 
@@ -311,13 +311,13 @@ class FlatMap(Planar):
         Parameters
         ----------
         path : path
-            Its ending says what is saved: .npz everything, to be loaded again; .vtp, .ply and .obj the triangles in the
-            plane; .surf.gii a flat surface for Connectome Workbench; .patch.flat and .flat.patch.3d a FreeSurfer patch,
-            for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place for each: where a
-            cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are left out, so that
-            its readers find no triangle across the cut. How many triangles that costs is said, and so is how many are
-            left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``). .npz
-            and GIFTI hold `provenance`.
+            Its ending says what is saved: .npz or .voxflat everything, to be loaded again; .vtp, .ply and .obj the
+            triangles in the plane; .surf.gii a flat surface for Connectome Workbench; .patch.flat and .flat.patch.3d a
+            FreeSurfer patch, for pycortex, too. A surface and a patch have the mesh's own vertex numbers and one place
+            for each: where a cut doubles a vertex only one side of it is kept, and in a patch vertices on the lips are
+            left out, so that its readers find no triangle across the cut. How many triangles that costs is said, and so
+            is how many are left out because they are torn; a .vtp holds these, marked as such (cell data ``torn``).
+            .npz, .voxflat and GIFTI hold `provenance`.
         sidecar : bool
             Write `provenance` to ``<path>.json``, too.
         overwrite : bool
@@ -337,7 +337,7 @@ class FlatMap(Planar):
 
     def _write(self, path: Path, name: str) -> None:
         """Write the file that a name's ending says."""
-        if name.endswith(".npz"):
+        if name.endswith(SAVED_ENDINGS):
             self._save_all(path)
         elif name.endswith(FLAT_PATCH_ENDINGS):
             write_patch(path, self._patch())
@@ -427,7 +427,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     Parameters
     ----------
     path : path
-        An .npz file.
+        An .npz or .voxflat file.
 
     Returns
     -------

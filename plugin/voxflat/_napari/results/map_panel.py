@@ -15,6 +15,7 @@ from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import figures, table, warnings
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
+from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:
@@ -151,10 +152,13 @@ class MapPanel(QWidget):
             self._name_toggle()
 
     def _on_save(self) -> None:
-        path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}.npz", "NumPy (*.npz)")
+        own, numpys = SAVED_ENDINGS  # napari offers .npz to its own reader first, which fails
+        kinds = f"voxflat (*{own});;NumPy (*{numpys})"
+        path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}{own}", kinds)
         if path and self.flat_map is not None:
             try:
-                self.flat_map.save(path if path.endswith(".npz") else f"{path}.npz")
+                path = path if path.endswith(SAVED_ENDINGS) else f"{path}{own}"
+                self.flat_map.save(path)
                 show_info(f"saved {path}")
             except (VoxflatError, OSError) as error:
                 show_error(str(error))
