@@ -245,7 +245,8 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     path = str(tmp_path / "map")
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
-    (opened,) = viewer.open(f"{path}.voxflat")  # no other program's file, so that napari asks no other reader
+    viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does: no other reader is asked
+    opened = viewer.layers[-1]
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
     voxflat.load(f"{path}.voxflat").save(f"{path}.npz")
