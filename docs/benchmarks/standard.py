@@ -39,12 +39,20 @@ def main():
     parser.add_argument("--subjects", type=int, default=100, help="simulated ones, both sides in turn")
     parser.add_argument("--compared", type=int, default=12, help="of these that automatic cuts are made of, too")
     parser.add_argument("--picture", type=Path, help="of both sides of fsaverage5 beside the shipped maps")
+    parser.add_argument("--only", choices=["real", "simulated", "hidden", "distortion"], help="one of the tables")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
+    wrong = []
     if options.picture:
         picture(options.picture)
-    wrong = real(options.folder) + simulated(options)
-    distortion()
+    if options.only in (None, "real"):
+        wrong += real(options.folder)
+    if options.only in (None, "simulated"):
+        wrong += simulated(options)
+    if options.only in (None, "hidden"):
+        wrong += hidden(options)
+    if options.only in (None, "distortion"):
+        distortion()
     if wrong:
         raise SystemExit("\n".join(wrong))
 
@@ -265,6 +273,53 @@ def simulated(options):
             error = f"{np.mean(errors):.1f} ± {np.std(errors):.1f} %"
             print(f"{number + 1} maps: {len(wrong)} fold or are no disks; error {error}", flush=True)
     return wrong
+
+
+# ------------------------------------------------------------------------------------------- without the sphere
+
+
+def hidden(options):
+    """Print how far cuts lie from those by the sphere where that is hidden, and the surface registered by its folds."""
+    wrong = []
+    print("\n| surface, its sphere hidden | cuts apart, mean mm | by name |\n|---|---|---|")
+    for side in SIDES:
+        files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(options.folder, side)}
+        for name, (surface, sphere) in files.items():
+            points, faces = (np.asarray(array.data) for array in nibabel.load(surface).darrays[:2])
+            by_sphere = voxflat.cut(surface, cuts="standard", sphere=sphere)
+            by_folds = voxflat.cut((points.astype(float), faces.astype(int)), cuts="standard")
+            mean, named = cuts_apart(points, by_folds, by_sphere)
+            print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
+            if mean > 5 or by_folds.sphere.side != side:
+                wrong.append(f"{name}, {side}: without its sphere cuts lie {mean:.1f} mm apart")
+    means, refused, other = [], 0, 0
+    for number in range(options.subjects):
+        side = list(SIDES)[number % 2]
+        points, faces, _, true = subject(number, side)
+        by_sphere = voxflat.cut((points, faces), cuts="standard", sphere=true)
+        try:
+            by_folds = voxflat.cut((points, faces), cuts="standard")
+        except voxflat.InputError:
+            refused += 1
+            continue
+        other += by_folds.sphere.side != side
+        means.append(cuts_apart(points, by_folds, by_sphere)[0])
+    print(
+        f"\n{options.subjects} simulated subjects: {refused} refused, {other} of the other side; cuts "
+        f"{np.mean(means):.1f} mm apart on average, {np.percentile(means, 95):.1f} mm of 95 in 100, "
+        f"{np.max(means):.1f} mm at most",
+        flush=True,
+    )
+    return wrong
+
+
+def cuts_apart(points, ours, theirs):
+    """Return the mean distance of the vertices of cuts from the cuts of the same names, mm, and by name."""
+    apart = {}
+    for a, b in zip(ours.cuts, theirs.cuts, strict=True):
+        apart[a.name] = KDTree(points[b.ids]).query(points[a.ids])[0]
+    named = ", ".join(f"{name} {distances.mean():.1f}" for name, distances in apart.items())
+    return np.concatenate(list(apart.values())).mean(), named
 
 
 # ------------------------------------------------------------------------------------------- distortion
