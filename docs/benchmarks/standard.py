@@ -292,7 +292,7 @@ def hidden(options):
             print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
             if mean > 5 or by_folds.sphere.side != side:
                 wrong.append(f"{name}, {side}: without its sphere cuts lie {mean:.1f} mm apart")
-    means, refused, other = [], 0, 0
+    means, refused, other, fewer = [], 0, 0, 0
     for number in range(options.subjects):
         side = list(SIDES)[number % 2]
         points, faces, _, true = subject(number, side)
@@ -303,10 +303,11 @@ def hidden(options):
             refused += 1
             continue
         other += by_folds.sphere.side != side
+        fewer += len(by_folds.cuts) < len(by_sphere.cuts)
         means.append(cuts_apart(points, by_folds, by_sphere)[0])
     print(
-        f"\n{options.subjects} simulated subjects: {refused} refused, {other} of the other side; cuts "
-        f"{np.mean(means):.1f} mm apart on average, {np.percentile(means, 95):.1f} mm of 95 in 100, "
+        f"\n{options.subjects} simulated subjects: {refused} refused, {other} of the other side, {fewer} with fewer "
+        f"cuts; cuts {np.mean(means):.1f} mm apart on average, {np.percentile(means, 95):.1f} mm of 95 in 100, "
         f"{np.max(means):.1f} mm at most",
         flush=True,
     )
@@ -316,8 +317,10 @@ def hidden(options):
 def cuts_apart(points, ours, theirs):
     """Return the mean distance of the vertices of cuts from the cuts of the same names, mm, and by name."""
     apart = {}
-    for a, b in zip(ours.cuts, theirs.cuts, strict=True):
-        apart[a.name] = KDTree(points[b.ids]).query(points[a.ids])[0]
+    other = {cut.name: points[cut.ids] for cut in theirs.cuts}
+    for cut in ours.cuts:
+        if cut.name in other:
+            apart[cut.name] = KDTree(other[cut.name]).query(points[cut.ids])[0]
     named = ", ".join(f"{name} {distances.mean():.1f}" for name, distances in apart.items())
     return np.concatenate(list(apart.values())).mean(), named
 
