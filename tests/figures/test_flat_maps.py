@@ -389,3 +389,18 @@ def test_depth_is_of_volumes_alone(flat_map):
     with pytest.raises(voxflat.InputError, match="nothing on the map"):
         figures.flat_map(flat_map, **of)
     assert "7" in {text.get_text() for text in texts(figures.flat_map(flat_map, **of, depth=20))}
+
+
+@pytest.mark.parametrize("width", [60, 85])
+def test_the_bars_label_stays_on_the_paper(flat_map, width):
+    values = np.arange(COUNT, dtype=float)
+    for label in ("z", "grey matter, 2 mm outside white matter", "W" * 200):
+        figure = figures.flat_map(flat_map, values, label=label, width=width)
+        axes = figure.axes[2]
+        (title,) = (text for text in (axes.title, axes._right_title) if text.get_text())
+        figure.draw_without_rendering()
+        box = title.get_window_extent()
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+        assert title.get_text() == label or title.get_text().endswith("…")
+        for mark in texts(figure, "marks"):
+            assert not box.overlaps(mark.get_window_extent())

@@ -18,7 +18,7 @@ from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
 from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
-from voxflat.figures.names import place_names
+from voxflat.figures.names import place_names, text_size
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -45,6 +45,7 @@ _EDGES = {"curvature": 0.02, "sulcal depth": 0.8}  # from where on it is all gyr
 _PARCELS_OPACITY = 0.75
 _NAMES_PIXEL = 0.2  # mm of paper
 _POINT = _INCH / 72
+_MARKS = 30.0  # mm, that directions, side and scale bar take
 _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8, "gid": "marks"}  # a name over data
 
 
@@ -437,7 +438,11 @@ class _Page:
         axes.set_yticks([])
         for spine in axes.spines.values():
             spine.set_linewidth(0.4)
-        axes.set_title(label, fontsize=_FONT, pad=1.5)
+        room = max(wide, x - _MARKS)
+        while text_size(label, _FONT)[0] > room:
+            label = label[:-2].rstrip() + "…"
+        is_narrow = text_size(label, _FONT)[0] <= wide
+        axes.set_title(label, fontsize=_FONT, pad=1.5, loc="center" if is_narrow else "right")
 
     def marks(self, flat_map: FlatMap) -> None:
         """Draw the scale bar, the directions of the body, the side, and the names of cuts."""
