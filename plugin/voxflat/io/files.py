@@ -25,8 +25,8 @@ from voxflat.io.reading import allowed_memory, note
 
 REMEDY = "is the file complete, and what its ending says?"
 
-SAVED_ENDINGS = (".voxflat", ".npz")
-"""Of files that hold all of a map or an atlas: one format, NumPy's archive; the first is no other program's."""
+SAVED_ENDINGS = (".npz", ".voxflat")
+"""Of files that hold all of a map or an atlas: one format, NumPy's archive; the second is no other program's."""
 
 AGAIN = "copy it again"
 """What to do with a file that was cut short."""

@@ -152,7 +152,7 @@ class MapPanel(QWidget):
             self._name_toggle()
 
     def _on_save(self) -> None:
-        own, numpys = SAVED_ENDINGS  # napari offers .npz to its own reader first, which fails
+        numpys, own = SAVED_ENDINGS  # napari offers .npz to its own reader first, which fails
         kinds = f"voxflat (*{own});;NumPy (*{numpys})"
         path, _ = QFileDialog.getSaveFileName(self, f"Save the {self._what}", f"{self._what}{own}", kinds)
         if path and self.flat_map is not None:
