@@ -18,9 +18,9 @@ from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
+from voxflat._napari.files.readers import map_reader
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.readers import flat_map_reader
 from voxflat._napari.results.report import figures
 
 napari = pytest.importorskip("napari")
@@ -253,7 +253,7 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     (again,) = viewer.open(f"{path}.npz", plugin="voxflat")
     assert_array_equal(again.data, opened.data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
-    assert flat_map_reader(str(tmp_path / "other.npz")) is None
+    assert map_reader(str(tmp_path / "other.npz")) is None
 
 
 def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
