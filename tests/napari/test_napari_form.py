@@ -82,7 +82,7 @@ def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
 
     edge = int(np.count_nonzero(inside & ~shapes_eroded(inside)))
     qtbot.waitUntil(lambda: "points" in form.plan.text(), timeout=PATIENCE)
-    qtbot.waitUntil(lambda: f"{float(f'{edge:.2g}'):,.0f} points" in form.plan.text(), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: f"{float(f'{edge:.2g}'):,.0f}\u00a0points" in form.plan.text(), timeout=PATIENCE)
     assert "automatic cuts" in form.plan.text()
     choose(form.options.fields["cuts"], "standard")
     assert "standard cuts" in form.plan.text()
@@ -118,7 +118,7 @@ def test_what_is_usual(open_widget):
     form.surface.choose(white)
     assert form.sample_depth.value() == DEPTH
     assert "Closed, it is opened along automatic cuts" in form.plan.text()
-    assert f"{len(points):,} points" in form.plan.text()
+    assert f"{len(points):,}\u00a0points" in form.plan.text()
     form.sample_depth.setValue(1.25)
     form.sample_depth.editingFinished.emit()  # someone chose it
     form.surface.choose(viewer.layers["embryo"])

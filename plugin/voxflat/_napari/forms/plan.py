@@ -108,6 +108,15 @@ class Plan(QLabel):
     def _write(self) -> None:
         if self._asked is not None:
             self.setText(" ".join([*_steps(self._asked), *_expected(self._asked, self._count)]))
+            self._fit()
+
+    def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        """Keep all lines in sight: a form gives a label that breaks its lines the height that it had when narrow."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        self.setMinimumHeight(self.heightForWidth(self.width()))
 
 
 def _steps(asked: _Asked) -> list[str]:
@@ -122,7 +131,7 @@ def _steps(asked: _Asked) -> list[str]:
         told.append("of its largest component")
     sentences = [f"{', '.join(told)}."]
     if not isinstance(asked.layer, Surface):
-        sentences.append("Handles are closed where that changes at most 1 % of the voxels.")
+        sentences.append("Handles are closed where that changes at most 1\u00a0% of the voxels.")
     if asked.part == "whole":
         sentences.append(_cutting(asked))
     return sentences
@@ -141,12 +150,12 @@ def _cutting(asked: _Asked) -> str:
 def _expected(asked: _Asked, count: int | None) -> list[str]:
     if count is None:
         return []
-    points = f"{float(f'{count:.2g}'):,.0f} points"
+    points = f"{float(f'{count:.2g}'):,.0f}\u00a0points"
     if asked.method != "voxflat" or asked.part != "whole":
         return [f"The whole has about {points}."]
     way = "open" if isinstance(asked.layer, Surface) else "closed"
     seconds, gigabytes = count * _SECONDS[way], count * _BYTES / 1e9
-    return [f"About {points}, {_about(seconds)} s, {_about(gigabytes)} GB of memory."]
+    return [f"About {points}, {_about(seconds)}\u00a0s, {_about(gigabytes)}\u00a0GB of memory."]
 
 
 def _about(value: float) -> str:
