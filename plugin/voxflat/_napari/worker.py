@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 from napari.qt.threading import WorkerBase
 
-from voxflat._napari.job import Job, PatchesJob
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat.arguments import Progress
+
+
+class Work(Protocol):
+    """What a worker does; it knows no layer and no widget."""
+
+    def run(self, progress: Progress) -> Any:
+        """Do it, and tell how far it is; where `progress` returns False, stop."""
 
 
 class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
@@ -15,17 +23,17 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
 
     Parameters
     ----------
-    job : Job or PatchesJob
-        What to do.
+    job : Work
+        What to do, such as a `Job`.
     """
 
-    def __init__(self, job: Job | PatchesJob) -> None:
+    def __init__(self, job: Work) -> None:
         super().__init__()
         self._job = job
         self.stage = ("starting", 0, 1)
         """What is being done, and how much of how much of it is done; to be read by any thread at any time."""
 
-    def work(self) -> FlatLayers:
+    def work(self) -> Any:
         """Run the job; called by the thread."""
         return self._job.run(self._progress)
 

@@ -50,7 +50,7 @@ class LayerForm(QWidget):
             QDoubleSpinBox(), -100, 100, "How far outside the surface to look; negative is inside", " mm"
         )
         self.sample_depth.setSingleStep(0.5)
-        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels; automatic is half a voxel or edge", " mm")
+        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels: half a voxel or edge", " mm")
         self.pixel_size.setSingleStep(0.1)
         self.pixel_size.setSpecialValueText("automatic")
         self._depth_by_user = False

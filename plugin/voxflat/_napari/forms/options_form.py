@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
 
-from voxflat._napari.forms.fields import choice, show_row, spin
+from voxflat._napari.forms.fields import choice, offer, show_row, spin
 from voxflat.methods.options import OPTIONS, default
 
 _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
@@ -53,6 +55,9 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
 }
 
 
+_DRAWN = "drawn"
+
+
 class OptionsForm(QWidget):
     """Asks for a method's options; `options` are those that were changed.
 
@@ -73,6 +78,7 @@ class OptionsForm(QWidget):
         self.fields: dict[str, QWidget] = {}
         for name in ("cuts", "relax"):
             self._add_choice(name)
+        self._drawn: tuple[NDArray[np.int64], ...] = ()
         self._cuts = self._chosen("cuts")
         self._cuts.currentIndexChanged.connect(self.changed)
         self.mirror = QCheckBox("left and right exchanged")
@@ -110,6 +116,24 @@ class OptionsForm(QWidget):
         cuts: str | None = self._cuts.currentData()
         return cuts
 
+    def offer_drawn(self, paths: tuple[NDArray[np.int64], ...], chosen: bool = False) -> None:
+        """Offer cuts that someone drew, or none.
+
+        Parameters
+        ----------
+        paths : tuple of ndarray of int64
+            As `cuts` of `voxflat.flatten`.
+        chosen : bool
+            Whether they are chosen at once.
+        """
+        self._drawn = paths
+        offer(self._cuts, {_DRAWN: ""}, _DRAWN, bool(paths))
+        if paths:
+            index = self._cuts.findData(_DRAWN)
+            self._cuts.setItemText(index, f"the {len(paths)} drawn")
+            if chosen:
+                self._cuts.setCurrentIndex(index)
+
     def set_method(self, method: str) -> None:
         """Ask for what a method takes.
 
@@ -146,7 +170,9 @@ class OptionsForm(QWidget):
             "bound": self.bound.value(),
         }
         of_method = {name: value for name, value in values.items() if method in OPTIONS[name] and value is not None}
-        changed = {name: value for name, value in of_method.items() if value != default(name, method)}
+        if of_method.get("cuts") == _DRAWN:
+            of_method["cuts"] = list(self._drawn)
+        changed = {name: value for name, value in of_method.items() if not _is_same(value, default(name, method))}
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
     def _chosen(self, name: str) -> QComboBox:
@@ -161,3 +187,7 @@ class OptionsForm(QWidget):
     def _add(self, name: str, text: str, field: QWidget) -> None:
         self.fields[name] = field
         self.rows.addRow(text, field)
+
+
+def _is_same(value: Any, usual: Any) -> bool:
+    return not isinstance(value, list) and bool(value == usual)

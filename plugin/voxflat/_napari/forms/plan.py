@@ -138,6 +138,8 @@ def _steps(asked: _Asked) -> list[str]:
 
 
 def _cutting(asked: _Asked) -> str:
+    if asked.cuts == "drawn":
+        return "It is cut as drawn, and further only if that does not open it."
     if asked.cuts == "standard":
         return "Closed, it is opened along standard cuts, found by its folds if there is no sphere."
     path = getattr(asked.layer.source, "path", None)

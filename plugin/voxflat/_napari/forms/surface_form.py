@@ -20,6 +20,7 @@ from voxflat._napari.layers.meshes import LayerMesh, vary
 from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.workbench import Workbench
 from voxflat.errors import InputError
 from voxflat.methods.options import METHODS
 
@@ -52,6 +53,7 @@ class SurfaceForm(LayerForm):
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
+        self._workbench = Workbench.of(viewer)
         self._make_fields(viewer)
         self._add_rows(
             (
@@ -80,6 +82,7 @@ class SurfaceForm(LayerForm):
             followed.chosen.connect(self._tell_plan)
         self.threshold.box.valueChanged.connect(self._tell_plan)
         self.radius.valueChanged.connect(self._tell_plan)
+        self._workbench.cuts_drawn.connect(self._on_cuts_drawn)
         self._on_surface()
         self._on_patch()
         self._on_method()
@@ -125,7 +128,11 @@ class SurfaceForm(LayerForm):
         self.masked_by.reconsider()
         self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
+        self.options.offer_drawn(self._workbench.cuts_of(layer))
         self._tell_plan()
+
+    def _on_cuts_drawn(self) -> None:
+        self.options.offer_drawn(self._workbench.cuts_of(self.surface.layer), chosen=True)
 
     def _on_patch(self) -> None:
         part = self.patch.currentData()
@@ -244,6 +251,7 @@ class SurfaceForm(LayerForm):
     def release(self) -> None:
         """Stop following the viewer."""
         super().release()
+        self._workbench.cuts_drawn.disconnect(self._on_cuts_drawn)
         self.seed.release()
         self.plan.follow(None)
         for followed in (self.pial, self.polygon, self.masked_by):
