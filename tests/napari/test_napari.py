@@ -141,14 +141,23 @@ def test_the_form_follows_the_kind_of_layer(open_widget):
     form.surface.choose(viewer.layers["mesh"])
     assert form.sampled.layer is viewer.layers["mesh"]
     assert [form.sampled.itemText(n) for n in range(form.sampled.count())] == ["nothing", "T1", "mesh", "same vertices"]
-    assert not any(field.isVisibleTo(form) for field in (form.label, form.threshold, form.method, form.sample_depth))
+    assert not any(field.isVisibleTo(form) for field in (form.label, form.threshold, form.sample_depth))
+    assert form.patch.currentData() == "whole"
+    assert form.method.findData("grossmann2002") < 0  # it takes voxels
+    assert form.pial.isVisibleTo(form)
+    assert [form.pial.itemText(n) for n in range(1, form.pial.count())] == ["same vertices"]
+    assert form.pial.layer is None
     choose(form.patch, "values")
     assert not form.seed.isVisibleTo(form)
     form.surface.choose(viewer.layers["T1"])
     assert form.sampled.layer is viewer.layers["T1"]
     assert form.patch.findData("values") < 0
-    assert form.patch.currentData() == "disk"
-    assert all(field.isVisibleTo(form) for field in (form.threshold, form.method, form.sample_depth, form.seed))
+    assert form.patch.currentData() == "whole"
+    assert form.method.findData("grossmann2002") >= 0
+    assert all(field.isVisibleTo(form) for field in (form.threshold, form.method, form.sample_depth))
+    choose(form.patch, "disk")
+    assert form.seed.isVisibleTo(form)
+    assert not form.pial.isVisibleTo(form)
 
 
 # --------------------------------------------------------------------------------------------- flattening
@@ -164,7 +173,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot, method):
     assert widget.form.method.currentData() == "voxflat"
     choose(widget.form.method, method)
     choose_whole(widget)
-    widget.form.sources.setValue(200)
+    widget.form.options.sources.setValue(200)
     widget.form.pixel_size.setValue(1.25)
     run(widget, qtbot)
     expected = voxflat.flatten(labels, method=method, affine=FLIP, label=3, sources=200)

@@ -79,6 +79,7 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     affine = np.diag([250.0, -500, 500, 1])
     affine[:3, 3] = (1000, 2000, 3000)
     viewer, widget = open_widget(Surface((points, faces), name="bumps", affine=affine, units="micrometer"))
+    choose(widget.form.patch, "disk")
     widget.form.seed.set_point(312)
     widget.form.radius.setValue(7)
     run(widget, qtbot)

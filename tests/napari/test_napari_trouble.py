@@ -46,13 +46,14 @@ def large():
 
 def start_large(widget, qtbot, large, sources=6000, radius=90):
     """Start what takes seconds, and wait until the core is amid it."""
+    choose(widget.form.patch, "disk")
     widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
     widget.form.radius.setValue(radius)
     start(widget, qtbot, sources)
 
 
 def start(widget, qtbot, sources):
-    widget.form.sources.setValue(sources)
+    widget.form.options.sources.setValue(sources)
     widget.start.click()
     qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
 
@@ -130,8 +131,15 @@ def test_missing_choices_are_named(open_widget, messages):
     widget.start.click()
     assert "nothing to flatten" in messages[-1].message
     viewer.add_labels(cap())
+    choose(widget.form.patch, "disk")
     widget.start.click()
     assert "no seed point" in messages[-1].message
+    choose(widget.form.patch, "polygon")
+    widget.start.click()
+    assert "no polygon" in messages[-1].message
+    choose(widget.form.patch, "mask")
+    widget.start.click()
+    assert "no mask" in messages[-1].message
     choose_whole(widget)
     viewer.add_image(np.ones((24, 24, 24)), units="mm")
     widget.start.click()
@@ -162,7 +170,7 @@ def test_cancel_is_prompt(open_widget, qtbot, large):
     assert widget.status.text() == "cancelled"
     assert [layer.name for layer in viewer.layers] == ["shell", "seed point"]
     widget.form.radius.setValue(15)
-    widget.form.sources.setValue(50)
+    widget.form.options.sources.setValue(50)
     run(widget, qtbot)
     assert "shell distortion" in viewer.layers
 
@@ -238,6 +246,7 @@ def test_the_map_shows_the_volume_at_a_depth(make_napari_viewer, qtbot):
     viewer.add_labels(ball, name="ball")
     viewer.add_points([[24, 14, 14]], name="seed")
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    choose(widget.form.patch, "disk")
     qtbot.waitUntil(lambda: widget.form.seed.point is not None)
     widget.form.radius.setValue(12)
     means = []
@@ -304,9 +313,13 @@ def test_two_docks_fit_a_small_screen(open_widget, qtbot):
     window.resize(1366, 740)
     wait_until_drawn(viewer, qtbot)
     assert (window.width(), window.height()) == (1366, 740)
+
+    def is_wide_enough():  # the figures widen the dock, which Qt does in turns of its own
+        return widget.scrolled.viewport().width() >= widget.scrolled.widget().minimumSizeHint().width()
+
+    qtbot.waitUntil(is_wide_enough, timeout=PATIENCE)
     bar = widget.scrolled.verticalScrollBar()
     bar.setValue(bar.maximum())  # the last of the figures can be seen, and the buttons stay
     inside = widget.results.save.mapTo(widget.scrolled.viewport(), widget.results.save.rect().center())
     assert widget.scrolled.viewport().rect().contains(inside)
     assert widget.start.visibleRegion().boundingRect() == widget.start.rect()
-    assert widget.scrolled.viewport().width() >= widget.scrolled.widget().minimumSizeHint().width()

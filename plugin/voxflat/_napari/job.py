@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
@@ -17,7 +20,9 @@ from voxflat._napari.results.pages import page_layers
 from voxflat.arguments import Progress
 from voxflat.atlases.making import patches
 from voxflat.errors import Cancelled
+from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.flatten import flatten
+from voxflat.surfaces.making import surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +33,16 @@ class Job:
     ----------
     surface : LayerVolume or LayerMesh
         The volume whose surface is flattened, or the surface itself.
-    method, label, threshold, keep, seed_point, radius, sources
+    method, label, threshold, seed_point, radius
         As in `voxflat.flatten`.
+    keep : LayerVolume, ndarray or None
+        As there; of a volume a mask of its shape.
+    polygon : ndarray, shape (k, 3), or None
+        Corners, RAS+ mm; the nearest places of the surface are meant.
+    pial : LayerMesh or None
+        As in `voxflat.surface`.
+    options : mapping
+        The method's other options.
     pixel_size : float or None
         As in `FlatMap.image`, mm.
     shown : Sampled, Overlay or None
@@ -42,10 +55,12 @@ class Job:
     method: str = "voxflat"
     label: int | None = None
     threshold: float | None = None
-    keep: NDArray[Any] | None = None
+    keep: LayerVolume | NDArray[Any] | None = None
     seed_point: Seed | None = None
     radius: float | None = None
-    sources: int | None = None
+    polygon: NDArray[np.float64] | None = None
+    pial: LayerMesh | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     pixel_size: float | None = None
     shown: Shown | None = None
     values: Overlay | None = None
@@ -68,20 +83,23 @@ class Job:
             As in `voxflat.flatten`.
         """
         _tell(progress, "reading the layer")
-        flat_map = flatten(
-            self.surface.read(),
-            method=self.method,
-            label=self.label,
-            threshold=self.threshold,
-            keep=self.keep,
-            seed_point=self.seed_point,
-            radius=self.radius,
-            sources=self.sources,
-            progress=progress,
-        )
+        flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
         _tell(progress, "drawing the map")
         return map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
+
+    def _flatten(self, progress: Progress) -> FlatMap:
+        source: Any = self.surface.read()
+        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
+        place: dict[str, Any] = {"seed_point": self.seed_point, "radius": self.radius}
+        place["keep"] = self.keep.read() if isinstance(self.keep, LayerVolume) else self.keep
+        if self.pial is not None or self.polygon is not None:
+            pial = None if self.pial is None else self.pial.read()
+            source, foreground = surface(source, **foreground, pial=pial, progress=progress), {}
+        if self.polygon is not None:
+            _, nearest = cKDTree(source.points).query(self.polygon)
+            place["polygon"] = source.ids[nearest]
+        return flatten(source, method=self.method, **foreground, **place, **self.options, progress=progress)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from psygnal import Signal
 
 from voxflat._napari.results.flat_layers import FlatLayers
@@ -12,6 +15,7 @@ from voxflat._napari.results.run import Run
 
 if TYPE_CHECKING:
     from napari import Viewer
+    from napari.layers import Layer
 
 
 class Workbench:
@@ -23,12 +27,16 @@ class Workbench:
     changed = Signal()
     """Runs came or went, or another one is the current one."""
 
+    cuts_drawn = Signal()
+    """Someone drew cuts for a layer."""
+
     _of: ClassVar[dict[int, Workbench]] = {}
 
     def __init__(self) -> None:
         self._runs: list[Run] = []
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
+        self._cuts: weakref.WeakKeyDictionary[Layer, tuple[NDArray[np.int64], ...]] = weakref.WeakKeyDictionary()
 
     @classmethod
     def of(cls, viewer: Viewer) -> Workbench:
@@ -43,6 +51,7 @@ class Workbench:
         -------
         Workbench
         """
+        viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
             bench = cls._of[key] = cls()
@@ -116,3 +125,31 @@ class Workbench:
             layer = event.value.as_layer_data_tuple()
             (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
             self.changed.emit()
+
+    def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:
+        """Keep cuts that were drawn on a layer's surface.
+
+        Parameters
+        ----------
+        layer : Layer
+            What is to be cut so.
+        paths : sequence of ndarray of int64
+            As `cuts` of `voxflat.flatten`.
+        """
+        self._cuts[layer] = tuple(paths)
+        self.cuts_drawn.emit()
+
+    def cuts_of(self, layer: Layer | None) -> tuple[NDArray[np.int64], ...]:
+        """Return the cuts that were drawn on a layer's surface.
+
+        Parameters
+        ----------
+        layer : Layer or None
+            The layer.
+
+        Returns
+        -------
+        tuple of ndarray of int64
+            None are an empty tuple.
+        """
+        return () if layer is None else self._cuts.get(layer, ())

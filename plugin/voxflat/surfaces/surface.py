@@ -143,15 +143,23 @@ class Surface:
         if wanted.shape[1:] != shape or wanted.ndim == 0 or wanted.dtype.kind not in "ui":
             raise InputError(f"{name} must be {what}, whole numbers, not {wanted.dtype} of shape {wanted.shape}")
         wanted = wanted.astype(np.int64)
-        known: dict[Any, int] = {}
-        for number, key in enumerate(map(_key, self.ids.tolist())):
-            known.setdefault(key, number)
-        known |= {of: known[one] for of, one in self.merged.tolist() if one in known}
-        found = [known.get(_key(key)) for key in wanted.tolist()]
-        if None in found:
-            missing = wanted[found.index(None)].tolist()
-            raise InputError(f"{self._name(missing)} is not on the surface{self._nearest(missing)}")
-        return np.array(found, dtype=np.uint32)
+        own = self.ids.astype(np.int64)
+        if len(self.merged):
+            of, one = self.merged.astype(np.int64).T
+            own, aliases = np.concatenate([own, of[np.isin(one, own)]]), one[np.isin(one, own)]
+        keys = _keys(own, own)
+        order = np.argsort(keys, kind="stable")  # so that of several the first is found
+        sought = _keys(wanted, own)
+        place = np.minimum(np.searchsorted(keys, sought, sorter=order), len(order) - 1)
+        found = order[place]
+        missing = np.flatnonzero(keys[found] != sought)
+        if len(missing):
+            first = wanted[missing[0]].tolist()
+            raise InputError(f"{self._name(first)} is not on the surface{self._nearest(first)}")
+        beyond = found >= len(self.ids)
+        if beyond.any():
+            found[beyond] = self.find(aliases[found[beyond] - len(self.ids)], name)
+        return found.astype(np.uint32)
 
     def _name(self, key: Any) -> str:
         return f"voxel {key}" if self.is_voxels else f"vertex {key}"
@@ -502,5 +510,12 @@ def patch_of(
     return Patch(numbers[order], points[rows][at[order]], border[at[order]])
 
 
-def _key(item: Any) -> Any:
-    return tuple(item) if isinstance(item, list) else item
+def _keys(ids: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a number for each vertex number, or voxel (k, 3), -1 for voxels outside the box of others."""
+    if ids.ndim == 1:
+        return ids
+    low, high = among.min(axis=0), among.max(axis=0)
+    inside = np.all((ids >= low) & (ids <= high), axis=1)
+    keys = np.full(len(ids), -1, dtype=np.int64)
+    keys[inside] = np.ravel_multi_index(tuple((ids[inside] - low).T), tuple(high - low + 1))
+    return keys

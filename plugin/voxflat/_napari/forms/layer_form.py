@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from napari.layers import Image, Labels, Surface
-from qtpy.QtWidgets import QComboBox, QDoubleSpinBox, QFormLayout, QSizePolicy, QWidget
+from qtpy.QtWidgets import QDoubleSpinBox, QFormLayout, QWidget
+from superqt import QCollapsible
 
+from voxflat._napari.forms.fields import choice, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
 from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.forms.threshold_choice import ThresholdChoice
 from voxflat._napari.layers.meshes import vary
-from voxflat._napari.layers.sampled import Shown, shown
+from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.world import WORLDS, same_kind_of_unit
 from voxflat.errors import InputError
 
@@ -39,7 +42,7 @@ class LayerForm(QWidget):
         self.surface.setToolTip("A Labels layer, an Image layer and a threshold, or a Surface layer of triangles")
         self.label = LabelChoice()
         self.label.setToolTip("The label whose surface is flattened; by default the layer's selected one")
-        self.threshold = spin(QDoubleSpinBox(), -1e9, 1e9, "The surface encloses what is greater than this")
+        self.threshold = ThresholdChoice(viewer)
         self.world = choice(WORLDS, "Where the viewer's axes grow to. With a wrong choice the map is mirrored!")
         self.sampled = LayerChoice(viewer, self._sampled_rank, none="nothing")
         self.sampled.setToolTip("What the map shows: the values at the surface of a layer, such as T1 or an atlas")
@@ -47,17 +50,23 @@ class LayerForm(QWidget):
             QDoubleSpinBox(), -100, 100, "How far outside the surface to look; negative is inside", " mm"
         )
         self.sample_depth.setSingleStep(0.5)
-        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels", " mm")
+        self.pixel_size = spin(QDoubleSpinBox(), 0, 100, "Side of the map's pixels: half a voxel or edge", " mm")
         self.pixel_size.setSingleStep(0.1)
-        self.pixel_size.setSpecialValueText("automatic (half a voxel or edge)")
+        self.pixel_size.setSpecialValueText("automatic")
+        self._depth_by_user = False
+        self.sample_depth.editingFinished.connect(self._on_depth)
         self._rows = QFormLayout(self)
         self._rows.setContentsMargins(0, 0, 0, 0)
         self._rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+        self.advanced = QCollapsible("Advanced", expandedIcon="▾", collapsedIcon="▸")
 
-    def _add_rows(self, rows: Sequence[tuple[str, QWidget]]) -> None:
+    def _add_rows(self, rows: Sequence[tuple[str, QWidget]], advanced: QWidget | None = None) -> None:
         """Lay the fields out, and follow them."""
         for text, field in rows:
             self._rows.addRow(text, field)
+        if advanced is not None:
+            self.advanced.addWidget(advanced)
+            self._rows.addRow(self.advanced)
         self.surface.chosen.connect(self._on_surface)
         self.sampled.chosen.connect(self._on_sampled)
 
@@ -68,35 +77,33 @@ class LayerForm(QWidget):
         self.label.follow(layer if isinstance(layer, Labels) else None)
         self._show_row(self.label, isinstance(layer, Labels))
         self._show_row(self.threshold, isinstance(layer, Image))
-        if isinstance(layer, Image):
-            self._offer_threshold(*layer.contrast_limits)
+        self.threshold.follow(layer if isinstance(layer, Image) and not layer.rgb else None)
         self.sampled.reconsider()
+        if not self._depth_by_user:
+            self.sample_depth.setValue(usual_depth(layer))
 
-    def _offer_threshold(self, low: float, high: float) -> None:
-        digits = 3 - np.floor(np.log10(high - low)) if high > low else 3
-        self.threshold.setDecimals(int(np.clip(digits, 0, 12)))
-        self.threshold.setSingleStep((high - low) / 100)
-        self.threshold.setValue((low + high) / 2)
+    def _on_depth(self) -> None:
+        self._depth_by_user = True
 
     def _on_sampled(self) -> None:
         self._show_row(self.sample_depth, isinstance(self.sampled.layer, Image | Labels))
 
     def _show_row(self, field: QWidget, visible: bool) -> None:
-        field.setVisible(visible)
-        label = self._rows.labelForField(field)
-        assert label is not None
-        label.setVisible(visible)
+        show_row(self._rows, field, visible)
 
     def _sampled_rank(self, layer: Layer) -> int | None:
         """Say how well a layer suits to be shown on the map: best are the values of the mesh that is flattened."""
         if "voxflat" in layer.metadata:
             return None
         if isinstance(layer, Image | Labels):
-            return int(isinstance(layer, Image) and layer.ndim == 3)
+            suits = isinstance(layer, Image) and layer.ndim == 3
+            return int(suits) + (
+                suits and layer != self.surface.layer
+            )  # at its own border an image is the same everywhere
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
             return None
-        return 2 if layer == mesh and vary(np.asarray(layer.vertex_values)) else 0
+        return 3 if layer == mesh and vary(np.asarray(layer.vertex_values)) else 0
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -129,27 +136,9 @@ class LayerForm(QWidget):
     def release(self) -> None:
         """Stop following the viewer."""
         self.label.follow(None)
+        self.threshold.follow(None)
         for part in (self.surface, self.sampled):
             part.release()
-
-
-def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
-    """Set a box for numbers up."""
-    box.setRange(least, most)
-    box.setToolTip(tip)
-    box.setSuffix(suffix)
-    box.setKeyboardTracking(False)
-    return box
-
-
-def choice(texts: Mapping[str, str], tip: str) -> QComboBox:
-    """Make a box to choose from texts, by their keys."""
-    box = QComboBox()
-    for key, text in texts.items():
-        box.addItem(text, key)
-    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts do not widen the window
-    box.setToolTip(tip)
-    return box
 
 
 def _surface_rank(layer: Layer) -> int | None:

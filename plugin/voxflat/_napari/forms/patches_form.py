@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from napari.layers import Surface
 from qtpy.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
 
-from voxflat._napari.forms.layer_form import LayerForm, choice, spin
+from voxflat._napari.forms.fields import choice, spin
+from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.job import PatchesJob
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume

@@ -5,16 +5,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from napari.layers import Labels, Surface
+from napari.layers import Labels, Points, Shapes, Surface
 from numpy.typing import NDArray
-from qtpy.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
+from qtpy.QtWidgets import QDoubleSpinBox, QWidget
 
-from voxflat._napari.forms.layer_form import LayerForm, choice, spin
+from voxflat._napari.forms.fields import choice, offer, spin
+from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.forms.layer_form import LayerForm
+from voxflat._napari.forms.options_form import OptionsForm
+from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
 from voxflat._napari.layers.meshes import LayerMesh, vary
+from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.workbench import Workbench
 from voxflat.errors import InputError
 from voxflat.methods.options import METHODS
 
@@ -22,11 +28,14 @@ if TYPE_CHECKING:
     from napari import Viewer
     from napari.layers import Layer
 
-_RADIUS = 45.0  # mm, as the demo's
-_METHODS = {name: f"{name}: {what}" for name, what in METHODS.items() if name != "saucan2006"}  # which has its own form
-_PATCHES = {
-    "disk": "disk around a seed point",
+_RADIUS = 45.0  # mm, as README's
+_METHODS = {name: f"{name}: {what}" for name, what in METHODS.items()}
+_OVER_VOXELS = "grossmann2002"  # which takes no mesh
+_PARTS = {
     "whole": "whole surface",
+    "disk": "disk around a seed point",
+    "polygon": "within a polygon",
+    "mask": "within a mask",
     "values": "where its values are not 0",
 }
 
@@ -44,26 +53,39 @@ class SurfaceForm(LayerForm):
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(viewer, parent)
+        self._workbench = Workbench.of(viewer)
         self._make_fields(viewer)
         self._add_rows(
             (
                 ("Surface", self.surface),
                 ("Label", self.label),
                 ("Threshold", self.threshold),
-                ("World axes", self.world),
-                ("Method", self.method),
-                ("Patch", self.patch),
+                ("Pial surface", self.pial),
+                ("Part", self.patch),
                 ("Seed point", self.seed),
                 ("Radius", self.radius),
+                ("Polygon", self.polygon),
+                ("Mask", self.masked_by),
                 ("Show on map", self.sampled),
                 ("at depth", self.sample_depth),
-                ("Sources", self.sources),
-                ("Pixel size", self.pixel_size),
-            )
+                ("Method", self.method),
+                ("World axes", self.world),
+            ),
+            advanced=self.options,
         )
+        self._rows.addRow(self.plan)
         self.patch.currentIndexChanged.connect(self._on_patch)
+        self.method.currentIndexChanged.connect(self._on_method)
+        self.label.currentIndexChanged.connect(self._tell_plan)
+        self.options.changed.connect(self._tell_plan)
+        for followed in (self.pial, self.polygon, self.masked_by, self.sampled):
+            followed.chosen.connect(self._tell_plan)
+        self.threshold.box.valueChanged.connect(self._tell_plan)
+        self.radius.valueChanged.connect(self._tell_plan)
+        self._workbench.cuts_drawn.connect(self._on_cuts_drawn)
         self._on_surface()
         self._on_patch()
+        self._on_method()
         self._on_sampled()
 
     def _make_fields(self, viewer: Viewer) -> None:
@@ -71,38 +93,74 @@ class SurfaceForm(LayerForm):
             _METHODS,
             "By default over triangles, which keep apart what only touches; the others are the papers' methods",
         )
+        self.pial = LayerChoice(viewer, self._pial_rank, none="none: distances on the surface itself")
+        self.pial.setToolTip("Of a white surface its pial one: distances are then measured midway between them")
         self.patch = choice(
-            _PATCHES, "A closed surface, such as a brain's whole, is cut open; a smaller patch is distorted less"
+            _PARTS, "A closed surface, such as a brain's whole, is cut open; a smaller part is distorted less"
         )
         self.seed = SeedChoice(viewer, self._inside)
         self.radius = spin(QDoubleSpinBox(), 1, 1000, "Radius of the disk, along the surface", " mm")
         self.radius.setDecimals(1)
         self.radius.setValue(_RADIUS)
-        self.sources = spin(QSpinBox(), 0, 100_000, "How many points distances are measured from")
-        self.sources.setSpecialValueText("automatic")
+        self.polygon = LayerChoice(viewer, _polygon_rank)
+        self.polygon.setPlaceholderText("draw a polygon in a Shapes layer, or set Points")
+        self.polygon.setToolTip(
+            "A Shapes layer, whose selected or last shape is taken, or the points of a Points layer in their order: "
+            "corners, each moved to the nearest place of the surface, joined along it"
+        )
+        self.masked_by = LayerChoice(viewer, self._mask_rank)
+        self.masked_by.setPlaceholderText("open a Labels layer of the same voxels")
+        self.masked_by.setToolTip("What of the volume is flattened: where this Labels layer of the same shape is not 0")
+        self.options = OptionsForm()
+        self.options.rows.addRow("Pixel size", self.pixel_size)
+        self.plan = Plan()
 
     # ---------------------------------------------------------------------------------------- choosing
 
     def _on_surface(self) -> None:
         super()._on_surface()
         layer = self.surface.layer
-        self._show_row(self.method, not isinstance(layer, Surface))
-        self._offer_values(isinstance(layer, Surface))
+        is_mesh = isinstance(layer, Surface)
+        offer(self.method, _METHODS, _OVER_VOXELS, not is_mesh)
+        offer(self.patch, _PARTS, "values", is_mesh)
+        offer(self.patch, _PARTS, "mask", not is_mesh)
+        self.pial.reconsider()
+        self.masked_by.reconsider()
+        self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
+        self.options.offer_drawn(self._workbench.cuts_of(layer))
+        self._tell_plan()
 
-    def _offer_values(self, offered: bool) -> None:
-        """Offer the patch where a mesh has values, or not."""
-        index = self.patch.findData("values")
-        if offered and index < 0:
-            self.patch.addItem(_PATCHES["values"], "values")
-        elif not offered and index >= 0:
-            if self.patch.currentIndex() == index:
-                self.patch.setCurrentIndex(0)
-            self.patch.removeItem(index)
+    def _on_cuts_drawn(self) -> None:
+        self.options.offer_drawn(self._workbench.cuts_of(self.surface.layer), chosen=True)
 
     def _on_patch(self) -> None:
+        part = self.patch.currentData()
         for field in (self.seed, self.radius):
-            self._show_row(field, self._on_disk)
+            self._show_row(field, part == "disk")
+        self._show_row(self.polygon, part == "polygon")
+        self._show_row(self.masked_by, part == "mask")
+        self._tell_plan()
+
+    def _on_method(self) -> None:
+        self.options.set_method(self.method.currentData())
+        self._tell_plan()
+
+    def _tell_plan(self) -> None:
+        layer = self.surface.layer
+        if layer is None or layer.ndim != 3:
+            self.plan.follow(None)
+            return
+        is_mesh = isinstance(layer, Surface)
+        self.plan.follow(
+            layer,
+            method=self.method.currentData(),
+            part=self.patch.currentData(),
+            cuts=self.options.cuts,
+            radius=self.radius.value(),
+            has_pial=is_mesh and self.pial.layer is not None,
+            **({} if is_mesh else self._foreground(layer)),
+        )
 
     @property
     def _on_disk(self) -> bool:
@@ -112,6 +170,23 @@ class SurfaceForm(LayerForm):
         """Say which values are foreground."""
         labels = isinstance(self.surface.layer, Labels)
         return np.asarray(values == self.label.label if labels else values > self.threshold.value())
+
+    def _pial_rank(self, layer: Layer) -> int | None:
+        """Say how well a layer suits as the pial surface of the chosen one."""
+        white = self.surface.layer
+        if "voxflat" in layer.metadata or layer is white or not isinstance(white, Surface):
+            return None
+        if not isinstance(layer, Surface) or layer.ndim != 3 or len(layer.vertices) != len(white.vertices):
+            return None
+        return int("pial" in layer.name and "pial" not in white.name)
+
+    def _mask_rank(self, layer: Layer) -> int | None:
+        volume = self.surface.layer
+        if "voxflat" in layer.metadata or not isinstance(layer, Labels) or layer is volume or volume is None:
+            return None
+        return (
+            1 if not isinstance(volume, Surface) and layer.extent.data.tolist() == volume.extent.data.tolist() else None
+        )
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -129,33 +204,61 @@ class SurfaceForm(LayerForm):
         """
         layer, world = self._chosen(), self.world.currentData()
         surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)
-        seed = self.seed.point if self._on_disk else None
-        if self._on_disk and seed is None:
-            raise InputError("no seed point: click Pick, then on the surface; or choose another patch")
+        method = self.method.currentData()
+        self.threshold.preview.setChecked(False)
         return Job(
             surface=surface,
-            seed_point=seed,
-            radius=self.radius.value() if self._on_disk else None,
-            sources=self.sources.value() or None,
+            method=method,
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
+            options=self.options.options(method),
+            **self._part(layer, world),
             **how,
         )
 
+    def _part(self, layer: Layer, world: str) -> dict[str, Any]:
+        """Return what of the surface is flattened."""
+        part = self.patch.currentData()
+        if part == "disk":
+            if self.seed.point is None:
+                raise InputError("no seed point: click Pick, then on the surface; or choose another part")
+            return {"seed_point": self.seed.point, "radius": self.radius.value()}
+        if part == "polygon":
+            if self.polygon.layer is None:
+                raise InputError("no polygon: draw one in a Shapes layer, or set its corners as Points")
+            return {"polygon": corners(self.polygon.layer, layer, world)}
+        if part == "mask" and self.masked_by.layer is None:
+            raise InputError("no mask: open a Labels layer of the same voxels, or choose another part")
+        return {}
+
     def _of_volume(self, layer: Layer, world: str) -> tuple[LayerVolume, dict[str, Any]]:
         """Return a volume, and what of the job only volumes have."""
-        return LayerVolume.of(layer, world), {"method": self.method.currentData(), **self._foreground(layer)}
+        by_mask = self.patch.currentData() == "mask" and self.masked_by.layer is not None
+        keep = {"keep": LayerVolume.of(self.masked_by.layer, world)} if by_mask else {}
+        return LayerVolume.of(layer, world), {**self._foreground(layer), **keep}
 
     def _of_mesh(self, layer: Surface, world: str) -> tuple[LayerMesh, dict[str, Any]]:
         """Return a mesh, and what of the job only meshes have."""
         mesh = LayerMesh.of(layer, world)
         by_values = self.patch.currentData() == "values"
+        pial = self.pial.layer
         return mesh, {
             "keep": mesh.kept() if by_values else None,
             "values": overlay(layer, mesh) if vary(mesh.values) else None,
+            "pial": None if pial is None else LayerMesh.of(pial, world),
         }
 
     def release(self) -> None:
         """Stop following the viewer."""
         super().release()
+        self._workbench.cuts_drawn.disconnect(self._on_cuts_drawn)
         self.seed.release()
+        self.plan.follow(None)
+        for followed in (self.pial, self.polygon, self.masked_by):
+            followed.release()
+
+
+def _polygon_rank(layer: Layer) -> int | None:
+    if not isinstance(layer, Shapes | Points) or layer.ndim != 3 or "voxflat" in layer.metadata:
+        return None
+    return 1 if isinstance(layer, Shapes) else 0

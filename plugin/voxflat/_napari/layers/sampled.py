@@ -6,17 +6,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
 from napari.layers import Labels, Surface
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.meshes import LayerMesh
-from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.layers.volumes import LayerVolume, finest
+from voxflat._napari.layers.world import unit_ratio
 from voxflat.atlases.atlas import Atlas
+from voxflat.demo import DEPTH
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
 if TYPE_CHECKING:
     from napari.layers import Layer
+
+_WHITE = ("white", "smoothwm")  # in names of surfaces whose outside is grey matter
+_HEAD = 60.0  # mm, the shortest side of a volume that holds a hemisphere
+_FINE = 2.0  # mm, voxels in which cortex is seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +123,29 @@ def shown(layer: Layer, world: str, depth: float) -> Shown:
     if isinstance(layer, Labels):
         return Sampled(volume, depth, "labels", {"colormap": layer.colormap})
     return Sampled(volume, depth) if layer.rgb else Sampled(volume, depth, display=_display(layer))
+
+
+def usual_depth(layer: Layer | None) -> float:
+    """Return how far outside a surface a volume is usually looked at.
+
+    Parameters
+    ----------
+    layer : Image, Labels, Surface or None
+        What is flattened.
+
+    Returns
+    -------
+    float
+        Of white matter, which a volume as large as a head and a white surface are taken for, the demo's depth in grey
+        matter, mm; else 0.
+    """
+    if layer is None or layer.ndim != 3:
+        return 0.0
+    if isinstance(layer, Surface):
+        return DEPTH if any(word in layer.name for word in _WHITE) else 0.0
+    sides = np.abs(np.diff(layer.extent.world, axis=0)[0]) * unit_ratio(layer.units, ["mm"] * 3)
+    spacing = sides / np.maximum(np.asarray(finest(layer).shape[:3]) - 1, 1)
+    return DEPTH if sides.min() >= _HEAD and spacing.max() <= _FINE else 0.0
 
 
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:

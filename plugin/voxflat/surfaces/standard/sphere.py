@@ -79,11 +79,25 @@ def sphere_beside(whole: Surface) -> Path | None:
         ``surf/lh.sphere.reg``, if it is there.
     """
     given = whole.metadata.get("input")
-    match = re.match(r"[lr]h(?=\.)", Path(given).name) if given and not whole.is_voxels else None
-    if given is None or match is None:
-        return None
-    path = Path(given).with_name(f"{match[0]}.sphere.reg")
-    return path if path.is_file() else None
+    return sphere_at(given) if given and not whole.is_voxels else None
+
+
+def sphere_at(path: str | os.PathLike[str]) -> Path | None:
+    """Find the registered sphere that FreeSurfer leaves beside a surface's file.
+
+    Parameters
+    ----------
+    path : path
+        Such as ``surf/lh.white``.
+
+    Returns
+    -------
+    Path or None
+        ``surf/lh.sphere.reg``, if it is there.
+    """
+    match = re.match(r"[lr]h(?=\.)", Path(path).name)
+    beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
+    return beside if beside is not None and beside.is_file() else None
 
 
 def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:

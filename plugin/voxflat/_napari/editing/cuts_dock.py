@@ -1,0 +1,334 @@
+"""The widget of *Layers → Transform → Draw cuts*."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Layer
+from napari.utils.notifications import show_error, show_info
+from qtpy.QtCore import QEvent, Qt
+from qtpy.QtWidgets import (
+    QAbstractItemView,
+    QFileDialog,
+    QGridLayout,
+    QHeaderView,
+    QLabel,
+    QPushButton,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from voxflat._napari.editing.cuts_form import CutsForm
+from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.editing.scene import Scene, places_in_world
+from voxflat._napari.editing.works import FindCuts, MakeSurface, WeighCuts
+from voxflat._napari.layers.seed import first_vertex
+from voxflat._napari.layers.world import in_units_of
+from voxflat._napari.workbench import Workbench
+from voxflat._napari.worker import JobWorker
+from voxflat.errors import Cancelled, VoxflatError
+from voxflat.surfaces.cut import Cut, CutSurface
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_CLICK = 3  # pixels that the mouse may move within a click
+_COLUMNS = ("cut", "length", "gain")
+_GAIN = "By how much distances are further off without the cut, in a sketch of the map"
+
+
+class DrawCuts(QWidget):
+    """Cuts a surface where someone clicks on it in 3D.
+
+    Parameters
+    ----------
+    napari_viewer : Viewer
+        The viewer, which napari gives by this parameter's name.
+    """
+
+    def __init__(self, napari_viewer: Viewer) -> None:
+        super().__init__()
+        self._viewer = napari_viewer
+        self._worker: JobWorker | None = None
+        self._layer: Layer | None = None  # what is cut
+        self.drawing: Drawing | None = None
+        self._scene: Scene | None = None
+        self.form = CutsForm(napari_viewer)
+        self.begin = self._button("Begin", "Show the surface in 3D, and draw cuts on it", self._on_begin)
+        self.draw = self._button("Draw", "Click on the surface: a cut takes the shortest way from stop to stop", None)
+        self.draw.setCheckable(True)
+        self.draw.toggled.connect(self._on_draw)
+        self.end_cut = self._button("Next cut", "The next click begins a new cut", self._on_end_cut)
+        self.undo = self._button("Undo", "Take the last step back", self._on_undo)
+        self.redo = self._button("Redo", "Do again what was undone last", self._on_redo)
+        self.remove = self._button("Remove", "Take the chosen cut away", self._on_remove)
+        self.standard = self._button("Standard", "Begin with cuts that are the same for every brain", self._standard)
+        self.automatic = self._button("Automatic", "Begin with cuts that suit this surface best", self._automatic)
+        self.weigh = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_weigh)
+        self.save = self._button("Save…", "As a file that cuts= and --cuts take", self._on_save)
+        self.load = self._button("Load…", "A file of cuts, or a template", self._on_load)
+        self.use = self._button("Use for Flatten surface", "Choose these cuts in the form", self._on_use)
+        self.cuts = QTableWidget(0, len(_COLUMNS))
+        self.cuts.setHorizontalHeaderLabels(_COLUMNS)
+        self.cuts.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.cuts.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.cuts.setMinimumHeight(100)
+        header, rows = self.cuts.horizontalHeader(), self.cuts.verticalHeader()
+        assert header is not None
+        assert rows is not None
+        header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        rows.hide()
+        self.status = QLabel("Choose a surface, then press Begin.")
+        self.status.setWordWrap(True)
+        self._lay_out()
+        self._update()
+
+    def _button(self, text: str, tip: str, pressed: Callable[[], None] | None) -> QPushButton:
+        button = QPushButton(text)
+        button.setToolTip(tip)
+        if pressed is not None:
+            button.clicked.connect(pressed)
+        return button
+
+    def _lay_out(self) -> None:
+        rows = (
+            (self.draw, self.end_cut, self.undo, self.redo),
+            (self.standard, self.automatic, self.load, self.save),
+        )
+        grid = QGridLayout()
+        for row, buttons in enumerate(rows):
+            for column, button in enumerate(buttons):
+                grid.addWidget(button, row, column)
+        below = QGridLayout()
+        below.addWidget(self.remove, 0, 0)
+        below.addWidget(self.weigh, 0, 1)
+        below.addWidget(self.use, 1, 0, 1, 2)
+        layout = QVBoxLayout(self)
+        layout.addWidget(self.form)
+        layout.addWidget(self.begin)
+        layout.addLayout(grid)
+        layout.addWidget(self.cuts, 1)
+        layout.addLayout(below)
+        layout.addWidget(self.status)
+
+    # ---------------------------------------------------------------------------------------- beginning
+
+    def _on_begin(self) -> None:
+        try:
+            layer = self.form.layer()
+            work = MakeSurface(*self.form.source())
+        except VoxflatError as error:
+            self._fail(error)
+            return
+        self._end()
+        self._layer = layer
+        self._work(work, "making the surface", self._on_made)
+
+    def _on_made(self, made: tuple[Any, Any]) -> None:
+        surface, curvature = made
+        if self._layer is None or self._layer not in self._viewer.layers:
+            self.status.setText("The layer is gone: choose another, then press Begin.")
+            return
+        drawing = Drawing(surface)
+        world = self.form.world.currentData()
+        shown_on = self.form.shown_on.layer
+        if shown_on is None:
+            places = places_in_world(drawing, world)
+            unit = None if str(self._layer.units[0]) == "pixel" else "mm"
+        else:  # such as the inflated surface, whose vertices are the same
+            vertices = np.asarray(shown_on.data_to_world(np.zeros(3)))  # its origin in the world
+            places = np.array([shown_on.data_to_world(place) for place in np.eye(3)]) - vertices
+            places = np.asarray(shown_on.vertices)[surface.vertices] @ places + vertices
+            unit = str(shown_on.units[0])
+            unit = None if unit == "pixel" else unit
+        self.drawing = drawing
+        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name)
+        self.draw.setChecked(True)
+        self._update("Click on the surface where a cut begins, then where it leads.")
+
+    # ------------------------------------------------------------------------------------------ drawing
+
+    def _on_draw(self, active: bool) -> None:
+        callbacks = self._viewer.mouse_drag_callbacks
+        if active and self._on_click not in callbacks:
+            callbacks.append(self._on_click)
+        elif not active and self._on_click in callbacks:
+            callbacks.remove(self._on_click)
+
+    def _on_click(self, viewer: Viewer, event: Any) -> Iterator[None]:
+        """Add a stop where the mouse is pressed and released without a move in between, which turns the view."""
+        pressed = np.asarray(event.pos)
+        yield
+        while event.type == "mouse_move":
+            if np.abs(event.pos - pressed).max() > _CLICK:
+                return
+            yield
+        if self._scene is None or not self._scene.is_there or self.drawing is None or viewer.dims.ndisplay != 3:
+            return
+        layer = self._scene.surface
+        place = in_units_of(layer, event.position, viewer.layers.units)
+        start, end = layer.get_ray_intersections(place, event.view_direction, event.dims_displayed)
+        vertex = None if start is None else first_vertex(layer, start, end)
+        if vertex is not None:
+            self._do(lambda drawing: drawing.add_stop(vertex))
+
+    def _on_end_cut(self) -> None:
+        self._do(Drawing.end_cut)
+
+    def _on_undo(self) -> None:
+        self._do(Drawing.undo)
+
+    def _on_redo(self) -> None:
+        self._do(Drawing.redo)
+
+    def _on_remove(self) -> None:
+        row = self.cuts.currentRow()
+        if self.drawing is not None and 0 <= row < len(self.drawing.cuts):
+            self._do(lambda drawing: drawing.remove(row))
+
+    def _do(self, step: Callable[[Drawing], None]) -> None:
+        if self.drawing is None:
+            return
+        try:
+            step(self.drawing)
+        except VoxflatError as error:
+            self._fail(error)
+            return
+        self._update()
+
+    # ------------------------------------------------------------------------------------- found by others
+
+    def _standard(self) -> None:
+        self._find("standard")
+
+    def _automatic(self) -> None:
+        self._find("automatic")
+
+    def _on_load(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Load cuts", "", "cuts (*.json)")
+        if path:
+            self._find(path)
+
+    def _find(self, by: str) -> None:
+        if self.drawing is not None:
+            self._work(FindCuts(self.drawing.surface, by), "finding cuts", self._on_found)
+
+    def _on_found(self, found: CutSurface) -> None:
+        names = [cut.name or f"{cut.reason} {number}" for number, cut in enumerate(found.cuts, 1)]
+        self._do(lambda drawing: drawing.set_cuts([cut.ids for cut in found.cuts], names))
+
+    def _on_weigh(self) -> None:
+        if self.drawing is not None and (paths := self.drawing.paths()):
+            self._work(WeighCuts(self.drawing.surface, paths), "weighing the cuts", self._on_weighed)
+
+    def _on_weighed(self, weighed: tuple[float, list[float]]) -> None:
+        error, gains = weighed
+        for row, gain in enumerate(gains):
+            self.cuts.setItem(row, 2, _cell(f"{100 * gain:+.1f} %"))
+        self.status.setText(f"Distances of a sketch of the map are {100 * error:.1f} % off with all cuts.")
+
+    # -------------------------------------------------------------------------------------------- using
+
+    def _on_save(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, "Save the cuts", "cuts.json", "cuts (*.json)")
+        if not path or self.drawing is None:
+            return
+        try:
+            self._as_cut_surface().save(Path(path).with_suffix(".json"), overwrite=True)
+            show_info(f"saved {path}")
+        except (VoxflatError, OSError) as error:
+            self._fail(error)
+
+    def _as_cut_surface(self) -> CutSurface:
+        drawing = self.drawing
+        assert drawing is not None
+        cuts = [Cut(path, None, "given") for path in drawing.paths()]
+        return CutSurface(drawing.surface, tuple(cuts), drawing.surface.ids[:0], provenance=drawing.surface.provenance)
+
+    def _on_use(self) -> None:
+        if self.drawing is not None and self._layer is not None:
+            Workbench.of(self._viewer).set_cuts(self._layer, self.drawing.paths())
+            self.status.setText(f"Flatten surface will cut '{self._layer.name}' so.")
+
+    # ------------------------------------------------------------------------------------------- working
+
+    def _work(self, work: Any, what: str, returned: Callable[[Any], None]) -> None:
+        if self._worker is not None:
+            return
+        worker = JobWorker(work)
+        worker.returned.connect(returned)
+        worker.errored.connect(self._on_errored)
+        worker.finished.connect(self._on_finished)
+        self.destroyed.connect(worker.quit)
+        self._worker = worker
+        self.status.setText(f"{what}…")
+        self._enable()
+        worker.start()
+
+    def _on_errored(self, error: Exception) -> None:
+        if not isinstance(error, Cancelled):
+            self._fail(error)
+
+    def _on_finished(self) -> None:
+        self._worker = None
+        self._enable()
+
+    def _fail(self, error: Exception) -> None:
+        message = " ".join((str(error) or type(error).__name__).split())
+        self.status.setText(message)
+        show_error(message)
+
+    def _update(self, status: str | None = None) -> None:
+        cuts = () if self.drawing is None else self.drawing.cuts
+        self.cuts.setRowCount(len(cuts))
+        for row, cut in enumerate(cuts):
+            assert self.drawing is not None
+            for column, text in enumerate((cut.name, f"{self.drawing.length(cut):.0f} mm", "")):
+                self.cuts.setItem(row, column, _cell(text))
+        if self._scene is not None and self._scene.is_there:
+            self._scene.update()
+        if self.drawing is not None:
+            total = sum(self.drawing.length(cut) for cut in cuts)
+            self.status.setText(status or f"{len(cuts)} cuts, {total:.0f} mm.")
+        self._enable()
+
+    def _enable(self) -> None:
+        idle, drawing = self._worker is None, self.drawing
+        self.begin.setEnabled(idle)
+        for button in (self.draw, self.standard, self.automatic, self.load):
+            button.setEnabled(idle and drawing is not None)
+        self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
+        self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
+        self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
+        for button in (self.remove, self.weigh, self.save, self.use):
+            button.setEnabled(idle and drawing is not None and bool(drawing.cuts))
+
+    # -------------------------------------------------------------------------------------------- ending
+
+    def _end(self) -> None:
+        self.draw.setChecked(False)
+        if self._scene is not None:
+            self._scene.remove()
+        self._scene = self.drawing = self._layer = None
+        self._update()
+
+    def event(self, event: Any) -> bool:
+        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            if self._worker is not None:
+                self._worker.quit()
+            self.form.release()
+            self._end()
+        return bool(super().event(event))
+
+
+def _cell(text: str) -> QTableWidgetItem:
+    cell = QTableWidgetItem(text)
+    if text[:1] in "+-0123456789":
+        cell.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+    return cell

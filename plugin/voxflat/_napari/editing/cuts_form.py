@@ -1,0 +1,93 @@
+"""What is cut by hand, and on which surface it is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from napari.layers import Labels, Surface
+from qtpy.QtWidgets import QWidget
+
+from voxflat._napari.forms.layer_choice import LayerChoice
+from voxflat._napari.forms.layer_form import LayerForm
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat.errors import InputError
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from napari.layers import Layer
+
+
+class CutsForm(LayerForm):
+    """Asks what is cut.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(viewer, parent)
+        self.shown_on = LayerChoice(viewer, self._shown_rank, none="the surface itself")
+        self.shown_on.setToolTip("A surface with the same vertices to draw on, such as the inflated one")
+        self._add_rows(
+            (
+                ("Surface", self.surface),
+                ("Label", self.label),
+                ("Threshold", self.threshold),
+                ("Draw on", self.shown_on),
+                ("World axes", self.world),
+            )
+        )
+        self._on_surface()
+
+    def layer(self) -> Layer:
+        """Return the layer that is cut.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        layer = self._chosen()
+        if isinstance(layer, Labels) and self.label.label is None:
+            raise InputError(f"layer '{layer.name}' has no label to cut")
+        return layer
+
+    def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
+        """Return what is cut, and what of a volume is foreground.
+
+        Raises
+        ------
+        InputError
+            If the layer does not suit.
+        """
+        layer, world = self._chosen(), self.world.currentData()
+        if isinstance(layer, Surface):
+            return LayerMesh.of(layer, world), {}
+        return LayerVolume.of(layer, world), self._foreground(layer)
+
+    def _on_surface(self) -> None:
+        super()._on_surface()
+        self.shown_on.reconsider()
+        self._show_row(self.shown_on, self.shown_on.count() > 1)
+
+    def _on_sampled(self) -> None:
+        """Nothing is shown on a map here."""
+
+    def _shown_rank(self, layer: Layer) -> int | None:
+        """Say how well a layer suits to be drawn on."""
+        cut = self.surface.layer
+        if "voxflat" in layer.metadata or layer is cut or not isinstance(layer, Surface) or layer.ndim != 3:
+            return None
+        if not isinstance(cut, Surface) or len(layer.vertices) != len(cut.vertices):
+            return None
+        return int("inflated" in layer.name)
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        super().release()
+        self.shown_on.release()

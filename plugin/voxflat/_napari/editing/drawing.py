@@ -1,0 +1,179 @@
+"""Cuts while they are drawn: what there is, and what can be undone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.surfaces.surface import Surface
+
+Stops: TypeAlias = tuple[int, ...]
+"""The vertices that someone clicked on; between them a cut takes the shortest way along edges."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One cut.
+
+    Parameters
+    ----------
+    stops : tuple of int
+        Vertices of the surface.
+    name : str
+        What it is called.
+    """
+
+    stops: Stops
+    name: str
+
+
+@dataclass(frozen=True)
+class _State:
+    cuts: tuple[Drawn, ...] = ()
+    is_open: bool = False  # whether the next stop goes on with the last cut
+
+
+@dataclass(eq=False)
+class Drawing:
+    """Cuts on a surface, and every state that they were in.
+
+    Parameters
+    ----------
+    surface : Surface
+        The whole surface.
+    """
+
+    surface: Surface
+    _done: list[_State] = field(default_factory=lambda: [_State()])
+    _undone: list[_State] = field(default_factory=list)
+    _ways: dict[tuple[int, int], NDArray[np.uint32]] = field(default_factory=dict)
+
+    @property
+    def cuts(self) -> tuple[Drawn, ...]:
+        """The cuts as they are now."""
+        return self._done[-1].cuts
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the next stop goes on with the last cut."""
+        return self._done[-1].is_open
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether something was done."""
+        return len(self._done) > 1
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether something was undone."""
+        return bool(self._undone)
+
+    def add_stop(self, vertex: int) -> None:
+        """Go on with the cut that is drawn, or begin one.
+
+        Parameters
+        ----------
+        vertex : int
+            A vertex of the surface.
+
+        Raises
+        ------
+        InputError
+            If no way leads there.
+        """
+        now = self._done[-1]
+        if not now.is_open:
+            self._do(_State((*now.cuts, Drawn((vertex,), f"drawn {self._next_number()}")), True))
+            return
+        last = now.cuts[-1]
+        if vertex != last.stops[-1]:
+            self._way(last.stops[-1], vertex)  # refuses other components
+            self._do(_State((*now.cuts[:-1], replace(last, stops=(*last.stops, vertex))), True))
+
+    def end_cut(self) -> None:
+        """Let the next stop begin a new cut."""
+        if self.is_open:
+            self._do(replace(self._done[-1], is_open=False))
+
+    def remove(self, number: int) -> None:
+        """Take a cut away.
+
+        Parameters
+        ----------
+        number : int
+            Its place in `cuts`.
+        """
+        now = self._done[-1]
+        is_last = number == len(now.cuts) - 1
+        kept = (*now.cuts[:number], *now.cuts[number + 1 :])
+        self._do(_State(kept, now.is_open and not is_last))
+
+    def set_cuts(self, paths: Sequence[NDArray[Any]], names: Sequence[str]) -> None:
+        """Put other cuts in the place of all.
+
+        Parameters
+        ----------
+        paths : sequence of array_like
+            Vertices by what they are in the input, as `voxflat.cut` gives them.
+        names : sequence of str
+            One a cut.
+
+        Raises
+        ------
+        InputError
+            If one is not on the surface.
+        """
+        found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
+        self._do(_State(tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))))
+
+    def undo(self) -> None:
+        """Take the last step back."""
+        if self.can_undo:
+            self._undone.append(self._done.pop())
+
+    def redo(self) -> None:
+        """Do again what was undone last."""
+        if self._undone:
+            self._done.append(self._undone.pop())
+
+    def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
+        """Return the vertices along a cut, neighbour by neighbour.
+
+        Parameters
+        ----------
+        cut : Drawn
+            One of `cuts`.
+
+        Returns
+        -------
+        ndarray of uint32, shape (k,)
+        """
+        first = np.array(cut.stops[:1], dtype=np.uint32)
+        return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])
+
+    def length(self, cut: Drawn) -> float:
+        """Return the length of a cut, mm."""
+        places = self.surface.points[self.vertices(cut)]
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+    def paths(self) -> list[NDArray[np.int64]]:
+        """Return the cuts as `cuts` of `voxflat.flatten` takes them; a single stop is no cut yet."""
+        return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if len(cut.stops) > 1]
+
+    def _way(self, a: int, b: int) -> NDArray[np.uint32]:
+        if (a, b) not in self._ways:
+            self._ways[a, b] = self.surface.core.edge_path(a, b)[0]
+        return self._ways[a, b]
+
+    def _do(self, state: _State) -> None:
+        self._done.append(state)
+        self._undone.clear()
+
+    def _next_number(self) -> int:
+        taken = {cut.name for cut in self.cuts}
+        return next(number for number in range(1, len(taken) + 2) if f"drawn {number}" not in taken)

@@ -1,0 +1,130 @@
+"""The surface that cuts are drawn on, and the cuts, as layers of the viewer."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Layer, Points, Vectors
+from napari.layers import Surface as SurfaceLayer
+from numpy.typing import NDArray
+
+from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.layers.world import from_ras
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_GREYS = (0.72, 0.45)  # of gyri and sulci
+_OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not to be flattened
+_CUT = "#ff5a36"
+_WIDTH = 0.006  # of the surface's size
+
+
+class Scene:
+    """Shows a drawing in a viewer.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    drawing : Drawing
+        What is shown.
+    curvature : ndarray, shape (N,)
+        Of the surface's vertices, 1/mm.
+    places : ndarray, shape (N, 3)
+        Where its vertices are shown, mm along the world's axes.
+    unit : str or None
+        Of the world; None for pixels.
+    name : str
+        Of what is cut.
+    """
+
+    def __init__(
+        self,
+        viewer: Viewer,
+        drawing: Drawing,
+        curvature: NDArray[np.float64],
+        places: NDArray[np.float64],
+        unit: str | None,
+        name: str,
+    ) -> None:
+        self._viewer = weakref.proxy(viewer)
+        self._drawing = drawing
+        self._places = places
+        size = float(np.linalg.norm(np.ptp(places, axis=0)))
+        common = {"units": None if unit is None else (unit,) * 3, "metadata": dict(_OURS)}
+        gyri, sulci = _GREYS
+        greys = np.where(curvature < 0, sulci, gyri)
+        colours = np.column_stack([greys, greys, greys, np.ones(len(greys))])
+        self.surface = SurfaceLayer(
+            (places, drawing.surface.faces),
+            vertex_colors=colours,
+            shading="smooth",
+            name=f"{name}, to be cut",
+            **common,
+        )
+        self.lines = Vectors(
+            np.empty((0, 2, 3)),
+            ndim=3,
+            edge_color=_CUT,
+            edge_width=_WIDTH * size,
+            vector_style="line",
+            blending="translucent_no_depth",
+            name="cuts",
+            **common,
+        )
+        self.stops = Points(
+            np.empty((0, 3)),
+            ndim=3,
+            size=2 * _WIDTH * size,
+            face_color=_CUT,
+            border_color="white",
+            blending="translucent_no_depth",
+            name="stops of cuts",
+            **common,
+        )
+        self._hidden = [layer for layer in viewer.layers if layer.visible]
+        for layer in self._hidden:
+            layer.visible = False
+        for layer in self.layers:
+            viewer.add_layer(layer)
+        viewer.layers.selection = {self.surface}
+        viewer.dims.ndisplay = 3
+        viewer.reset_view()
+        self.update()
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The layers that show it."""
+        return (self.surface, self.lines, self.stops)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the surface is still in the viewer."""
+        return self.surface in self._viewer.layers
+
+    def update(self) -> None:
+        """Show the cuts as they are now."""
+        ways = [self._places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
+        pieces = [np.stack([way[:-1], np.diff(way, axis=0)], axis=1) for way in ways]
+        self.lines.data = np.concatenate([np.empty((0, 2, 3)), *pieces])
+        last = self._drawing.cuts[-1].stops if self._drawing.is_open else ()
+        self.stops.data = self._places[np.array(last, dtype=np.int64)]
+
+    def remove(self) -> None:
+        """Take the layers away, and show what was shown before."""
+        for layer in self.layers:
+            if layer in self._viewer.layers:
+                self._viewer.layers.remove(layer)
+        for layer in self._hidden:
+            if layer in self._viewer.layers:
+                layer.visible = True
+        self._hidden = []
+
+
+def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
+    """Return where the vertices of what is drawn on lie, mm along the axes of a viewer's world."""
+    whole = drawing.surface
+    return from_ras(whole.space.to_scanner(whole.points), world)

@@ -1,0 +1,46 @@
+"""Fields of forms, as all forms have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
+
+
+def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
+    """Set a box for numbers up."""
+    box.setRange(least, most)
+    box.setToolTip(tip)
+    box.setSuffix(suffix)
+    box.setKeyboardTracking(False)
+    return box
+
+
+def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
+    """Make a box to choose from texts, by their keys."""
+    box = QComboBox()
+    for key, text in texts.items():
+        box.addItem(text, key)
+    box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts do not widen the window
+    box.setToolTip(tip)
+    return box
+
+
+def offer(box: QComboBox, texts: Mapping[str, str], key: str, offered: bool) -> None:
+    """Offer an entry of a box, last, or not; what is chosen and no longer offered gives way to the first."""
+    index = box.findData(key)
+    if offered and index < 0:
+        box.addItem(texts[key], key)
+    elif not offered and index >= 0:
+        if box.currentIndex() == index:
+            box.setCurrentIndex(0)
+        box.removeItem(index)
+
+
+def show_row(rows: QFormLayout, field: QWidget, visible: bool) -> None:
+    """Show a field with its label, or hide both."""
+    field.setVisible(visible)
+    label = rows.labelForField(field)
+    assert label is not None
+    label.setVisible(visible)

@@ -1,0 +1,193 @@
+"""The options of the methods, folded away: each is the library's own, by its name, and says what is usual."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
+
+from voxflat._napari.forms.fields import choice, offer, show_row, spin
+from voxflat.methods.options import OPTIONS, default
+
+_CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
+    "cuts": (
+        "Cuts",
+        {
+            None: "as suits: standard where a sphere is known",
+            "standard": "standard, the same for every brain",
+            "automatic": "automatic, as suits this surface best",
+        },
+        "Where a closed surface is cut open",
+    ),
+    "relax": (
+        "Further cuts",
+        {None: "as usual", True: "as long as it pays", False: "none"},
+        "Whether the map is cut further, from its border inwards, where that relieves it most",
+    ),
+    "geodesic": (
+        "Distances",
+        {
+            None: "links, or what is within 1 %",
+            "graph": "straight links",
+            "marching": "fast marching",
+            "exact": "exact",
+        },
+        "What measures the distances that the map keeps",
+    ),
+    "scale": (
+        "Scale",
+        {None: "right for distances", "areas": "right for areas"},
+        "What the map's millimetres are right for",
+    ),
+    "sampling": (
+        "Sources lie",
+        {None: "as usual", "farthest": "evenly", "curvature": "closer where it bends", "random": "at random"},
+        "How the points are chosen that distances are measured from",
+    ),
+    "link_lengths": (
+        "Links",
+        {None: "chain-code lengths", "euclidean": "1, √2, √3 voxels"},
+        "Lengths of the links between neighbouring voxels",
+    ),
+}
+
+
+_DRAWN = "drawn"
+
+
+class OptionsForm(QWidget):
+    """Asks for a method's options; `options` are those that were changed.
+
+    Parameters
+    ----------
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    changed = Signal()
+    """Other cuts are chosen."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.rows = QFormLayout(self)
+        self.rows.setContentsMargins(0, 0, 0, 0)
+        self.rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+        self.fields: dict[str, QWidget] = {}
+        for name in ("cuts", "relax"):
+            self._add_choice(name)
+        self._drawn: tuple[NDArray[np.int64], ...] = ()
+        self._cuts = self._chosen("cuts")
+        self._cuts.currentIndexChanged.connect(self.changed)
+        self.mirror = QCheckBox("left and right exchanged")
+        self.mirror.setToolTip("So that maps of right hemispheres look like those of left ones")
+        self._add("mirror", "Mirror", self.mirror)
+        self.sources = spin(QSpinBox(), 0, 100_000, "How many points distances are measured from")
+        self.sources.setSpecialValueText("as usual")
+        self._add("sources", "Sources", self.sources)
+        for name in ("sampling", "geodesic"):
+            self._add_choice(name)
+        self.weighting = spin(
+            QDoubleSpinBox(), 0, 1, "From 0, near distances and the shape of triangles, to 1, far distances"
+        )
+        self.weighting.setSingleStep(0.1)
+        self.weighting.setValue(default("weighting", "voxflat"))
+        self._add("weighting", "Local to global", self.weighting)
+        for name in ("scale", "link_lengths"):
+            self._add_choice(name)
+        self.neighbourhood = spin(QSpinBox(), 0, 1000, "Distances are kept to points that so many edges lead to")
+        self.neighbourhood.setSpecialValueText("as usual")
+        self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
+        self.starts = spin(QSpinBox(), 1, 100, "Random starts, of which the best map is kept")
+        self.starts.setValue(default("starts", "schwartz1989"))
+        self._add("starts", "Starts", self.starts)
+        self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The greatest factor by which lengths may change")
+        self.bound.setSingleStep(0.1)
+        self.bound.setValue(default("bound", "saucan2006"))
+        self._add("bound", "Bound C", self.bound)
+        self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of every random choice: the same seed gives the same map")
+        self.rows.addRow("Random seed", self.seed)
+
+    @property
+    def cuts(self) -> str | None:
+        """Which cuts are asked for; None for what suits."""
+        cuts: str | None = self._cuts.currentData()
+        return cuts
+
+    def offer_drawn(self, paths: tuple[NDArray[np.int64], ...], chosen: bool = False) -> None:
+        """Offer cuts that someone drew, or none.
+
+        Parameters
+        ----------
+        paths : tuple of ndarray of int64
+            As `cuts` of `voxflat.flatten`.
+        chosen : bool
+            Whether they are chosen at once.
+        """
+        self._drawn = paths
+        offer(self._cuts, {_DRAWN: ""}, _DRAWN, bool(paths))
+        if paths:
+            index = self._cuts.findData(_DRAWN)
+            self._cuts.setItemText(index, f"the {len(paths)} drawn")
+            if chosen:
+                self._cuts.setCurrentIndex(index)
+
+    def set_method(self, method: str) -> None:
+        """Ask for what a method takes.
+
+        Parameters
+        ----------
+        method : str
+            Its name.
+        """
+        for name, field in self.fields.items():
+            show_row(self.rows, field, method in OPTIONS[name])
+
+    def options(self, method: str) -> dict[str, Any]:
+        """Return what differs from what is usual.
+
+        Parameters
+        ----------
+        method : str
+            The method, whose options alone are returned.
+
+        Returns
+        -------
+        dict
+            Keywords of `voxflat.flatten`.
+        """
+        values: dict[str, Any] = {
+            name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
+        }
+        values |= {
+            "mirror": self.mirror.isChecked() or None,
+            "sources": self.sources.value() or None,
+            "weighting": self.weighting.value(),
+            "neighbourhood": self.neighbourhood.value() or None,
+            "starts": self.starts.value(),
+            "bound": self.bound.value(),
+        }
+        of_method = {name: value for name, value in values.items() if method in OPTIONS[name] and value is not None}
+        if of_method.get("cuts") == _DRAWN:
+            of_method["cuts"] = list(self._drawn)
+        changed = {name: value for name, value in of_method.items() if not _is_same(value, default(name, method))}
+        return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
+
+    def _chosen(self, name: str) -> QComboBox:
+        field = self.fields[name]
+        assert isinstance(field, QComboBox)
+        return field
+
+    def _add_choice(self, name: str) -> None:
+        text, entries, tip = _CHOICES[name]
+        self._add(name, text, choice(entries, tip))
+
+    def _add(self, name: str, text: str, field: QWidget) -> None:
+        self.fields[name] = field
+        self.rows.addRow(text, field)
+
+
+def _is_same(value: Any, usual: Any) -> bool:
+    return not isinstance(value, list) and bool(value == usual)

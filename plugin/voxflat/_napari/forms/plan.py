@@ -1,0 +1,172 @@
+"""What will be done if nothing else is chosen, in a sentence or two, before it is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Surface
+from numpy.typing import NDArray
+from qtpy.QtCore import QTimer
+from qtpy.QtWidgets import QLabel, QWidget
+from scipy import ndimage
+from superqt.utils import FunctionWorker
+
+from voxflat._napari.layers.volumes import finest
+from voxflat.surfaces.standard.sphere import sphere_at
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+_COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
+_PAUSE = 300  # ms without a change before they are
+_SECONDS = {"closed": 5e-4, "open": 2.5e-4}  # a point, on two cores (make bench-napari, docs/decisions/0027)
+_BYTES = 6500.0  # a point
+_PARTS = {
+    "whole": "The whole surface",
+    "disk": "The disk of {radius:g} mm",
+    "polygon": "What the polygon encloses",
+    "mask": "What lies in the mask",
+    "values": "Where the values are not 0",
+}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the form asks for."""
+
+    layer: Layer
+    method: str
+    part: str
+    cuts: str | None
+    radius: float
+    has_pial: bool
+    label: int | None = None
+    threshold: float | None = None
+
+
+class Plan(QLabel):
+    """Says what will be done, how many points there are, and about how long it takes.
+
+    Parameters
+    ----------
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWordWrap(True)
+        self.setToolTip("What Flatten surface will do as the form is now")
+        self._asked: _Asked | None = None
+        self._counted: tuple[Any, ...] = ()  # of what
+        self._count: int | None = None
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(_PAUSE)
+        self._timer.timeout.connect(self._start_counting)
+
+    def follow(self, layer: Layer | None, **asked: Any) -> None:
+        """Tell the plan for a layer.
+
+        Parameters
+        ----------
+        layer : Image, Labels, Surface or None
+            What is flattened; None for no plan.
+        **asked
+            What else the form asks for.
+        """
+        if layer is None:
+            self._asked, self._counted, self._count = None, (), None
+            self._timer.stop()
+            self.setText("")
+            return
+        self._asked = _Asked(layer, **asked)
+        key = (id(layer), self._asked.label, self._asked.threshold)
+        if isinstance(layer, Surface):
+            self._count = len(layer.vertices)
+        elif key != self._counted:
+            self._counted, self._count = key, None
+            self._timer.start()
+        self._write()
+
+    def _start_counting(self) -> None:
+        asked = self._asked
+        if asked is None or not isinstance(finest(asked.layer), np.ndarray) or finest(asked.layer).size > _COUNTED:
+            return
+        worker = FunctionWorker(_surface_voxels, finest(asked.layer), asked.label, asked.threshold, self._counted)
+        worker.returned.connect(self._on_counted)
+        worker.start()
+
+    def _on_counted(self, found: tuple[int, tuple[Any, ...]]) -> None:
+        count, of = found
+        if of == self._counted:  # else something else was chosen meanwhile
+            self._count = count
+            self._write()
+
+    def _write(self) -> None:
+        if self._asked is not None:
+            self.setText(" ".join([*_steps(self._asked), *_expected(self._asked, self._count)]))
+            self._fit()
+
+    def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        """Keep all lines in sight: a form gives a label that breaks its lines the height that it had when narrow."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        self.setMinimumHeight(self.heightForWidth(self.width()))
+
+
+def _steps(asked: _Asked) -> list[str]:
+    """Return in sentences what will be done."""
+    if asked.method == "grossmann2002":
+        return [f"{_PARTS[asked.part].format(radius=asked.radius)}, over its voxels; it must be open."]
+    told = [_PARTS[asked.part].format(radius=asked.radius)]
+    if isinstance(asked.layer, Surface):
+        if asked.has_pial:
+            told.append("distances midway to the pial surface")
+    elif asked.part == "whole":
+        told.append("of its largest component")
+    sentences = [f"{', '.join(told)}."]
+    if not isinstance(asked.layer, Surface):
+        sentences.append("Handles are closed where that changes at most 1\u00a0% of the voxels.")
+    if asked.part == "whole":
+        sentences.append(_cutting(asked))
+    return sentences
+
+
+def _cutting(asked: _Asked) -> str:
+    if asked.cuts == "drawn":
+        return "It is cut as drawn, and further only if that does not open it."
+    if asked.cuts == "standard":
+        return "Closed, it is opened along standard cuts, found by its folds if there is no sphere."
+    path = getattr(asked.layer.source, "path", None)
+    sphere = sphere_at(path) if path and isinstance(asked.layer, Surface) and asked.cuts is None else None
+    if sphere is not None:
+        return f"Closed, it is opened along standard cuts, by {sphere.name}."
+    return "Closed, it is opened along automatic cuts."
+
+
+def _expected(asked: _Asked, count: int | None) -> list[str]:
+    if count is None:
+        return []
+    points = f"{float(f'{count:.2g}'):,.0f}\u00a0points"
+    if asked.method != "voxflat" or asked.part != "whole":
+        return [f"The whole has about {points}."]
+    way = "open" if isinstance(asked.layer, Surface) else "closed"
+    seconds, gigabytes = count * _SECONDS[way], count * _BYTES / 1e9
+    return [f"About {points}, {_about(seconds)}\u00a0s, {_about(gigabytes)}\u00a0GB of memory."]
+
+
+def _about(value: float) -> str:
+    return f"{float(f'{value:.1g}'):g}"
+
+
+def _surface_voxels(
+    data: NDArray[Any], label: int | None, threshold: float | None, of: tuple[Any, ...]
+) -> tuple[int, tuple[Any, ...]]:
+    """Count the foreground's voxels that have a face to the background."""
+    inside = data == label if threshold is None else data > threshold
+    return int(np.count_nonzero(inside) - np.count_nonzero(ndimage.binary_erosion(inside, border_value=0))), of

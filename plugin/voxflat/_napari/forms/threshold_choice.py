@@ -1,0 +1,145 @@
+"""A threshold, chosen by a slider while the viewer shows what lies above it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from napari.layers import Image
+from napari.utils.colormaps import Colormap
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QPushButton, QSlider, QWidget
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_STEPS = 1000  # of the slider
+_EDGE = 1e-4  # share of the range between what is not above the threshold and what is seen to be
+_COLOURS = Colormap([[0.0, 0.0, 0.0, 0.0], [1.0, 0.45, 0.1, 1.0]], name="above")
+
+
+class ThresholdChoice(QWidget):
+    """Chooses a threshold; *Preview*, or moving the slider, shows what lies above it.
+
+    The preview is an Image layer of the same array whose contrast limits lie at the threshold, so that the graphics
+    card does the work and no voxel is read again.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QWidget, optional
+        The widget's parent.
+    """
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self._layer: Image | None = None
+        self._shown: Image | None = None
+        self._limits = (0.0, 1.0)
+        self.box = QDoubleSpinBox()
+        self.box.setRange(-1e9, 1e9)
+        self.box.setKeyboardTracking(False)
+        self.box.setToolTip("The surface encloses what is greater than this")
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.slider.setRange(0, _STEPS)
+        self.slider.setToolTip(self.box.toolTip())
+        self.preview = QPushButton("Preview")
+        self.preview.setCheckable(True)
+        self.preview.setToolTip("Show in the viewer what lies above the threshold")
+        layout = QGridLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.box, 0, 0)
+        layout.addWidget(self.preview, 0, 1)
+        layout.addWidget(self.slider, 1, 0, 1, 2)
+        layout.setColumnStretch(0, 1)
+        self.box.valueChanged.connect(self._on_box)
+        self.slider.valueChanged.connect(self._on_slider)
+        self.slider.sliderPressed.connect(self._on_pressed)
+        self.preview.toggled.connect(self._on_preview)
+
+    def value(self) -> float:
+        """Return the threshold."""
+        return float(self.box.value())
+
+    def setValue(self, value: float) -> None:  # noqa: N802 - as Qt's boxes have it
+        """Choose a threshold.
+
+        Parameters
+        ----------
+        value : float
+            In the layer's values.
+        """
+        self.box.setValue(value)
+
+    def follow(self, layer: Image | None) -> None:
+        """Offer thresholds amid the contrast limits of a layer.
+
+        Parameters
+        ----------
+        layer : Image or None
+            The layer; None to follow none.
+        """
+        if layer is self._layer:
+            return
+        self.preview.setChecked(False)
+        self._layer = layer
+        if layer is None:
+            return
+        low, high = (float(limit) for limit in layer.contrast_limits)
+        digits = 3 - np.floor(np.log10(high - low)) if high > low else 3
+        self._limits = (low, high if high > low else low + 1)
+        self.box.setDecimals(int(np.clip(digits, 0, 12)))
+        self.box.setSingleStep((self._limits[1] - low) / 100)
+        self.box.setValue((low + high) / 2)
+
+    def _on_box(self, value: float) -> None:
+        low, high = self._limits
+        self.slider.blockSignals(True)
+        self.slider.setValue(round(_STEPS * (value - low) / (high - low)))
+        self.slider.blockSignals(False)
+        self._show()
+
+    def _on_pressed(self) -> None:
+        self.preview.setChecked(True)
+
+    def _on_slider(self, step: int) -> None:
+        low, high = self._limits
+        self.box.setValue(low + (high - low) * step / _STEPS)
+
+    def _on_preview(self, wanted: bool) -> None:
+        if wanted and self._layer is not None and self._layer in self._viewer.layers:
+            layer = self._layer
+            before = set(self._viewer.layers.selection)
+            self._shown = Image(
+                layer.data,
+                name=f"{layer.name} above the threshold",
+                multiscale=layer.multiscale,
+                contrast_limits=self._above(),
+                colormap=_COLOURS,
+                opacity=0.6,
+                blending="translucent",
+                interpolation2d="nearest",
+                affine=layer.affine,
+                scale=layer.scale,
+                translate=layer.translate,
+                rotate=layer.rotate,
+                shear=layer.shear,
+                units=layer.units,
+                metadata={"voxflat": None},  # ours, and not to be flattened
+            )
+            self._viewer.layers.insert(self._viewer.layers.index(layer) + 1, self._shown)
+            self._viewer.layers.selection = before
+        elif not wanted:
+            if self._shown is not None and self._shown in self._viewer.layers:
+                self._viewer.layers.remove(self._shown)
+            self._shown = None
+
+    def _show(self) -> None:
+        if self._shown is not None:
+            self._shown.contrast_limits = self._above()
+
+    def _above(self) -> tuple[float, float]:
+        low, high = self._limits
+        return self.value(), self.value() + _EDGE * (high - low)

@@ -1,0 +1,140 @@
+"""Cuts by hand: clicked on the surface in 3D, undone and redone, weighed, saved, loaded, and used."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from napari_window import PATIENCE, bumps, run, sphere, wait_until_drawn
+from numpy.testing import assert_array_equal
+
+import voxflat
+
+napari = pytest.importorskip("napari")
+from napari.layers import Surface  # noqa: E402
+from qtpy.QtCore import QPoint, Qt  # noqa: E402
+from qtpy.QtWidgets import QFileDialog  # noqa: E402
+
+from voxflat._napari.editing.drawing import Drawing  # noqa: E402
+from voxflat._napari.workbench import Workbench  # noqa: E402
+from voxflat.errors import InputError  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+POINTS, FACES, _ = bumps()
+WHOLE = voxflat.surface((POINTS, FACES))
+STEPS = st.one_of(
+    st.tuples(st.just("add_stop"), st.integers(0, len(POINTS) - 1)),
+    st.tuples(st.sampled_from(["end_cut", "undo", "redo"])),
+    st.tuples(st.just("remove"), st.integers(0, 2)),
+)
+
+
+@given(st.lists(STEPS, max_size=12))
+def test_whatever_is_done_can_be_undone_and_redone(steps):
+    drawing = Drawing(WHOLE)
+    for name, *values in steps:
+        if name == "remove" and values[0] >= len(drawing.cuts):
+            continue
+        getattr(drawing, name)(*values)
+        for cut in drawing.cuts:
+            vertices = drawing.vertices(cut)
+            assert (vertices[0], vertices[-1]) == (cut.stops[0], cut.stops[-1])
+            assert set(cut.stops) <= set(vertices.tolist())
+    states = [(drawing.cuts, drawing.is_open)]
+    while drawing.can_undo:
+        drawing.undo()
+        states.append((drawing.cuts, drawing.is_open))
+    assert states[-1] == ((), False)
+    for state in states[-2::-1]:
+        drawing.redo()
+        assert (drawing.cuts, drawing.is_open) == state
+
+
+def test_a_cut_is_the_shortest_way_from_stop_to_stop():
+    drawing = Drawing(WHOLE)
+    for stop in (12, 312, 318):
+        drawing.add_stop(stop)
+    way = voxflat.path(WHOLE, 12, 312, 318, geodesic="edges")
+    (cut,) = drawing.cuts
+    assert drawing.length(cut) == pytest.approx(way.length)
+    assert_array_equal(drawing.paths()[0], way.ids)
+    drawing.add_stop(318)  # clicked twice
+    assert drawing.cuts == (cut,)
+    two = voxflat.surface((np.concatenate([POINTS, POINTS + 100]), np.concatenate([FACES, FACES + len(POINTS)])))
+    apart = Drawing(two)
+    apart.add_stop(0)
+    with pytest.raises(InputError):
+        apart.add_stop(len(POINTS))
+    assert apart.cuts[0].stops == (0,)  # as it was
+
+
+def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
+    points, faces = sphere(2000)
+    viewer, widget = open_widget(Surface((points, faces), name="ball"), show=True)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+
+    def wait():
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+
+    assert not dock.draw.isEnabled()
+    dock.begin.click()
+    wait()
+    assert viewer.dims.ndisplay == 3
+    assert not viewer.layers["ball"].visible
+    camera = getattr(viewer, "scene", viewer).camera
+    canvas = viewer.window._qt_viewer.canvas.native
+    clicked = []
+    for direction in ((1, 0, 0.2), (0.6, 0.1, -1), (0, 1, 0.1)):
+        camera.set_view_direction(view_direction=direction, up_direction=(0, 0.3, 1))
+        camera.center = (0, 0, 0)
+        wait_until_drawn(viewer, qtbot)
+        centre = QPoint(canvas.width() // 2, canvas.height() // 2)
+        qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=centre)
+        qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=centre)
+        place = -20 * np.array(direction) / np.linalg.norm(direction)  # what looks at the eye
+        clicked.append(int(np.linalg.norm(points - place, axis=1).argmin()))
+    assert len(dock.drawing.cuts) == 1
+    stops = dock.drawing.cuts[0].stops
+    assert np.linalg.norm(points[list(stops)] - points[clicked], axis=1).max() < 2.5  # an edge is 1.6 mm long
+    assert dock.cuts.rowCount() == 1
+    assert len(viewer.layers["cuts"].data) == len(dock.drawing.paths()[0]) - 1
+    dock.undo.click()
+    assert dock.drawing.cuts[0].stops == stops[:2]
+    dock.redo.click()
+    assert dock.drawing.cuts[0].stops == stops
+
+    dock.weigh.click()
+    wait()
+    assert dock.cuts.item(0, 2).text().endswith(" %")
+    assert "off with all cuts" in dock.status.text()
+    path = tmp_path / "cuts.json"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    dock.save.click()
+    assert [len(cut) for cut in json.loads(path.read_text())["cuts"]] == [len(dock.drawing.paths()[0])]
+
+    dock.use.click()
+    assert "as drawn" in widget.form.plan.text()
+    run(widget, qtbot)
+    assert "ball distortion" in viewer.layers, widget.status.text()
+    expected = voxflat.flatten((points, faces), cuts=str(path))  # by the command line's way
+    assert_array_equal(viewer.layers["ball distortion"].metadata["voxflat"].uv, expected.uv)
+
+    dock.remove.setEnabled(True)
+    dock.cuts.setCurrentCell(0, 0)
+    dock.remove.click()
+    assert dock.cuts.rowCount() == 0
+    dock.automatic.click()
+    wait()
+    found = voxflat.cut((points, faces), cuts="automatic")
+    assert [len(path) for path in dock.drawing.paths()] == [len(cut.ids) for cut in found.cuts]
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
+    dock.load.click()
+    wait()
+    assert dock.drawing.cuts[0].name == "given 1"
+
+    viewer.window.remove_dock_widget(dock)
+    assert [layer.name for layer in viewer.layers if layer.name in ("cuts", "stops of cuts")] == []
+    assert viewer.layers["ball"].visible
+    assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"])) == 1  # closing the dock loses nothing

@@ -1,0 +1,125 @@
+"""The form of *Flatten surface*: what it chooses by itself, what can be chosen, and what the plan says of it."""
+
+import numpy as np
+import pytest
+import shapes
+from napari_window import PATIENCE, bumps, choose, run, sphere
+from numpy.testing import assert_array_equal
+
+import voxflat
+from voxflat.demo import DEPTH
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Surface  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+
+def newest_map(viewer):
+    return viewer.layers[-1].metadata["voxflat"]
+
+
+def test_parts_are_those_of_the_library(open_widget, qtbot):
+    points, faces, values = bumps(41)
+    height = np.where(np.arange(len(points)) % 2 == 0, 0.5, 0.6)
+    viewer, widget = open_widget(
+        Surface((points + [0, 0, 1] * height[:, None], faces), name="lh.pial"),
+        Surface((points, faces, values), name="lh.white"),
+    )
+    form = widget.form
+    form.surface.choose(viewer.layers["lh.white"])
+    assert form.pial.layer is viewer.layers["lh.pial"]
+    run(widget, qtbot)  # one click
+    midway = voxflat.surface((points, faces), pial=(viewer.layers["lh.pial"].vertices, faces))
+    assert_array_equal(newest_map(viewer).uv, voxflat.flatten(midway).uv)
+
+    form.pial.choose(None)
+    form.pial.activated.emit(0)  # as a click does
+    corners = np.array([5 * 41 + 5, 5 * 41 + 30, 30 * 41 + 30, 30 * 41 + 5])
+    drawn = viewer.add_shapes([points[corners] + 0.2], shape_type="polygon", ndim=3, name="drawn")
+    choose(form.patch, "polygon")
+    assert form.polygon.layer is drawn
+    run(widget, qtbot)
+    expected = voxflat.flatten((points, faces), polygon=corners)
+    assert_array_equal(newest_map(viewer).uv, expected.uv)
+    assert 400 < len(expected) < 1200
+    form.polygon.choose(viewer.add_points(points[corners[:2]], name="two"))
+    widget.start.click()
+    assert "'two' has 2 corners" in widget.status.text()
+
+    choose(form.patch, "whole")
+    choose(form.method, "zigelman2002")
+    form.options.sources.setValue(49)
+    form.options.mirror.setChecked(True)
+    form.options.seed.setValue(3)
+    assert not form.options.weighting.isVisibleTo(form.options)  # it is the default method's
+    run(widget, qtbot)
+    same = voxflat.flatten((points, faces), method="zigelman2002", sources=49, mirror=True, seed=3)
+    assert_array_equal(newest_map(viewer).uv, same.uv)
+
+
+def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
+    ball = shapes.ball(10)
+    smooth = np.linalg.norm(np.indices(ball.shape) - np.array(ball.shape)[:, None, None, None] // 2, axis=0)
+    probability = np.clip(1.3 - smooth / 20, 0, 1).astype(np.float32)  # 0.9 at 8 voxels from the middle
+    half = np.zeros(ball.shape, np.uint8)
+    half[ball.shape[0] // 2 :] = 1
+    viewer, widget = open_widget(Labels(half, name="half"), Image(probability, name="white"))
+    form = widget.form
+    form.surface.choose(viewer.layers["white"])
+    assert form.sampled.layer is viewer.layers["white"]  # there is no other image
+    layers = len(viewer.layers)
+    form.threshold.slider.sliderPressed.emit()
+    preview = viewer.layers[viewer.layers.index("white") + 1]
+    assert preview.data is viewer.layers["white"].data  # no copy
+    form.threshold.slider.setValue(form.threshold.slider.maximum())
+    form.threshold.setValue(0.9)
+    inside = probability > np.float32(0.9)
+    assert preview.contrast_limits[0] == pytest.approx(0.9)
+    assert form.surface.findText(preview.name) < 0
+    form.threshold.preview.click()
+    assert len(viewer.layers) == layers
+
+    edge = int(np.count_nonzero(inside & ~shapes_eroded(inside)))
+    qtbot.waitUntil(lambda: "points" in form.plan.text(), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: f"{float(f'{edge:.2g}'):,.0f}\u00a0points" in form.plan.text(), timeout=PATIENCE)
+    assert "automatic cuts" in form.plan.text()
+    choose(form.options.fields["cuts"], "standard")
+    assert "standard cuts" in form.plan.text()
+    choose(form.options.fields["cuts"], None)
+
+    choose(form.patch, "mask")
+    assert form.masked_by.layer is viewer.layers["half"]
+    run(widget, qtbot)
+    expected = voxflat.flatten(probability, threshold=0.9, affine=np.eye(4), keep=half)
+    assert_array_equal(newest_map(viewer).uv, expected.uv)
+
+
+def shapes_eroded(inside):
+    from scipy import ndimage
+
+    return ndimage.binary_erosion(inside)
+
+
+def test_what_is_usual(open_widget):
+    points, faces = sphere()
+    head = np.zeros((70, 80, 60), np.uint8)
+    head[10:60, 10:60, 10:50] = 1
+    viewer, widget = open_widget(Labels(head, affine=np.diag([1.5, 1.5, 1.5, 1]), units="mm", name="head"))
+    viewer.add_image(head.astype(np.float32), affine=np.diag([1.5, 1.5, 1.5, 1]), units="mm", name="T1")
+    form = widget.form
+    assert form.sampled.layer is viewer.layers["T1"]
+    assert form.sample_depth.value() == DEPTH  # right at the border of white matter T1 is the same everywhere
+    viewer.layers.remove("head")
+    viewer.add_labels(head, scale=(200, 200, 200), units="micrometer", name="embryo")
+    form.surface.choose(viewer.layers["embryo"])
+    assert form.sample_depth.value() == 0
+    white = viewer.add_surface((points, faces), name="lh.white")
+    form.surface.choose(white)
+    assert form.sample_depth.value() == DEPTH
+    assert "Closed, it is opened along automatic cuts" in form.plan.text()
+    assert f"{len(points):,}\u00a0points" in form.plan.text()
+    form.sample_depth.setValue(1.25)
+    form.sample_depth.editingFinished.emit()  # someone chose it
+    form.surface.choose(viewer.layers["embryo"])
+    assert form.sample_depth.value() == 1.25
