@@ -30,6 +30,8 @@ def main() -> None:
     wait(0.5)
     viewer.window.resize(1600, 960)
     viewer.open_sample("voxflat", "demo_cortex")
+    while len(viewer.layers) < 3:  # another thread reads it
+        wait(0.1)
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
     wait(1)  # until the labels are listed
     widget.form.sample_depth.setValue(demo.DEPTH)  # right at the border of white matter T1 is the same everywhere

@@ -8,19 +8,21 @@ import pytest
 from napari_maps import same_map
 from napari_window import (
     FLIP,
+    PATIENCE,
     bumps,
     cap,
     choose,
     choose_whole,
     run,
+    wait_for_threads,
 )
 from npe2 import PluginManifest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
+from voxflat._napari.files.readers import map_reader
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.readers import flat_map_reader
 from voxflat._napari.results.report import figures
 
 napari = pytest.importorskip("napari")
@@ -68,20 +70,35 @@ def test_importing_voxflat_imports_no_napari():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_demo_cortex_is_a_sample(make_napari_viewer):
+def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     pytest.importorskip("nilearn")
-    from voxflat.demo import SEED_POINT, THRESHOLD, demo_cortex
+    from napari.utils import progress
+
+    from voxflat.demo import demo_cortex, hemisphere
 
     viewer = make_napari_viewer()
-    viewer.open_sample("voxflat", "demo_cortex")
-    t1, labels, seed = viewer.layers
-    white_matter, _, _ = demo_cortex()
-    assert isinstance(t1, Image)
-    assert labels.data.dtype == np.uint8
-    assert_array_equal(labels.data, white_matter.data > THRESHOLD)
+    (seed,) = viewer.open_sample("voxflat", "demo_cortex")  # at once; the rest as it is read
+    assert [bar.desc for bar in progress._all_instances] == ["Demo cortex"]
+    qtbot.waitUntil(lambda: len(viewer.layers) == 3, timeout=PATIENCE)
+    t1, labels, _ = viewer.layers
+    qtbot.waitUntil(lambda: not progress._all_instances, timeout=PATIENCE)
+    white_matter, template, _ = demo_cortex()
+    assert_array_equal(t1.data, template.data)
+    assert_array_equal(labels.data == labels.selected_label, hemisphere(white_matter).data)
+    assert_array_equal(labels.data == 2, hemisphere(white_matter, "right").data)
+    assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
+    assert viewer.layers.selection.active is labels
     assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
     assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
-    assert seed_of(seed, labels) == SEED_POINT
+    assert labels.data[seed_of(seed, labels)] == labels.selected_label
+
+
+def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
+    pytest.importorskip("nilearn")
+    viewer = make_napari_viewer()
+    viewer.open_sample("voxflat", "demo_cortex")
+    viewer.close()
+    wait_for_threads(qtbot)
 
 
 # ---------------------------------------------------------------------------------------------- choices
@@ -262,7 +279,7 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     (again,) = viewer.open(f"{path}.npz", plugin="voxflat")
     assert_array_equal(again.data, opened.data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
-    assert flat_map_reader(str(tmp_path / "other.npz")) is None
+    assert map_reader(str(tmp_path / "other.npz")) is None
 
 
 def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):

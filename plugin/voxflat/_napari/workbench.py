@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from psygnal import Signal
 
+from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.run import Run
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class Workbench:
     def __init__(self) -> None:
         self._runs: list[Run] = []
         self._current: Run | None = None
+        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
         self._cuts: weakref.WeakKeyDictionary[Layer, tuple[NDArray[np.int64], ...]] = weakref.WeakKeyDictionary()
 
     @classmethod
@@ -52,7 +54,8 @@ class Workbench:
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
-            cls._of[key] = cls()
+            bench = cls._of[key] = cls()
+            viewer.layers.events.inserted.connect(bench._adopt)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 
@@ -76,7 +79,8 @@ class Workbench:
         keep : bool
             Whether the earlier ones stay; without it the new one takes their place.
         """
-        self._runs = [*(self._runs if keep else []), run]
+        others = [other for other in self._runs if other.flat_map is not run.flat_map]
+        self._runs = [*(others if keep else []), run]
         self._current = run
         self.changed.emit()
 
@@ -106,6 +110,21 @@ class Workbench:
         if run is self._current:
             self._current = self._runs[-1] if self._runs else None
         self.changed.emit()
+
+    def _adopt(self, event: Any) -> None:
+        """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
+        flat_map = event.value.metadata.get("voxflat")
+        if flat_map is None:
+            return
+        run = next((run for run in self._runs if run.flat_map is flat_map), None)
+        if run is None:
+            run = Run(FlatLayers(flat_map, []), flat_map.metadata["napari"]["layer"])
+            self._opened.add(run)
+            self.add(run, keep=True)
+        if run in self._opened:
+            layer = event.value.as_layer_data_tuple()
+            (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
+            self.changed.emit()
 
     def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:
         """Keep cuts that were drawn on a layer's surface.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from voxflat.errors import InputError
 
@@ -92,8 +92,8 @@ def _turned(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.fl
 def _axis(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the direction of the longer side of the smallest rectangle: it has a side along one of the hull's."""
     try:
-        hull = places if len(places) == 3 else places[ConvexHull(places).vertices]
-    except QhullError:  # as thin as a line
+        hull = places if len(places) == 3 else places[scipy.spatial.ConvexHull(places).vertices]
+    except scipy.spatial.QhullError:  # as thin as a line
         hull = places
     sides = np.roll(hull, -1, axis=0) - hull
     lengths = np.linalg.norm(sides, axis=1)

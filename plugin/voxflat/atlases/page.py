@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
@@ -215,5 +215,5 @@ def _spread(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     empty = picture[..., 3] == 0
     if empty.all():
         raise InputError("the image shows nothing on the page")
-    rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+    rows, columns = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.ascontiguousarray(picture[rows, columns, :3])

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
@@ -87,7 +87,8 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
     channels = values[..., None] if values.ndim == 2 else values
     mode = "grid-wrap" if repeat else "nearest"
     found = [
-        map_coordinates(channels[..., c], at, output=np.float64, order=1, mode=mode) for c in range(channels.shape[2])
+        scipy.ndimage.map_coordinates(channels[..., c], at, output=np.float64, order=1, mode=mode)
+        for c in range(channels.shape[2])
     ]
     return np.asarray(found[0] if picture.ndim == 2 else np.stack(found, axis=-1))
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from voxflat import _core
 from voxflat.arguments import checked_number, log
@@ -370,7 +370,7 @@ class _Pixels:
     @cached_property
     def _continued(self) -> NDArray[np.int64]:
         """The image, continued a little beyond the map, where its border cuts pixels."""
-        away, (rows, columns) = distance_transform_edt(~self.raster.inside, return_indices=True)
+        away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
         return np.where(away <= _BESIDE, self.data[rows, columns], 0)
 
     def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from voxflat.errors import InputError
 from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
@@ -60,7 +60,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
     def channel(values: NDArray[Any]) -> NDArray[np.float64]:
         found = image.copy()
-        found[inside] = map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
+        found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
         return found
 
     if not colour:

@@ -13,9 +13,8 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 __all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
 
@@ -213,7 +212,7 @@ def _one_piece(points: NDArray[np.int64], ids: NDArray[np.int64], faces: NDArray
     edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
     _, edge_ids = np.unique(edges, axis=0, return_inverse=True)
     face_ids = np.tile(np.arange(len(kept)), 3)
-    of_edges = coo_matrix((np.ones(len(face_ids)), (face_ids, edge_ids.ravel()))).tocsr()
-    _, pieces = connected_components(of_edges @ of_edges.T, directed=False)
+    of_edges = scipy.sparse.coo_matrix((np.ones(len(face_ids)), (face_ids, edge_ids.ravel()))).tocsr()
+    _, pieces = scipy.sparse.csgraph.connected_components(of_edges @ of_edges.T, directed=False)
     largest = np.unique(kept[pieces == np.bincount(pieces).argmax()])
     return largest[np.argsort(ids[largest], kind="stable")]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
@@ -243,7 +243,9 @@ def in_triangles(
         Whether one holds it.
     """
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
-    near = used[KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(len(wanted), -1)
+    near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(
+        len(wanted), -1
+    )
     is_near = np.zeros(len(places), dtype=np.bool_)
     is_near[near] = True
     candidates = faces[is_near[faces].any(axis=1)].astype(np.int64)

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
@@ -95,8 +93,8 @@ def _largest(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np
     """Return the largest of the pieces in which chosen vertices hang together."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     a, b = edges[chosen[edges].all(axis=1)].T.astype(np.int64)
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(chosen), len(chosen)))
-    _, piece = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(chosen), len(chosen)))
+    _, piece = scipy.sparse.csgraph.connected_components(graph, directed=False)
     counts = np.bincount(piece[chosen], minlength=piece.max() + 1)
     return np.asarray(chosen & (piece == counts.argmax()))
 
@@ -232,7 +230,10 @@ def _nearest_loop(loops: list[NDArray[np.int64]], places: NDArray[np.float64], c
         raise InputError(
             f"the cut {cut.name!r} begins at {cut.root!r}, but the surface has no border: its region was not left out"
         )
-    apart = [float(KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min()) for loop in loops]
+    apart = [
+        float(scipy.spatial.KDTree(places[loop]).query(cut.points[: max(2, len(cut.points) // 3)])[0].min())
+        for loop in loops
+    ]
     return loops[int(np.argmin(apart))]
 
 
@@ -248,7 +249,7 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
         back /= max(float(np.linalg.norm(back)), 1e-12)
         angles = np.arange(_BEYOND, 0, -0.01)[:, None]
         points = np.concatenate([np.cos(angles) * points[0] + np.sin(angles) * back, points])
-    return np.asarray(KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
+    return np.asarray(scipy.spatial.KDTree(_dense(points, _STEP)).query(places, distance_upper_bound=_FAR)[0])
 
 
 def _way(

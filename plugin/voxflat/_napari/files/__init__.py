@@ -1,0 +1,1 @@
+"""Files that napari opens and saves: surfaces, values on them, patches, flat maps and atlases."""

@@ -1,0 +1,152 @@
+"""What napari asks when a file is opened: who reads it, if it is ours at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat.errors import VoxflatError
+from voxflat.io import formats
+from voxflat.io.files import SAVED_ENDINGS
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_Read: TypeAlias = Callable[[Path], list[LayerData]]
+
+_NOTHING: list[Any] = [(None,)]
+"""By this napari knows that there is no layer, and that all is said."""
+
+_MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(SAVED_ENDINGS))})"
+_SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in what they hold
+
+
+def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+    """Offer to read a file, if it is a flat map or an atlas of voxflat.
+
+    Parameters
+    ----------
+    path : str or list of str, optional
+        The file, or files to be stacked, which flat maps are not. Without one, as napari's command palette calls it,
+        the user is asked for the file, and it is opened.
+
+    Returns
+    -------
+    callable or None
+        Takes the path, and returns layers.
+    """
+    if path is None:
+        _ask("Read a flat map", _MAPS)
+    if not isinstance(path, str):
+        return None
+    from voxflat._napari.files import saved
+    from voxflat.atlases.saved import saved_kind
+
+    kind = saved_kind(path)
+    if kind is None:
+        return _told(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
+    return _told({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
+
+
+def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+    """Offer to read a file, if it holds a surface, values or labels on one, or a patch.
+
+    Parameters
+    ----------
+    path : str or list of str, optional
+        As in `map_reader`.
+
+    Returns
+    -------
+    callable or None
+        Takes the path, and returns layers.
+    """
+    if path is None:
+        _ask("Read a surface, or values on one", _SURFACES)
+    if not isinstance(path, str):
+        return None
+    read = _reader_of(Path(path))
+    return None if read is None else _told(read)
+
+
+def _reader_of(path: Path) -> _Read | None:
+    """Tell what a file holds: by its name where that is sure, else by its first bytes."""
+    from voxflat._napari.files import surfaces, values
+
+    name = path.name.lower()
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError:  # that is said when it is read
+        return surfaces.surface_layers
+    if name.endswith(".mgh"):
+        return values.value_layers if _are_points(start) else None
+    if name.endswith((".annot", ".label")):
+        return values.value_layers
+    if start.startswith(b"\xff\xff\xff\xff"):
+        return values.patch_layers
+    if formats.by_name(path) is not None:
+        return values.gifti_layers if ".gii" in name else surfaces.surface_layers
+    if name.endswith(values.VALUE_ENDINGS):
+        return values.value_layers if start.startswith(b"\xff\xff\xff") or _is_old(path, start) else None
+    return surfaces.surface_layers if start[:3] in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff") else None
+
+
+def _are_points(start: bytes) -> bool:
+    """Tell whether an MGH file holds values at points, and not voxels."""
+    shape = np.frombuffer(start[4:16].ljust(12, b"\0"), ">i4")
+    return sorted(shape)[:2] == [1, 1]
+
+
+def _is_old(path: Path, start: bytes) -> bool:
+    """Tell whether a file is of FreeSurfer's old format of values, which only its length gives away."""
+    return len(start) >= 6 and path.stat().st_size == 6 + 2 * int.from_bytes(start[:3], "big")
+
+
+def _told(read: _Read) -> Callable[[str], list[LayerData]]:
+    """Let a reader tell what is wrong by itself: napari would say no more than that it failed."""
+
+    def read_or_tell(path: str) -> list[LayerData]:
+        from napari import current_viewer
+        from napari.utils.notifications import show_error
+
+        viewer = current_viewer()
+        try:
+            layers = read(Path(path))
+        except (VoxflatError, OSError, MemoryError) as error:
+            if viewer is None:
+                raise
+            show_error(" ".join(str(error).split()) or type(error).__name__)
+            return _NOTHING
+        if viewer is not None:
+            _make_ready(viewer, layers)
+        return layers
+
+    return read_or_tell
+
+
+def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
+    """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
+    from napari.layers import Surface
+
+    from voxflat._napari.workbench import Workbench
+
+    Workbench.of(viewer)
+    in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
+    if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
+        viewer.dims.ndisplay = 3
+
+
+def _ask(title: str, kinds: str) -> None:
+    """Ask for a file, and open it in napari's window."""
+    from napari import current_viewer
+    from qtpy.QtWidgets import QFileDialog
+
+    viewer = current_viewer()
+    path, _ = QFileDialog.getOpenFileName(None, title, "", kinds)
+    if viewer is not None and path:
+        viewer.open(path, plugin="voxflat")

@@ -1,0 +1,66 @@
+"""Flat maps and atlases that were saved, as layers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.pages import page_layers
+from voxflat.atlases.certified import load_atlas
+from voxflat.maps.flat_map import load
+
+__all__ = ["atlas_layers_of", "map_layers_of"]
+
+
+def map_layers_of(path: Path) -> list[LayerData]:
+    """Read a flat map that was saved.
+
+    Parameters
+    ----------
+    path : Path
+        An .npz or .voxflat file.
+
+    Returns
+    -------
+    list of LayerData
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    flat_map = load(path)
+    flat_map.metadata.setdefault("napari", _origin(path))
+    return map_layers(flat_map, path.stem).layers
+
+
+def atlas_layers_of(path: Path) -> list[LayerData]:
+    """Read an atlas that was saved.
+
+    Parameters
+    ----------
+    path : Path
+        An .npz or .voxflat file.
+
+    Returns
+    -------
+    list of LayerData
+        The page's images, and the surface, which is hidden.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    atlas = load_atlas(path)
+    atlas.metadata["napari"] = _origin(path)
+    drawn = page_layers(atlas)
+    for _, keywords, _ in drawn.in_space:
+        keywords["visible"] = False  # it would lie across the page
+    return [*drawn.in_space, *drawn.layers]
+
+
+def _origin(path: Path) -> dict[str, str]:
+    """Say what a map was made of, where it was not made in napari."""
+    return {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}

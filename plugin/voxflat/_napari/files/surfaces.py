@@ -1,0 +1,192 @@
+"""Surfaces in files, as layers; and which surface a file of values belongs to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.world import data_to_world, moved
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat.errors import InputError
+from voxflat.io.meshes import read_mesh
+from voxflat.io.spaces import UNKNOWN, Space
+from voxflat.io.structures import named_structure
+
+__all__ = ["Geometry", "geometries_for", "surface_layers"]
+
+_KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
+"""On which surface values are shown, if several lie beside their file: those that are no cortex come last."""
+
+_TRIED = 12  # files; a folder of a hundred surfaces is not read through
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A surface on which values are shown.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+        Scanner RAS, mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+    structure : str or None
+        Which side it is, as GIFTI says it.
+    path : Path or None
+        Its file.
+    space : Space
+        That of the file's coordinates.
+    """
+
+    vertices: NDArray[Any]
+    faces: NDArray[Any]
+    structure: str | None
+    path: Path | None
+    space: Space = UNKNOWN
+
+    @classmethod
+    def read(cls, path: Path) -> Geometry:
+        """Read it.
+
+        Parameters
+        ----------
+        path : Path
+            A file that `voxflat.io.read_mesh` reads.
+
+        Returns
+        -------
+        Geometry
+        """
+        mesh = read_mesh(path)
+        return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
+
+    def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
+        """Return a layer of it.
+
+        Parameters
+        ----------
+        path : Path
+            The file that it shows.
+        values : ndarray, shape (V,) or (K, V), optional
+            Values at the vertices.
+        **keywords
+            More of the layer.
+
+        Returns
+        -------
+        LayerData
+        """
+        about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
+        if self.path is not None:
+            about["surface"] = str(self.path)
+        data = (self.vertices, self.faces) if values is None else (self.vertices, self.faces, values)
+        given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
+        return data, {**given, "metadata": about}, "surface"
+
+
+def surface_layers(path: Path) -> list[LayerData]:
+    """Read a surface.
+
+    Parameters
+    ----------
+    path : Path
+        A file that `voxflat.io.read_mesh` reads.
+
+    Returns
+    -------
+    list of LayerData
+        A Surface layer in scanner RAS, mm.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    return [Geometry.read(path).layer(path)]
+
+
+def geometries_for(path: Path) -> Iterator[Geometry]:
+    """Seek the surfaces that values in a file may lie on.
+
+    Parameters
+    ----------
+    path : Path
+        The file of values.
+
+    Yields
+    ------
+    Geometry
+        Surfaces that are open and lie beside the file, then others that lie there, then all that are open. Those of
+        the other side are left out.
+    """
+    files = _beside(path)
+    opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]
+    yield from (one for one in opened if one.path in files)
+    for file in files[:_TRIED]:
+        try:
+            yield Geometry.read(file)
+        except (InputError, OSError):  # what is named as a surface need not be one
+            continue
+    yield from (one for one in reversed(opened) if one.path not in files)
+
+
+def _beside(path: Path) -> list[Path]:
+    """Return files of surfaces of the same side whose names are most like that of a file."""
+    words = _words(path)
+    folders = [path.parent] + [path.parent.parent / "surf"] * (path.parent.name == "label")  # as FreeSurfer has them
+    files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_surface(file)]
+    fitting = [file for file in files if file != path and _agree(_side(path), _side(file))]
+    return sorted(fitting, key=lambda file: (len(words ^ _words(file)), _rank(file), file.name))
+
+
+def _is_surface(path: Path) -> bool:
+    """Tell a surface's file by its name."""
+    name = path.name.lower()
+    if name.endswith((".surf.gii", ".surf.gii.gz")):
+        return True
+    is_gifti = name.endswith((".gii", ".gii.gz")) and not _words(path).isdisjoint(_KINDS)
+    return is_gifti or re.fullmatch(rf"[lr]h\.({'|'.join(_KINDS)})", name) is not None
+
+
+def _words(path: Path) -> set[str]:
+    return set(re.split(r"[._]", path.name.lower()))
+
+
+def _rank(path: Path) -> int:
+    return next((n for n, kind in enumerate(_KINDS) if kind in _words(path)), len(_KINDS))
+
+
+def _side(path: Path | None) -> str | None:
+    """Tell a side by a file's name, as nilearn's are called, too."""
+    if path is None:
+        return None
+    named = {"left": "CortexLeft", "right": "CortexRight"}
+    return named_structure(path) or next((named[word] for word in sorted(_words(path) & set(named))), None)
+
+
+def _agree(side: str | None, other: str | None) -> bool:
+    return side is None or other is None or side == other
+
+
+def _open() -> list[Geometry]:
+    """Return the surfaces that are open in the viewer."""
+    from napari import current_viewer
+    from napari.layers import Surface
+
+    viewer = current_viewer()
+    layers = [] if viewer is None else [layer for layer in viewer.layers if isinstance(layer, Surface)]
+    return [_of_layer(layer) for layer in layers if layer.ndim == 3 and "voxflat" not in layer.metadata]
+
+
+def _of_layer(layer: Any) -> Geometry:
+    """Take a layer's surface, as it lies in the viewer."""
+    about = layer.metadata
+    path = about.get("surface") or layer.source.path
+    vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
+    return Geometry(vertices, np.asarray(layer.faces), about.get("structure"), Path(path) if path else None)

@@ -1,0 +1,152 @@
+"""Values, labels and patches of surfaces in files, as layers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.files.surfaces import Geometry, geometries_for, surface_layers
+from voxflat._napari.results.flat_layers import LayerData, limits
+from voxflat.errors import InputError
+from voxflat.io.label_tables import own_table
+from voxflat.io.meshes import holds_mesh
+from voxflat.io.overlays import read_overlay, read_region
+from voxflat.io.patches import patch_faces, read_patch
+from voxflat.io.structures import refuse_other_side
+from voxflat.maps.colours import label_colours
+
+__all__ = ["VALUE_ENDINGS", "gifti_layers", "patch_layers", "value_layers"]
+
+_FOLDS = ("curv", "sulc")
+VALUE_ENDINGS = (".avg_curv", ".thickness", ".area", ".volume", *(f".{name}" for name in _FOLDS))
+"""How the names of FreeSurfer's files of values end, some of them before ``.pial`` or ``.mid``."""
+
+_UNLABELLED = (0.82, 0.82, 0.82)  # as in pictures of labels
+
+_Read = TypeVar("_Read")
+
+
+def gifti_layers(path: Path) -> list[LayerData]:
+    """Read a GIFTI file: a surface, or what lies on one.
+
+    Parameters
+    ----------
+    path : Path
+        ``.gii`` or ``.gii.gz``.
+
+    Returns
+    -------
+    list of LayerData
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its surface is not to be found.
+    """
+    return surface_layers(path) if holds_mesh(path) else value_layers(path)
+
+
+def value_layers(path: Path) -> list[LayerData]:
+    """Read values or labels at the vertices of a surface.
+
+    Parameters
+    ----------
+    path : Path
+        What `voxflat.io.read_overlay` reads, or a FreeSurfer ``.label``.
+
+    Returns
+    -------
+    list of LayerData
+        A Surface layer: that which is open or lies beside the file, with the values; of several maps with a slider.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its surface is not to be found.
+    """
+    is_region = path.name.lower().endswith(".label")
+    read = read_region if is_region else read_overlay
+
+    def on(geometry: Geometry) -> NDArray[Any]:
+        refuse_other_side(path, geometry.structure)
+        return read(path, len(geometry.vertices), structure=geometry.structure)
+
+    geometry, values = _on_surface(path, on)
+    table = None if is_region else own_table(path)
+    if table is None or values.ndim > 1:
+        return [geometry.layer(path, values.T.astype(np.float64), **_display(path, values))]
+    return [geometry.layer(path, values.astype(np.int64), **_of_labels(values, table.names, table.colours))]
+
+
+def patch_layers(path: Path) -> list[LayerData]:
+    """Read a FreeSurfer patch.
+
+    Parameters
+    ----------
+    path : Path
+        Such as ``lh.cortex.patch.flat`` or ``lh.cortex.patch.3d``.
+
+    Returns
+    -------
+    list of LayerData
+        A Surface layer; of a flat patch in the plane, with v upwards, as flat maps are shown.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its surface is not to be found.
+    """
+    patch = read_patch(path)
+    geometry, faces = _on_surface(
+        path, lambda geometry: patch_faces(geometry.faces, patch.vertex_ids, len(geometry.vertices))
+    )
+    features = {"vertex": patch.vertex_ids, "border": patch.border}
+    if patch.points[:, 2].any():
+        part = Geometry(geometry.space.to_scanner(patch.points), faces, geometry.structure, geometry.path)
+        return [part.layer(path, features=features)]
+    plane = Geometry(np.column_stack([-patch.points[:, 1], patch.points[:, 0]]), faces, None, geometry.path)
+    about = {"patch": str(path), "axes": "rows: −v, columns: u, mm"}
+    return [plane.layer(path, features=features, units=("mm",) * 2, shading="none", metadata=about)]
+
+
+def _on_surface(path: Path, read: Callable[[Geometry], _Read]) -> tuple[Geometry, _Read]:
+    """Find the surface on which a file can be read."""
+    wrong: InputError | None = None
+    for geometry in geometries_for(path):
+        try:
+            return geometry, read(geometry)
+        except InputError as error:
+            wrong = wrong or error
+    if wrong is not None:
+        raise InputError(f"{wrong}; open the surface that it belongs to first") from wrong
+    raise InputError(f"{path}: its surface is not beside it: open that first, such as lh.white or a .surf.gii")
+
+
+def _display(path: Path, values: NDArray[Any]) -> dict[str, Any]:
+    """Return how values look: folds in grey about 0, others in colours."""
+    low, high = limits(values)
+    if any(name in path.name.lower() for name in _FOLDS):
+        most = max(abs(low), abs(high))
+        return {"colormap": "gray_r", "contrast_limits": (-most, most)}
+    return {"colormap": "viridis", "contrast_limits": (low, high)}
+
+
+def _of_labels(values: NDArray[Any], names: dict[int, str], colours: dict[int, Any]) -> dict[str, Any]:
+    """Return how labels look: in the colours of their table."""
+    found, which = np.unique(values, return_inverse=True)
+    made = label_colours(np.maximum(found, 0)[:, None].astype(np.float64) + 1)[:, 0, :3] / 255
+    rows = [
+        np.divide(colours[int(label)], 255) if int(label) in colours else (own if label > 0 else _UNLABELLED)
+        for label, own in zip(found, made, strict=True)
+    ]
+    named = np.array([names.get(int(label), "") for label in found], dtype=object)
+    return {
+        "vertex_colors": np.array(rows)[which.reshape(-1)],
+        "contrast_limits": limits(values),
+        "features": {"name": named[which.reshape(-1)]},
+        "metadata": {"labels": names},
+    }

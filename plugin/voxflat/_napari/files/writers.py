@@ -1,0 +1,122 @@
+"""What napari asks when layers are saved: flat maps whole, and flat images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat.atlases.atlas import Atlas
+from voxflat.errors import InputError, VoxflatError
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import FlatImage
+
+__all__ = ["write_flat_image", "write_flat_map"]
+
+
+def write_flat_map(path: str, layers: Sequence[LayerData]) -> list[str]:
+    """Save the flat map, or the atlas, of which layers are.
+
+    Parameters
+    ----------
+    path : str
+        As `FlatMap.save` takes it.
+    layers : sequence of LayerData
+        Of one map.
+
+    Returns
+    -------
+    list of str
+        The path.
+
+    Raises
+    ------
+    VoxflatError
+        If the layers are of no map or of several, or the file's format cannot hold it.
+    OSError
+        If it cannot be written.
+    """
+    with _told():
+        _map_of(layers).save(path)
+    return [path]
+
+
+def write_flat_image(path: str, layers: Sequence[LayerData]) -> list[str]:
+    """Save a flat image.
+
+    Parameters
+    ----------
+    path : str
+        As `FlatImage.save` takes it.
+    layers : sequence of LayerData
+        One image, or one of labels, of a map or a page.
+
+    Returns
+    -------
+    list of str
+        The path.
+
+    Raises
+    ------
+    VoxflatError
+        If the layers are of no map or of several, or the file's format cannot hold it.
+    OSError
+        If it cannot be written.
+    """
+    with _told():
+        _image_of(layers).save(path)
+    return [path]
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Let what is wrong be told: napari takes every ValueError for the lack of a writer, and keeps silent."""
+    try:
+        yield
+    except InputError as error:
+        raise VoxflatError(str(error)) from error
+
+
+def _map_of(layers: Sequence[LayerData]) -> FlatMap | Atlas:
+    maps = {id(flat_map): flat_map for _, keywords, _ in layers if (flat_map := keywords["metadata"].get("voxflat"))}
+    if len(maps) != 1:
+        raise InputError(
+            "these layers are of no flat map: select one that voxflat made"
+            if not maps
+            else f"these layers are of {len(maps)} flat maps: select those of one"
+        )
+    (flat_map,) = maps.values()
+    return flat_map  # type: ignore[no-any-return]  # metadata are Any
+
+
+def _image_of(layers: Sequence[LayerData]) -> FlatImage:
+    """Return the image that a layer shows, as it lies on its map."""
+    flat_map = _map_of(layers)
+    images = [layer for layer in layers if layer[2] in ("image", "labels")]
+    if len(images) != 1:
+        raise InputError(f"{len(images)} flat images are selected: select one")
+    data, keywords, kind = images[0]
+    height, width = keywords["scale"]
+    if height != width:
+        raise InputError(f"the pixels of '{keywords['name']}' are {height:g} x {width:g} mm: they must be square")
+    down, u = keywords["translate"]
+    is_labels = kind == "labels"
+    pixels = np.asarray(data)
+    if keywords.get("rgb"):
+        pixels = _with_opacity(pixels)
+    elif is_labels:
+        pixels = np.where(pixels == 0, np.nan, pixels.astype(np.float64))  # 0 is no label, and outside
+    named = {"name": keywords["name"], "labels": is_labels, "provenance": flat_map.provenance}
+    return FlatImage(pixels, float(width), (float(u), float(-down)), **named)
+
+
+def _with_opacity(colours: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours with opacity, as `FlatImage` has them."""
+    whole = np.round(255 * colours).astype(np.uint8) if colours.dtype.kind == "f" else colours.astype(np.uint8)
+    if whole.shape[-1] == 4:
+        return whole
+    return np.concatenate([whole, np.full((*whole.shape[:2], 1), 255, dtype=np.uint8)], axis=2)

@@ -1,0 +1,207 @@
+"""Files that napari opens and saves by voxflat: read back by others."""
+
+import gzip
+import shutil
+
+import numpy as np
+import pytest
+from mesh_files import fsaverage5
+from napari_window import bumps, cap
+from numpy.testing import assert_allclose, assert_array_equal
+
+import voxflat
+from voxflat._napari.files.readers import map_reader, surface_reader
+from voxflat._napari.workbench import Workbench
+from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
+
+napari = pytest.importorskip("napari")
+nib = pytest.importorskip("nibabel")
+from napari.layers import Labels  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+CENTRE = np.array([3.0, -20.0, 15.0])  # of the volume, scanner RAS
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory):
+    """A folder as FreeSurfer makes it: a bumpy surface in tkRAS, what lies on it, and a patch of it."""
+    points, faces, values = bumps()
+    home = tmp_path_factory.mktemp("subject")
+    surf, label = home / "surf", home / "label"
+    for folder in (surf, label):
+        folder.mkdir()
+    space = Space("tkRAS", VolumeGeometry.conformed(CENTRE))
+    for name, lift in (("lh.white", 0), ("lh.pial", 2), ("rh.white", 5)):
+        write_mesh(surf / name, Mesh(points + np.array([0, 0, lift]), faces, space=space))
+    nib.freesurfer.write_morph_data(surf / "lh.thickness", values.astype(np.float32))
+    nib.save(nib.MGHImage(values.astype(np.float32)[:, None, None], np.eye(4)), surf / "lh.smooth.mgh")
+    colours = np.array([[25, 5, 25, 0, 0], [220, 20, 20, 0, 0], [20, 220, 20, 0, 0]])
+    labels = (np.arange(len(points)) % 3).astype(np.int32)
+    nib.freesurfer.write_annot(label / "lh.parts.annot", labels, colours, ["unknown", "red", "green"], fill_ctab=True)
+    ids = np.flatnonzero(values)
+    flat = np.column_stack([points[ids, :2], np.zeros(len(ids))])
+    write_patch(surf / "lh.cortex.patch.flat", Patch(ids, flat, patch_border(faces, ids, len(points))))
+    return home
+
+
+@pytest.fixture
+def opened(make_napari_viewer, messages):
+    """A viewer, and a function that opens a file in it as File → Open does."""
+    viewer = make_napari_viewer()
+
+    def open_file(path):
+        viewer.open(str(path), plugin="voxflat")
+        return viewer.layers[-1]
+
+    return viewer, open_file
+
+
+# ------------------------------------------------------------------------------------------------- reading
+
+
+def test_freesurfer_files_open_on_their_surface(subject, opened, messages):
+    viewer, open_file = opened
+    points, _, values = bumps()
+    white = open_file(subject / "surf" / "lh.white")
+    assert viewer.dims.ndisplay == 3
+    assert [str(unit) for unit in white.units] == ["millimeter"] * 3
+    assert_allclose(white.vertices, points + CENTRE, atol=1e-5)
+    viewer.layers.clear()
+    for name in ("lh.thickness", "lh.smooth.mgh"):
+        layer = open_file(subject / "surf" / name)
+        assert layer.name == name
+        assert_allclose(layer.vertices, points + CENTRE, atol=1e-5)  # the white one of this side
+        assert_allclose(layer.vertex_values, values, rtol=1e-6)
+    labels = open_file(subject / "label" / "lh.parts.annot")
+    assert_allclose(labels.vertex_colors[1][:3], np.array([220, 20, 20]) / 255)
+    assert labels.features["name"][2] == "green"
+    viewer.layers.clear()
+    pial = open_file(subject / "surf" / "lh.pial")
+    assert_allclose(open_file(subject / "surf" / "lh.thickness").vertices, pial.vertices)  # what is open comes first
+    flat = open_file(subject / "surf" / "lh.cortex.patch.flat")
+    assert flat.ndim == 2
+    assert_allclose(flat.vertices[:, 1], points[values != 0, 0])
+    assert_allclose(-flat.vertices[:, 0], points[values != 0, 1])
+    assert_array_equal(flat.features["vertex"], np.flatnonzero(values))
+    assert not messages
+
+
+def test_gifti_of_fsaverage_opens_on_the_same_side(opened):
+    viewer, open_file = opened
+    surface = open_file(fsaverage5("white_left"))
+    points = nib.load(fsaverage5("white_left")).agg_data("pointset")
+    assert_array_equal(surface.vertices, points)
+    viewer.layers.clear()
+    sulc = open_file(fsaverage5("sulc_left"))
+    assert_array_equal(sulc.vertices, points)
+    assert_allclose(sulc.vertex_values, nib.load(fsaverage5("sulc_left")).agg_data())
+    assert sulc.contrast_limits[0] == -sulc.contrast_limits[1]
+
+
+def test_values_without_their_surface_say_what_to_open(subject, opened, messages, tmp_path):
+    viewer, open_file = opened
+    shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
+    viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
+    assert not viewer.layers
+    assert "open that first" in messages[-1].message
+    points, faces, _ = bumps()
+    viewer.add_surface((points[:-1], faces[(faces < len(points) - 1).all(axis=1)]), name="other")
+    viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
+    assert "has 625 values; the surface has 624 points" in messages[-1].message
+    viewer.add_surface((points, faces), name="mesh", translate=(1, 2, 3))
+    assert_allclose(open_file(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
+
+
+def test_hostile_files_are_told_in_a_line(subject, opened, messages, tmp_path):
+    viewer, _ = opened
+    whole = (subject / "surf" / "lh.white").read_bytes()
+    huge = b"\xff\xff\xfea\n\n" + np.array([2**31 - 1, 2**31 - 1], ">i4").tobytes()
+    xml = b'<?xml version="1.0"?><!DOCTYPE GIFTI [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><GIFTI>&b;</GIFTI>'
+    damaged = {
+        "lh.white": whole[:1000],
+        "rh.pial": huge,
+        "a.surf.gii": xml,
+        "b.gii.gz": gzip.compress(bytes(1 << 24)),
+        "lh.x.patch.flat": b"\xff\xff\xff\xff\x7f\xff\xff\xff",
+        "lh.thickness": b"\xff\xff\xff\x7f\xff\xff\xff",
+        "lh.parts.annot": b"\0\0\0\x09",
+        "a.voxflat": b"PK\x03\x04 no archive",
+    }
+    for name, data in damaged.items():
+        (tmp_path / name).write_bytes(data)
+        messages.clear()
+        viewer.open(str(tmp_path / name), plugin="voxflat")
+        (message,) = messages
+        assert "\n" not in message.message
+        assert name in message.message
+    assert not viewer.layers
+
+
+def test_files_of_others_are_declined(tmp_path):
+    np.savez(tmp_path / "a.npz", data=np.ones(3))
+    nib.save(nib.MGHImage(np.ones((4, 5, 6), np.float32), np.eye(4)), tmp_path / "voxels.mgh")
+    for name in ("x.area", "x.orig", "x.volume"):
+        (tmp_path / name).write_text("something else")
+        assert surface_reader(str(tmp_path / name)) is None
+    assert map_reader(str(tmp_path / "a.npz")) is None
+    assert surface_reader(str(tmp_path / "voxels.mgh")) is None
+    assert surface_reader([str(tmp_path / "x.area")]) is None
+
+
+def test_an_opened_map_is_the_current_run(opened, tmp_path):
+    viewer, open_file = opened
+    points, faces, _ = bumps()
+    flat_map = voxflat.flatten((points, faces))
+    for name in ("a", "b"):
+        flat_map.save(tmp_path / f"{name}.voxflat")
+        open_file(tmp_path / f"{name}.voxflat")
+    runs = Workbench.of(viewer).runs
+    assert [run.name for run in runs] == ["a", "b"]
+    assert Workbench.of(viewer).current is runs[1]
+    for run, names in zip(
+        runs, (["a flat distortion", "a distortion"], ["b flat distortion", "b distortion"]), strict=True
+    ):
+        assert [keywords["name"] for _, keywords, _ in run.layers.layers] == names
+        assert_array_equal(run.flat_map.uv, flat_map.uv)
+        assert run.flat_map.distortion.figures() == flat_map.distortion.figures()
+
+
+# ------------------------------------------------------------------------------------------------- writing
+
+
+def test_a_map_is_saved_and_read_by_others(opened, tmp_path):
+    viewer, open_file = opened
+    points, faces, _ = bumps()
+    flat_map = voxflat.flatten((points, faces), seed_point=312, radius=15)
+    flat_map.save(tmp_path / "map.voxflat")
+    heat = open_file(tmp_path / "map.voxflat")
+    viewer.layers.selection = set(viewer.layers)  # all of one map
+    paths = {ending: str(tmp_path / f"again{ending}") for ending in (".voxflat", ".surf.gii", ".flat.patch.3d")}
+    for path in paths.values():
+        assert viewer.layers.save(path, selected=True, plugin="voxflat") == [path]
+    assert_array_equal(voxflat.load(paths[".voxflat"]).uv, flat_map.uv)
+    placed, triangles = nib.load(paths[".surf.gii"]).agg_data(("pointset", "triangle"))
+    assert_allclose(placed[flat_map.ids, :2], flat_map.uv, atol=1e-4)
+    assert_array_equal(triangles, flat_map.ids[flat_map.faces])
+    entries = np.frombuffer((tmp_path / "again.flat.patch.3d").read_bytes()[8:], [("v", ">i4"), ("p", ">f4", 3)])
+    assert_array_equal(np.sort(np.abs(entries["v"]) - 1), np.sort(flat_map.ids))
+    viewer.layers.selection = {heat}
+    for ending in (".nii", ".tif", ".png"):
+        assert viewer.layers.save(str(tmp_path / f"heat{ending}"), selected=True, plugin="voxflat")
+    image = flat_map.heat_map()
+    volume = nib.load(tmp_path / "heat.nii")
+    assert_allclose(volume.get_fdata()[:, :, 0], image.data, rtol=1e-6)
+    assert_allclose(volume.affine, image.affine)
+    from PIL import Image
+
+    assert_allclose(np.asarray(Image.open(tmp_path / "heat.tif")), image.data, rtol=1e-6)
+    assert Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
+
+
+def test_layers_of_no_map_are_not_saved_as_one(opened, tmp_path):
+    viewer, _ = opened
+    viewer.add_layer(Labels(cap(), name="sheet"))
+    with pytest.raises(voxflat.VoxflatError, match="of no flat map"):
+        viewer.layers.save(str(tmp_path / "a.voxflat"), plugin="voxflat")
+    assert not list(tmp_path.iterdir())
