@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from psygnal import Signal
 
+from voxflat._napari.results.listed import ListedLayers
 from voxflat._napari.results.run import Run
 
 if TYPE_CHECKING:
@@ -17,6 +18,11 @@ class Workbench:
     """The runs of one viewer; `of` returns a viewer's.
 
     Docks come and go; they read the runs here, and `changed` tells them to read again.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer, whose list of layers has those of the runs.
     """
 
     changed = Signal()
@@ -24,9 +30,12 @@ class Workbench:
 
     _of: ClassVar[dict[int, Workbench]] = {}
 
-    def __init__(self) -> None:
-        self._runs: list[Run] = []
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = weakref.ref(viewer)
+        self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
+        self.keeps_earlier = False
+        """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
     @classmethod
     def of(cls, viewer: Viewer) -> Workbench:
@@ -41,9 +50,10 @@ class Workbench:
         -------
         Workbench
         """
+        viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
-            cls._of[key] = cls()
+            cls._of[key] = cls(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 
@@ -57,19 +67,32 @@ class Workbench:
         """The run that the docks show."""
         return self._current
 
-    def add(self, run: Run, *, keep: bool = False) -> None:
-        """Make a new run the current one.
+    @property
+    def is_settled(self) -> bool:
+        """Whether the viewer lists the layers of the runs, and no others of earlier ones."""
+        return all(listed.is_settled for listed in self._runs.values())
+
+    def add(self, run: Run, *, keep: bool | None = None) -> None:
+        """Make a new run the current one, and list its layers.
 
         Parameters
         ----------
         run : Run
             The new run.
-        keep : bool
-            Whether the earlier ones stay; without it the new one takes their place.
+        keep : bool, optional
+            Whether the earlier ones stay; else the new one takes their place, and their layers. By default as
+            `keeps_earlier` says.
         """
-        self._runs = [*(self._runs if keep else []), run]
+        viewer = self._viewer()
+        assert viewer is not None
+        gone: list[ListedLayers] = []
+        if not (self.keeps_earlier if keep is None else keep):
+            gone = [*self._runs.values()]
+            self._runs.clear()
+        self._runs[run] = ListedLayers(viewer, [layer for listed in gone for layer in listed.hand_over()])
         self._current = run
         self.changed.emit()
+        self._runs[run].show(run.layers)
 
     def choose(self, run: Run) -> None:
         """Show a run.
@@ -84,7 +107,7 @@ class Workbench:
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Forget a run.
+        """Forget a run, and take its layers out of the list.
 
         Parameters
         ----------
@@ -93,7 +116,7 @@ class Workbench:
         """
         if run not in self._runs:
             return
-        self._runs.remove(run)
+        self._runs.pop(run).remove()
         if run is self._current:
-            self._current = self._runs[-1] if self._runs else None
+            self._current = self.runs[-1] if self._runs else None
         self.changed.emit()
