@@ -133,9 +133,12 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
     from napari.layers import Surface
 
+    from voxflat._napari.map_viewer.dock import open_flat_map
     from voxflat._napari.workbench import Workbench
 
     Workbench.of(viewer)
+    if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
+        open_flat_map(viewer)
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
     if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
         viewer.dims.ndisplay = 3

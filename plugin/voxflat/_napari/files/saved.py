@@ -32,7 +32,7 @@ def map_layers_of(path: Path) -> list[LayerData]:
     """
     flat_map = load(path)
     flat_map.metadata.setdefault("napari", _origin(path))
-    return map_layers(flat_map, path.stem).layers
+    return _hidden(map_layers(flat_map, path.stem).layers)
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
@@ -46,7 +46,7 @@ def atlas_layers_of(path: Path) -> list[LayerData]:
     Returns
     -------
     list of LayerData
-        The page's images, and the surface, which is hidden.
+        The page's images, and the surface.
 
     Raises
     ------
@@ -56,9 +56,12 @@ def atlas_layers_of(path: Path) -> list[LayerData]:
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)
     drawn = page_layers(atlas)
-    for _, keywords, _ in drawn.in_space:
-        keywords["visible"] = False  # it would lie across the page
-    return [*drawn.in_space, *drawn.layers]
+    return _hidden([*drawn.in_space, *drawn.layers])
+
+
+def _hidden(layers: list[LayerData]) -> list[LayerData]:
+    """Hide layers that the dock *Flat map* shows: they would lie across what the viewer shows."""
+    return [(data, {**keywords, "visible": False}, kind) for data, keywords, kind in layers]
 
 
 def _origin(path: Path) -> dict[str, str]:
