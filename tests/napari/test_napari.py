@@ -41,6 +41,7 @@ def test_manifest_is_valid_and_its_commands_resolve():
         "Flatten surface",
         "Flatten in patches",
         "Flat map",
+        "Draw cuts",
     ]
 
 
@@ -57,9 +58,11 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
     for named in re.findall(r"\*([A-Z]\w+(?: → [^*]+)+)\*", readme):
         title, *path, entry = named.split(" → ")
         assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
-    names = ("Flatten surface", "Flatten in patches")
+    names = ("Flatten surface", "Flatten in patches", "Draw cuts")
     assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
-    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in (*names, "Flat map")]
+    assert texts(viewer.window.plugins_menu, "voxflat") == [
+        f"{name} (voxflat)" for name in (*names[:2], "Flat map", "Draw cuts")
+    ]
     assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
 
 
