@@ -50,6 +50,8 @@ def flattened(open_widget, qtbot):
         viewer, widget = open_widget(*layers, show=True, **how)
         viewer.window._qt_window.resize(1300, 800)
         choose_whole(widget)
+        if isinstance(widget.form.surface.layer, Labels):
+            qtbot.waitUntil(lambda: widget.form.label.label == 3)
         run(widget, qtbot)
         wait_until_drawn(viewer, qtbot)
         return viewer, widget, map_dock(viewer, qtbot)
@@ -113,6 +115,7 @@ def test_map_and_volume_are_linked(flattened, qtbot, unit):
     wait_until_drawn(viewer, qtbot)
 
     # and in the slice: the ring of the map comes to the middle
+    middle = QPoint(canvas.width() // 2, canvas.height() // 2)  # a slider has come
     move(canvas, qtbot, middle)
     found = np.array([dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()])
     there = np.array([viewer.dims.point[0], *camera(viewer).center[-2:]]) / factor  # the slice is that of a voxel
@@ -201,7 +204,7 @@ def test_what_the_map_shows(flattened, qtbot):
     assert dock.contents.findText("height") >= 0
     wait_for_picture(dock, qtbot)
 
-    u, v = flat_map.uv[len(flat_map) // 2]
+    u, v = flat_map.uv[np.linalg.norm(flat_map.uv - flat_map.uv.mean(axis=0), axis=1).argmin()]
     to_map(dock, qtbot, u, v)
     assert "voxel" in dock.text.text()
     assert "distances ±" in dock.text.text()
