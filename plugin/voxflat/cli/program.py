@@ -14,6 +14,7 @@ from voxflat.cli import (
     demo,
     figure,
     flatten,
+    freesurfer,
     image,
     measure,
     patches,
@@ -55,6 +56,7 @@ _COMMANDS = (
     points,
     regions,
     texture,
+    freesurfer,
     demo,
 )
 for module in _COMMANDS:
