@@ -14,7 +14,8 @@ from freesurfer_rule import read_patch
 from lab_runs import VERTICES, console_of, everything, run
 
 import voxflat
-from voxflat.lab.report import FIGURES, REFERENCES
+from voxflat.lab.report import REFERENCES
+from voxflat.lab.results import FIGURES
 
 nib = pytest.importorskip("nibabel")
 

@@ -139,6 +139,10 @@ class Bars:
         self.hide()
         click.echo(text)
 
+    def hush(self) -> None:
+        """Leave out notes and warnings, which stand elsewhere."""
+        log.setLevel(logging.ERROR)
+
     def hide(self) -> None:
         """Take the bar away until it moves on."""
         self._bar.clear()

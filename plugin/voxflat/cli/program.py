@@ -9,6 +9,7 @@ import click
 
 from voxflat._core import __version__
 from voxflat.cli import (
+    bids,
     check,
     cut,
     demo,
@@ -57,6 +58,7 @@ _COMMANDS = (
     regions,
     texture,
     freesurfer,
+    bids,
     demo,
 )
 for module in _COMMANDS:

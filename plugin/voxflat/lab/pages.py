@@ -21,10 +21,9 @@ from scipy.spatial import cKDTree
 from voxflat.errors import InputError
 from voxflat.figures.colours import AREAS, ERRORS, top
 from voxflat.figures.flat_maps import folds, painted
-from voxflat.lab.subject import MEASURES
+from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.raster import Raster
 
 __all__ = ["Layer", "colour_bar", "filled", "layers_of", "picture", "png", "scene", "thinned"]
 
@@ -146,17 +145,16 @@ def picture(flat_map: FlatMap, layer: Layer | None = None, pixel_size: float | N
             shade = pixels[..., :1] / pixels[..., :1].max()
             over[..., :3] = np.round(over[..., :3] * (1 - _SHADE + _SHADE * shade))
         pixels = np.where(over[..., 3:] > 0, over, pixels)
-    return png(pixels, raster)
+    return png(pixels, raster.shape[1] * raster.pixel_size)
 
 
-def png(pixels: NDArray[np.uint8], raster: Raster) -> dict[str, Any]:
-    """Return pixels as a PNG in a page, as `picture` does."""
+def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
+    """Return pixels (H, W, 4) that are so many mm wide as a PNG in a page, as `picture` does."""
     held = io.BytesIO()
     image = Image.fromarray(pixels)
     image.quantize(colors=255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(held, "PNG")
     source = "data:image/png;base64," + base64.b64encode(held.getvalue()).decode()
-    height, width = raster.shape
-    return {"source": source, "width": width, "height": height, "mm": width * raster.pixel_size}
+    return {"source": source, "width": pixels.shape[1], "height": pixels.shape[0], "mm": mm}
 
 
 def colour_bar(layer: Layer) -> dict[str, Any]:

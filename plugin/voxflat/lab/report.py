@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from voxflat._core import __version__
-from voxflat.io.files import REMEDY, naming
-from voxflat.io.overlays import read_overlay
+from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import colour_bar, filled, layers_of, picture, scene
-from voxflat.lab.results import Results, page_key, read_record
-from voxflat.lab.subject import MEASURES
-from voxflat.maps.flat_map import FlatMap, load
+from voxflat.lab.results import FIGURES, Shown, figure_of
 
-__all__ = ["FIGURES", "REFERENCES", "Shown", "citation", "figure_of", "subject_page"]
-
-FIGURES: dict[str, tuple[str, float, str]] = {
-    "best_scale.relative_error": ("Distance error", 100, "%"),
-    "best_scale.relative_error_30mm": ("up to 30 mm", 100, "%"),
-    "best_scale.relative_error_10mm": ("up to 10 mm", 100, "%"),
-    "best_scale.stress_1": ("Stress-1", 1, ""),
-    "triangles.edge": ("Edges", 100, "%"),
-    "triangles.equal_area_median": ("Area, log2: median", 1, ""),
-    "triangles.equal_area_p95": ("95 %", 1, ""),
-    "triangles.flipped": ("Triangles turned over", 1, ""),
-    "triangles.covering": ("Triangles that cover another", 1, ""),
-}
-"""Figures of a page: their place in a record, what they are called, a factor, the unit."""
+__all__ = ["REFERENCES", "citation", "subject_page"]
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
@@ -53,81 +33,6 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
 }
 """By what said where to cut: maps of fsaverage5, left and right, in the order of `FIGURES`
 (docs/benchmarks/standard.md)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """The results of a hemisphere, as they were written.
-
-    Parameters
-    ----------
-    results : Results
-        Where they are.
-    record : dict
-        What the record says.
-    flat_map : FlatMap
-        The map.
-    values : dict of str to ndarray of float64, shape (N,)
-        Measures and overlays at the points of the map.
-    """
-
-    results: Results
-    record: dict[str, Any]
-    flat_map: FlatMap
-    values: dict[str, NDArray[np.float64]]
-
-    @classmethod
-    def read(cls, results: Results) -> Shown:
-        """Read results.
-
-        Parameters
-        ----------
-        results : Results
-            Where they are.
-
-        Returns
-        -------
-        Shown
-
-        Raises
-        ------
-        InputError, OSError
-            If they are damaged, or not there.
-        """
-        record, flat_map = read_record(results.record), load(results.map)
-        names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
-        structure = flat_map.metadata.get("structure")
-        values = {}
-        for name in names:
-            path = results.values(name)
-            with naming(path, REMEDY):
-                count = len(flat_map) if flat_map.is_voxels else flat_map.metadata["vertices"]
-                found = read_overlay(path, count, structure=structure).astype(np.float64)
-            values[name] = found if flat_map.is_voxels else found[flat_map.ids]
-        return cls(results, record, flat_map, values)
-
-    @property
-    def cuts(self) -> dict[str, NDArray[np.int64]]:
-        """Points of the map along each cut, by its name."""
-        metadata = self.flat_map.metadata
-        rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
-        given = zip(metadata["cut_names"], metadata["cuts"], strict=True)
-        named = [(name or f"cut {n}", line) for n, (name, line) in enumerate(given, 1)]
-        named += [(f"automatic {n}", cut["ids"]) for n, cut in enumerate(metadata["automatic_cuts"], 1)]
-        found = {name: [rows[_key(of)] for of in line if _key(of) in rows] for name, line in named}
-        return {name: np.array(points, dtype=np.int64) for name, points in found.items() if len(points) > 1}
-
-
-def _key(of: Any) -> Any:
-    return tuple(of) if isinstance(of, list) else of
-
-
-def figure_of(record: Mapping[str, Any], place: str) -> float | None:
-    """Return a figure of a record by its place, such as ``best_scale.stress_1``; None where it is undefined."""
-    value: Any = record["figures"]
-    for key in place.split("."):
-        value = None if value is None else value.get(key)
-    return None if value is None else float(value)
 
 
 def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
@@ -196,7 +101,6 @@ def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
                 "error": "" if error is None else f" ± {factor * error:.{digits}f}",
                 "others": [f"{other:.{digits}f}" for other in others],
                 "is_bad": place.endswith(("flipped", "covering")) and bool(value),
-                "is_part": title[0].islower() or title[0].isdigit(),
             }
         )
     return rows

@@ -1,39 +1,43 @@
-"""Where the results of a hemisphere go, what its record says, and whether they are up to date."""
+"""The results of a hemisphere: where they go, what is told of them, and how they are read."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from voxflat._core import __version__
+import numpy as np
+from numpy.typing import NDArray
+
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path
-from voxflat.lab.inputs import Hemisphere, Parameters
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.overlays import read_overlay
+from voxflat.maps.flat_map import FlatMap, load
 
-__all__ = [
-    "Request",
-    "Results",
-    "is_page_of",
-    "page_key",
-    "read_record",
-    "request",
-    "state",
-    "write_json",
-    "write_text",
-]
+__all__ = ["FIGURES", "MEASURES", "Results", "Shown", "figure_of", "read_record"]
 
-_FORMAT = 1  # of what is written; raise it where a rerun should make all results anew
-_BLOCK = 1 << 20
-_HEAD = 4096  # bytes at the beginning of a page, in which its key stands
+MEASURES = {
+    "distanceerror": "mean relative error of the distances from each place, as a fraction",
+    "areachange": "log2 of the area on the map over that on the surface",
+    "curvature": "mean curvature, 1/mm, positive on gyri",
+    "sulcaldepth": "sulcal depth, mm, positive in sulci",
+}
+"""What is told of every place of a map, by the names of the files."""
 
-Request = dict[str, Any]
-"""What results are made of: ``voxflat`` (the version), ``parameters``, ``inputs`` (path and SHA-256 of each file)."""
+FIGURES: dict[str, tuple[str, float, str]] = {
+    "best_scale.relative_error": ("Distance error", 100, "%"),
+    "best_scale.relative_error_30mm": ("Distance error up to 30 mm", 100, "%"),
+    "best_scale.relative_error_10mm": ("Distance error up to 10 mm", 100, "%"),
+    "best_scale.stress_1": ("Stress-1", 1, ""),
+    "triangles.edge": ("Change of edges", 100, "%"),
+    "triangles.equal_area_median": ("Area change, |log2|: median", 1, ""),
+    "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),
+    "triangles.flipped": ("Triangles turned over", 1, ""),
+    "triangles.covering": ("Triangles that cover another", 1, ""),
+}
+"""Figures of a page: their place in a record, what they are called, a factor, the unit."""
 
 
 @dataclass(frozen=True)
@@ -98,81 +102,6 @@ class Results:
         return self._named(f"{name}.shape.gii")
 
 
-def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
-    """Return what results are made of: they are up to date as long as it is the same.
-
-    Parameters
-    ----------
-    hemisphere : Hemisphere
-        Its files are read, for their SHA-256.
-    parameters : Parameters
-        What is made of it.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    """
-    inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
-    told = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
-    return {"voxflat": __version__, "format": _FORMAT, "parameters": told, "inputs": inputs}
-
-
-def _sha256(path: Path) -> str:
-    hashed = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            hashed.update(block)
-    return hashed.hexdigest()
-
-
-def state(results: Results, wanted: Request) -> tuple[str, str]:
-    """Say whether results are there and up to date.
-
-    Parameters
-    ----------
-    results : Results
-        Where they are.
-    wanted : dict
-        What they are to be made of.
-
-    Returns
-    -------
-    state : {"missing", "stale", "done"}
-    reason : str
-        Why they are not done.
-    """
-    if not results.record.is_file():
-        return "missing", "there is no result"
-    try:
-        record = read_record(results.record)
-    except InputError as error:
-        return "stale", str(error)
-    for name in ("voxflat", "format"):
-        if record[name] != wanted[name]:
-            return "stale", f"it was made by voxflat {record['voxflat']} (format {record['format']})"
-    changed = [
-        f"{key}: {record['parameters'].get(key)!r} before, now {value!r}"
-        for key, value in wanted["parameters"].items()
-        if record["parameters"].get(key) != value
-    ]
-    if changed:
-        return "stale", "; ".join(changed)
-    before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
-    changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
-    if changed:
-        return "stale", f"changed: {', '.join(changed)}"
-    for name, size in record["outputs"].items():
-        path = results.folder / name
-        if not path.is_file() or path.stat().st_size != size:
-            return "stale", f"{name} is missing, or not as it was written"
-    return "done", ""
-
-
 def read_record(path: Path) -> dict[str, Any]:
     """Read the record of a hemisphere's results.
 
@@ -200,45 +129,76 @@ def read_record(path: Path) -> dict[str, Any]:
     return record
 
 
-def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
-    """Return what a page is made of, in short: it stands at its beginning.
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The results of a hemisphere, as they were written.
 
     Parameters
     ----------
-    records : sequence of dict
-        Of the results that it shows.
-    failures : dict of str to str
-        What it says of those that there are none of.
-
-    Returns
-    -------
-    str
-        SHA-256, in hexadecimal digits.
+    results : Results
+        Where they are.
+    record : dict
+        What the record says.
+    flat_map : FlatMap
+        The map.
+    values : dict of str to ndarray of float64, shape (N,)
+        Measures and overlays at the points of the map.
     """
-    made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
-    return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
+
+    results: Results
+    record: dict[str, Any]
+    flat_map: FlatMap
+    values: dict[str, NDArray[np.float64]]
+
+    @classmethod
+    def read(cls, results: Results) -> Shown:
+        """Read results.
+
+        Parameters
+        ----------
+        results : Results
+            Where they are.
+
+        Returns
+        -------
+        Shown
+
+        Raises
+        ------
+        InputError, OSError
+            If they are damaged, or not there.
+        """
+        record, flat_map = read_record(results.record), load(results.map)
+        names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
+        structure = flat_map.metadata.get("structure")
+        values = {}
+        for name in names:
+            path = results.values(name)
+            with naming(path, REMEDY):
+                count = len(flat_map) if flat_map.is_voxels else flat_map.metadata["vertices"]
+                found = read_overlay(path, count, structure=structure).astype(np.float64)
+            values[name] = found if flat_map.is_voxels else found[flat_map.ids]
+        return cls(results, record, flat_map, values)
+
+    @property
+    def cuts(self) -> dict[str, NDArray[np.int64]]:
+        """Points of the map along each cut, by its name."""
+        metadata = self.flat_map.metadata
+        rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
+        given = zip(metadata["cut_names"], metadata["cuts"], strict=True)
+        named = [(name or f"cut {n}", line) for n, (name, line) in enumerate(given, 1)]
+        named += [(f"automatic {n}", cut["ids"]) for n, cut in enumerate(metadata["automatic_cuts"], 1)]
+        found = {name: [rows[_key(of)] for of in line if _key(of) in rows] for name, line in named}
+        return {name: np.array(points, dtype=np.int64) for name, points in found.items() if len(points) > 1}
 
 
-def is_page_of(path: Path, key: str) -> bool:
-    """Say whether a page is there and made of what a key says."""
-    if not path.is_file():
-        return False
-    with path.open(encoding="utf-8", errors="replace") as file:
-        told = re.search(r'name="voxflat" content="([0-9a-f]+)"', file.read(_HEAD))
-    return told is not None and told[1] == key
+def _key(of: Any) -> Any:
+    return tuple(of) if isinstance(of, list) else of
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> bool:
-    """Write JSON, unless the file holds it already; return whether it was written."""
-    return write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> bool:
-    """Write a text, all of it or nothing, unless the file holds it already; return whether it was written."""
-    data = text.encode()
-    if path.is_file() and path.read_bytes() == data:
-        return False
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
-    return True
+def figure_of(record: Mapping[str, Any], place: str) -> float | None:
+    """Return a figure of a record by its place, such as ``best_scale.stress_1``; None where it is undefined."""
+    value: Any = record["figures"]
+    for key in place.split("."):
+        value = None if value is None else value.get(key)
+    return None if value is None else float(value)

@@ -10,17 +10,9 @@ from typing import Any
 
 from voxflat._core import __version__
 from voxflat.errors import Cancelled, InputError, told
+from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
-from voxflat.lab.results import (
-    Results,
-    is_page_of,
-    page_key,
-    read_record,
-    request,
-    state,
-    write_json,
-    write_text,
-)
+from voxflat.lab.results import Results, Shown, read_record
 from voxflat.lab.subject import make
 
 __all__ = ["NO_FILES", "Outcome", "describe", "freesurfer", "pages_of", "plan", "results_of", "study"]
@@ -254,7 +246,7 @@ def _each(
     failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
     key = page_key([read_record(of.record) for of in there.values()], failures)
     if there and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
-        from voxflat.lab.report import Shown, subject_page  # brings in matplotlib
+        from voxflat.lab.report import subject_page  # brings in matplotlib
 
         write_text(page, subject_page(name, {hemi: Shown.read(of) for hemi, of in there.items()}, failures))
 

@@ -20,8 +20,9 @@ from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.freesurfer import read_annot
 from voxflat.io.gifti import value_bytes
 from voxflat.io.overlays import read_overlay
+from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
-from voxflat.lab.results import Results, request, write_json
+from voxflat.lab.results import MEASURES, Results
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample_mean
@@ -30,15 +31,7 @@ from voxflat.surfaces.lips import one_point_a_vertex
 from voxflat.surfaces.making import surface
 from voxflat.surfaces.surface import Surface
 
-__all__ = ["MEASURES", "make"]
-
-MEASURES = {
-    "distanceerror": "mean relative error of the distances from each place, as a fraction",
-    "areachange": "log2 of the area on the map over that on the surface",
-    "curvature": "mean curvature, 1/mm, positive on gyri",
-    "sulcaldepth": "sulcal depth, mm, positive in sulci",
-}
-"""What is told of every place of a map, by the names of the files."""
+__all__ = ["make"]
 
 _PROBABLE = 0.5  # of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # in aparc.annot
@@ -255,6 +248,8 @@ def _told(whole: Surface, flat_map: FlatMap) -> dict[str, Any]:
             "points": metadata["points"],
             "width": width,
             "height": height,
+            "low": flat_map.uv.min(axis=0).tolist(),
+            "high": flat_map.uv.max(axis=0).tolist(),
             "frame": metadata.get("frame"),
             "cuts_by": os.path.basename(str(metadata["cuts_by"])),
             "cut_names": [name for name in metadata["cut_names"] if name],
