@@ -1,4 +1,4 @@
-"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table and the page of the study."""
+"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table, the page of the study."""
 
 import csv
 import json
