@@ -7,6 +7,8 @@ from scipy.spatial import ConvexHull
 pytest.importorskip("qtpy")
 from qtpy.QtCore import QCoreApplication, QThreadPool
 
+from voxflat._napari.workbench import Workbench
+
 AFFINE = np.array([[0, -2.0, 0, 30], [1.5, 0, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])
 FLIP = np.array([[-2.0, 0, 0, 30], [0, 1.5, 0, -7], [0, 0, 3.0, 11], [0, 0, 0, 1]])  # napari shows no exchanged axes
 
@@ -55,8 +57,18 @@ PATIENCE = 120_000
 
 
 def run(widget, qtbot, timeout=PATIENCE):
+    """Flatten, and wait until all layers are there."""
     widget.start.click()
     qtbot.waitUntil(widget.start.isEnabled, timeout=timeout)
+    qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
+
+
+def open_file(viewer, qtbot, path):
+    """Open a file by voxflat, and wait until all layers are there; return those that are new."""
+    before = set(viewer.layers)
+    viewer.open(str(path), plugin="voxflat")
+    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled, timeout=PATIENCE)
+    return [layer for layer in viewer.layers if layer not in before]
 
 
 def wait_until_drawn(viewer, qtbot):

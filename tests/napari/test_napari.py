@@ -13,6 +13,7 @@ from napari_window import (
     cap,
     choose,
     choose_whole,
+    open_file,
     run,
     wait_for_threads,
 )
@@ -24,6 +25,7 @@ from voxflat._napari.files.readers import map_reader
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
+from voxflat._napari.workbench import Workbench
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels  # noqa: E402
@@ -40,6 +42,7 @@ def test_manifest_is_valid_and_its_commands_resolve():
     assert [widget.display_name for widget in manifest.contributions.widgets] == [
         "Flatten surface",
         "Flatten in patches",
+        "Flat map",
     ]
 
 
@@ -58,7 +61,7 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
         assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
     names = ("Flatten surface", "Flatten in patches")
     assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
-    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in names]
+    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in (*names, "Flat map")]
     assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
 
 
@@ -193,42 +196,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot, method):
     assert ("torn faces" in dict(figures(expected))) == (method == "grossmann2002")
     assert ("flipped triangles" in dict(figures(expected))) == (method != "grossmann2002")
     assert "fraction" in distortion.metadata["colours"]
-    assert distortion.colorbar.visible
     assert f"{100 * expected.distortion.raw.relative_error:.1f} %" in widget.status.text()
-
-
-def test_only_the_map_is_shown_then_the_volume_again(open_widget, qtbot):
-    viewer, widget = open_widget(Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1"), show=True)
-    qtbot.waitUntil(lambda: widget.form.label.label == 3)
-    choose_whole(widget)
-    viewer.dims.ndisplay = 3
-    viewer.dims.order = (2, 0, 1)
-    viewer.dims.point = (5, 6, 7)
-    viewer.layers["T1"].visible = False
-    viewer.reset_view()
-    camera = getattr(viewer, "scene", viewer).camera  # before napari 0.9 the viewer's own
-    before = (camera.center, camera.zoom, viewer.dims.order, viewer.dims.point)
-    run(widget, qtbot)
-    assert {layer.name for layer in viewer.layers if layer.visible} == {"T1 flattened", "sheet distortion"}
-    assert viewer.dims.ndisplay == 2
-    assert viewer.dims.order == (0, 1, 2)
-    extent = viewer.layers["sheet distortion"].extent.world
-    assert_allclose(camera.center[-2:], extent.mean(axis=0), atol=1e-6)
-    if hasattr(viewer, "canvas"):
-        assert viewer.canvas.grid.enabled
-        shown = np.array(viewer.canvas.viewbox_size(viewer.layers)) / camera.zoom
-        assert 0.85 < np.max((extent[1] - extent[0]) / shown) < 1
-    widget.results.toggle.click()
-    assert {layer.name for layer in viewer.layers if layer.visible} == {"sheet"}
-    assert viewer.dims.ndisplay == 3
-    assert_allclose(camera.center, before[0])
-    assert (camera.zoom, viewer.dims.order, viewer.dims.point) == before[1:]
-    assert not hasattr(viewer, "canvas") or not viewer.canvas.grid.enabled
-    widget.results.toggle.click()
-    viewer.layers.remove("T1 flattened")
-    viewer.layers.remove("sheet distortion")
-    qtbot.waitUntil(lambda: viewer.layers["sheet"].visible)
-    assert not widget.results.toggle.isEnabled()
 
 
 def test_atlas_on_the_map_is_a_labels_layer(open_widget, qtbot):
@@ -272,17 +240,18 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does: no other reader is asked
+    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
     opened = viewer.layers[-1]
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
     voxflat.load(f"{path}.voxflat").save(f"{path}.npz")
-    (again,) = viewer.open(f"{path}.npz", plugin="voxflat")
+    (again,) = open_file(viewer, qtbot, f"{path}.npz")
     assert_array_equal(again.data, opened.data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
     assert map_reader(str(tmp_path / "other.npz")) is None
 
 
-def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
+def test_read_a_flat_map_asks_for_it(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     from napari._app_model import get_app_model
 
     voxflat.flatten(cap(), method="voxflat").save(tmp_path / "map.npz")
@@ -291,5 +260,6 @@ def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
     viewer = make_napari_viewer()
     for _ in range(2):  # the second time nothing is chosen
         get_app_model().commands.execute_command("voxflat.read_flat_map").result()
+        qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
         assert [layer.name for layer in viewer.layers] == ["map distortion"]
     assert answers == []

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import shapes
-from napari_window import PATIENCE, bumps, choose, run, sphere, wait_for_threads
+from napari_window import PATIENCE, bumps, choose, open_file, run, sphere, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -52,7 +52,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     picture = expected.heat_map()
     for layer in (patches, image, heat):
         assert_allclose(layer.translate, (-picture.origin[1], picture.origin[0]))
-        assert layer.visible
+        assert not layer.visible
         assert [str(unit) for unit in layer.units] == ["millimeter", "millimeter"]
     assert heat.contrast_limits[0] == 1
     assert f"{len(expected)} patches" in widget.status.text()
@@ -77,23 +77,6 @@ def test_colours_of_patches_are_the_same_on_page_and_surface(open_widget, qtbot)
     assert (patches.data[~inside][:, 3] == 0).all()
 
 
-def test_to_the_surface_and_back(open_widget, qtbot):
-    points, faces = sphere()
-    viewer, widget = open_widget(Surface((points, faces), name="ball"))
-    limit(widget, "bound", 1.2)
-    run(widget, qtbot)
-    assert viewer.dims.ndisplay == 2
-    assert widget.results.toggle.text() == "Show surface"
-    widget.results.toggle.click()
-    assert [layer.name for layer in viewer.layers if layer.visible] == ["ball in patches"]
-    assert viewer.dims.ndisplay == 3
-    assert widget.results.toggle.text() == "Show page"
-    widget.results.toggle.click()
-    assert [layer.name for layer in viewer.layers if layer.visible] == ["ball patches", "ball C"]
-    run(widget, qtbot)  # again, while the page is shown
-    assert sum(layer.name.startswith("ball in patches") for layer in viewer.layers) == 2
-
-
 @pytest.mark.parametrize("world", ["RAS", "SPL"])
 def test_a_label_and_a_volume(open_widget, qtbot, world):
     ball = shapes.ball(9).astype(np.uint8) * 3
@@ -114,7 +97,6 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     found = np.argwhere(ball) * scale  # in the viewer's world, whatever its axes are
     assert np.abs(low - found.min(axis=0)).max() < 0.7
     assert np.abs(high - found.max(axis=0)).max() < 0.7
-    assert not viewer.layers["ball"].visible
     image = viewer.layers["i flattened"].data
     ids = atlas.page().locate()[0]
     inside = ids[..., 0] >= 0
@@ -199,13 +181,13 @@ def test_glued(open_widget, qtbot, tmp_path):
 
 
 @pytest.mark.parametrize("glue", [None, 1.4])
-def test_a_saved_atlas_is_opened(make_napari_viewer, tmp_path, glue):
+def test_a_saved_atlas_is_opened(make_napari_viewer, qtbot, tmp_path, glue):
     atlas = voxflat.patches(sphere(), 25)
     atlas = atlas if glue is None else atlas.glue(glue)
     atlas.save(tmp_path / "ball.npz")
     viewer = make_napari_viewer()
-    viewer.open(tmp_path / "ball.npz", plugin="voxflat")
+    open_file(viewer, qtbot, tmp_path / "ball.npz")
     assert [layer.name for layer in viewer.layers] == ["ball in patches", "ball patches", "ball C"]
-    assert [layer.visible for layer in viewer.layers] == [False, True, True]
+    assert not any(layer.visible for layer in viewer.layers)  # the map has a dock of its own
     same_atlas(viewer.layers["ball C"], atlas)
     assert_array_equal(viewer.layers["ball C"].data, atlas.heat_map().data)

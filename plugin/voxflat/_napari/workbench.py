@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from psygnal import Signal
 
-from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.listed import ListedLayers
 from voxflat._napari.results.run import Run
 
 if TYPE_CHECKING:
@@ -22,6 +22,11 @@ class Workbench:
     """The runs of one viewer; `of` returns a viewer's.
 
     Docks come and go; they read the runs here, and `changed` tells them to read again.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer, whose list of layers has those of the runs.
     """
 
     changed = Signal()
@@ -32,11 +37,13 @@ class Workbench:
 
     _of: ClassVar[dict[int, Workbench]] = {}
 
-    def __init__(self) -> None:
-        self._runs: list[Run] = []
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = weakref.ref(viewer)
+        self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
-        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
         self._cuts: weakref.WeakKeyDictionary[Layer, tuple[NDArray[np.int64], ...]] = weakref.WeakKeyDictionary()
+        self.keeps_earlier = False
+        """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
     @classmethod
     def of(cls, viewer: Viewer) -> Workbench:
@@ -54,8 +61,7 @@ class Workbench:
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
-            bench = cls._of[key] = cls()
-            viewer.layers.events.inserted.connect(bench._adopt)
+            cls._of[key] = cls(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 
@@ -69,20 +75,32 @@ class Workbench:
         """The run that the docks show."""
         return self._current
 
-    def add(self, run: Run, *, keep: bool = False) -> None:
-        """Make a new run the current one.
+    @property
+    def is_settled(self) -> bool:
+        """Whether the viewer lists the layers of the runs, and no others of earlier ones."""
+        return all(listed.is_settled for listed in self._runs.values())
+
+    def add(self, run: Run, *, keep: bool | None = None) -> None:
+        """Make a new run the current one, and list its layers.
 
         Parameters
         ----------
         run : Run
             The new run.
-        keep : bool
-            Whether the earlier ones stay; without it the new one takes their place.
+        keep : bool, optional
+            Whether the earlier ones stay; else the new one takes their place, and their layers. By default as
+            `keeps_earlier` says.
         """
-        others = [other for other in self._runs if other.flat_map is not run.flat_map]
-        self._runs = [*(others if keep else []), run]
+        viewer = self._viewer()
+        assert viewer is not None
+        gone: list[ListedLayers] = []
+        if not (self.keeps_earlier if keep is None else keep):
+            gone = [*self._runs.values()]
+            self._runs.clear()
+        self._runs[run] = ListedLayers(viewer, [layer for listed in gone for layer in listed.hand_over()])
         self._current = run
         self.changed.emit()
+        self._runs[run].show(run.layers)
 
     def choose(self, run: Run) -> None:
         """Show a run.
@@ -97,7 +115,7 @@ class Workbench:
             self.changed.emit()
 
     def remove(self, run: Run) -> None:
-        """Forget a run.
+        """Forget a run, and take its layers out of the list.
 
         Parameters
         ----------
@@ -106,25 +124,10 @@ class Workbench:
         """
         if run not in self._runs:
             return
-        self._runs.remove(run)
+        self._runs.pop(run).remove()
         if run is self._current:
-            self._current = self._runs[-1] if self._runs else None
+            self._current = self.runs[-1] if self._runs else None
         self.changed.emit()
-
-    def _adopt(self, event: Any) -> None:
-        """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
-        flat_map = event.value.metadata.get("voxflat")
-        if flat_map is None:
-            return
-        run = next((run for run in self._runs if run.flat_map is flat_map), None)
-        if run is None:
-            run = Run(FlatLayers(flat_map, []), flat_map.metadata["napari"]["layer"])
-            self._opened.add(run)
-            self.add(run, keep=True)
-        if run in self._opened:
-            layer = event.value.as_layer_data_tuple()
-            (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
-            self.changed.emit()
 
     def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:
         """Keep cuts that were drawn on a layer's surface.

@@ -1,20 +1,22 @@
-"""Flat maps and atlases that were saved, as layers."""
+"""Flat maps and atlases that were saved, as runs."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
+from voxflat._napari.results.run import Run
 from voxflat.atlases.certified import load_atlas
+from voxflat.atlases.saved import saved_kind
 from voxflat.maps.flat_map import load
 
-__all__ = ["atlas_layers_of", "map_layers_of"]
+__all__ = ["opened_run"]
 
 
-def map_layers_of(path: Path) -> list[LayerData]:
-    """Read a flat map that was saved.
+def opened_run(path: Path) -> Run:
+    """Read a flat map or an atlas that was saved.
 
     Parameters
     ----------
@@ -23,44 +25,19 @@ def map_layers_of(path: Path) -> list[LayerData]:
 
     Returns
     -------
-    list of LayerData
+    Run
 
     Raises
     ------
     InputError
         If the file is damaged.
     """
+    origin = {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}
+    if saved_kind(path) == "atlas":
+        atlas = load_atlas(path)
+        atlas.metadata["napari"] = origin
+        return Run(page_layers(atlas), path.stem)
     flat_map = load(path)
-    flat_map.metadata.setdefault("napari", _origin(path))
-    return map_layers(flat_map, path.stem).layers
-
-
-def atlas_layers_of(path: Path) -> list[LayerData]:
-    """Read an atlas that was saved.
-
-    Parameters
-    ----------
-    path : Path
-        An .npz or .voxflat file.
-
-    Returns
-    -------
-    list of LayerData
-        The page's images, and the surface, which is hidden.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
-    atlas = load_atlas(path)
-    atlas.metadata["napari"] = _origin(path)
-    drawn = page_layers(atlas)
-    for _, keywords, _ in drawn.in_space:
-        keywords["visible"] = False  # it would lie across the page
-    return [*drawn.in_space, *drawn.layers]
-
-
-def _origin(path: Path) -> dict[str, str]:
-    """Say what a map was made of, where it was not made in napari."""
-    return {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}
+    told: dict[str, Any] = flat_map.metadata.setdefault("napari", origin)
+    told["layer"] = path.stem
+    return Run(map_layers(flat_map, path.stem), path.stem)

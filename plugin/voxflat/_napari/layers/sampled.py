@@ -15,7 +15,7 @@ from voxflat._napari.layers.volumes import LayerVolume, finest
 from voxflat._napari.layers.world import unit_ratio
 from voxflat.atlases.atlas import Atlas
 from voxflat.demo import DEPTH
-from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.plane import Planar
 from voxflat.maps.raster import FlatImage
 
 if TYPE_CHECKING:
@@ -40,12 +40,15 @@ class Sampled:
         The layer's type.
     display : mapping
         Keywords that make the map look as the layer does: colormap, contrast limits, gamma.
+    fraction : float or None
+        Instead of the depth, how much of the cortex lies below, where white and pial surface are known.
     """
 
     volume: LayerVolume
     depth: float = 0.0
     kind: str = "image"
     display: Mapping[str, Any] = field(default_factory=dict)
+    fraction: float | None = None
 
     @property
     def name(self) -> str:
@@ -58,10 +61,11 @@ class Sampled:
         place = f"{self.depth:g} mm outside the surface" if self.depth else "at the surface"
         return f"'{self.name}', as sampled {place}"
 
-    def image(self, flat_map: FlatMap | Atlas, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
+        how: dict[str, Any] = {"depth": self.depth} if self.fraction is None else {"fraction": self.fraction}
         interpolation = "nearest" if self.kind == "labels" else "linear"
-        return flat_map.image(self.volume.read(), pixel_size, depth=self.depth, interpolation=interpolation)
+        return flat_map.image(self.volume.lazily(), pixel_size, interpolation=interpolation, **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ class Overlay:
         """What the map's values are."""
         return f"the values of '{self.name}'"
 
-    def image(self, flat_map: FlatMap | Atlas, pixel_size: float | None) -> FlatImage:
+    def image(self, flat_map: Planar | Atlas, pixel_size: float | None) -> FlatImage:
         """Draw the values on a map, as `FlatMap.image` does."""
         return flat_map.image(self.values, pixel_size)
 
@@ -96,7 +100,9 @@ class Overlay:
 Shown: TypeAlias = Sampled | Overlay
 
 
-def shown(layer: Layer, world: str, depth: float) -> Shown:
+def shown(
+    layer: Layer, world: str, depth: float = 0.0, *, fraction: float | None = None, step: tuple[int, ...] = ()
+) -> Shown:
     """Take a layer's values, and how they look.
 
     Parameters
@@ -107,6 +113,10 @@ def shown(layer: Layer, world: str, depth: float) -> Shown:
         One of `WORLDS`.
     depth : float
         How far outside the surface to sample a volume, mm.
+    fraction : float, optional
+        Instead of the depth, as of `Sampled`.
+    step : tuple of int
+        The index along each axis of a volume before the three of space.
 
     Returns
     -------
@@ -119,10 +129,10 @@ def shown(layer: Layer, world: str, depth: float) -> Shown:
     """
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
-    volume = LayerVolume.of(layer, world)
+    volume = LayerVolume.of(layer, world, step)
     if isinstance(layer, Labels):
-        return Sampled(volume, depth, "labels", {"colormap": layer.colormap})
-    return Sampled(volume, depth) if layer.rgb else Sampled(volume, depth, display=_display(layer))
+        return Sampled(volume, depth, "labels", {"colormap": layer.colormap}, fraction)
+    return Sampled(volume, depth, display={} if layer.rgb else _display(layer), fraction=fraction)
 
 
 def usual_depth(layer: Layer | None) -> float:

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from dask.array import from_array
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace
 from voxflat.errors import InputError
+from voxflat.io.chunks import is_chunked
 from voxflat.io.volumes import Volume
 
 if TYPE_CHECKING:
@@ -30,22 +32,27 @@ class LayerVolume:
         Where voxel indices lie.
     rgb : bool
         Whether the last axis holds colours.
+    step : tuple of int
+        Which of the axes before the three of space is meant: time points, channels.
     """
 
     data: Any = field(repr=False)
     place: LayerPlace
     rgb: bool
+    step: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS") -> LayerVolume:
+    def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> LayerVolume:
         """Take an Image or Labels layer.
 
         Parameters
         ----------
         layer : Layer
-            Of three dimensions.
+            Of three dimensions, beside those of `step`.
         world : str
             One of `WORLDS`.
+        step : tuple of int
+            The index along each axis before the three of space.
 
         Returns
         -------
@@ -56,13 +63,13 @@ class LayerVolume:
         InputError
             For a layer of other than three dimensions, or axes that are no lengths.
         """
-        if layer.ndim > 3:
+        if layer.ndim - len(step) > 3:
             raise InputError(
                 f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3: split it "
                 "(Layers > Layer Type > Split Stack) and choose a part"
             )
-        place = LayerPlace.of(layer, world)
-        return cls(finest(layer), place, getattr(layer, "rgb", False))  # Labels have no rgb
+        place = LayerPlace.of(layer, world, len(step))
+        return cls(finest(layer), place, getattr(layer, "rgb", False), step)  # Labels have no rgb
 
     @property
     def origin(self) -> dict[str, str]:
@@ -81,8 +88,27 @@ class LayerVolume:
         InputError
             If the values are no volume.
         """
-        data = np.asarray(self.data)
+        data = np.asarray(self.data[self.step] if self.step else self.data)
         return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
+
+    def lazily(self) -> Volume:
+        """Return the volume, of dask and zarr without fetching it: what samples it reads the chunks that it meets.
+
+        Returns
+        -------
+        Volume
+
+        Raises
+        ------
+        InputError
+            If the values are no volume.
+        """
+        if self.rgb or not is_chunked(self.data):
+            return self.read()
+        data = self.data
+        if self.step:  # of zarr, an index would fetch
+            data = (data if hasattr(data, "dask") else from_array(data))[self.step]  # type: ignore[no-untyped-call]
+        return Volume(data, self.place.affine, self.place.path)
 
 
 def finest(layer: Layer) -> Any:

@@ -47,7 +47,7 @@ class LayerPlace:
     origin: dict[str, str]
 
     @classmethod
-    def of(cls, layer: Layer, world: str = "RAS") -> LayerPlace:
+    def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> LayerPlace:
         """Read it off a layer.
 
         Parameters
@@ -56,6 +56,8 @@ class LayerPlace:
             Any.
         world : str
             One of `WORLDS`.
+        leading : int
+            How many axes before the three of space are left out: time, channels.
 
         Returns
         -------
@@ -66,7 +68,7 @@ class LayerPlace:
         InputError
             For a layer of other than three dimensions, or axes that are no lengths.
         """
-        if layer.ndim != 3:
+        if layer.ndim - leading != 3:
             raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
         factors, unit = _millimetres(layer)
         to_mm = np.diag([*factors, 1.0])
@@ -84,17 +86,19 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
     Parameters
     ----------
     layer : Layer
-        Of three dimensions.
+        Of three dimensions or more, the last three of which are taken.
 
     Returns
     -------
     ndarray, shape (4, 4)
         From data coordinates to the viewer's world, in the layer's units.
     """
-    corner = np.asarray(layer.data_to_world((0, 0, 0)), dtype=np.float64)
+    steps = np.zeros((4, layer.ndim))
+    steps[1:, -3:] = np.eye(3)
+    corner, *ends = (np.asarray(layer.data_to_world(step), dtype=np.float64)[-3:] for step in steps)
     affine = np.eye(4)
     affine[:3, 3] = corner
-    affine[:3, :3] = np.transpose([layer.data_to_world(step) - corner for step in np.eye(3)])
+    affine[:3, :3] = np.transpose([end - corner for end in ends])
     return affine
 
 
@@ -131,6 +135,23 @@ def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
         In mm along the world's axes.
     """
     return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
+
+
+def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
+    """Carry points from a viewer's world to RAS+ mm: `from_ras` the other way.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, 3)
+        In mm along the world's axes.
+    world : str
+        One of `WORLDS`.
+
+    Returns
+    -------
+    ndarray, shape (N, 3)
+    """
+    return moved(points, _to_ras(world))
 
 
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
@@ -190,7 +211,7 @@ def same_kind_of_unit(a: Layer, b: Layer) -> bool:
 
 def _millimetres(layer: Layer) -> tuple[NDArray[np.float64], str]:
     """Return the factors from a layer's units to mm, and the units in words."""
-    units = layer.units
+    units = layer.units[-3:]
     names = ", ".join(dict.fromkeys(str(unit) for unit in units))
     if all(str(unit) == "pixel" for unit in units):
         return np.ones(3), "pixel, taken as mm"

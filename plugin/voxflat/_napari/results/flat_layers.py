@@ -26,15 +26,17 @@ class FlatLayers:
     flat_map : FlatMap, FlatAtlas or GluedAtlas
         The map, or the atlas.
     layers : list of LayerData
-        Images: what the map shows, if anything, and the distortion. Before them, of a mesh, its flat surface with its
-        own values, if it has some, and with the distortion, both hidden.
+        Images: what the map shows, if anything, and the distortion.
     in_space : list of LayerData
         Of an atlas the surface, coloured by patch.
+    shown : Sampled, Overlay or None
+        What the map was made to show.
     """
 
     flat_map: FlatMap | Atlas
     layers: list[LayerData]
     in_space: list[LayerData] = field(default_factory=list)
+    shown: Shown | None = None
 
 
 def shown_image(flat_map: FlatMap | Atlas, shown: Shown, pixel_size: float | None) -> LayerData:

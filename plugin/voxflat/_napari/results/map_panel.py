@@ -1,34 +1,27 @@
-"""What came out: the flat map's figures, what the user should know, the way back to the surface, and saving."""
+"""What came out: the flat map's figures, what the user should know, and saving."""
 
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
 
 from napari.utils.notifications import show_error, show_info
-from qtpy.QtCore import Qt, QTimer
-from qtpy.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from voxflat._napari.results.flat_layers import FlatLayers
-from voxflat._napari.results.map_view import MapView
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import figures, table, warnings
+from voxflat._napari.results.run import Run
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import VoxflatError
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.flat_map import FlatMap
 
-if TYPE_CHECKING:
-    from napari import Viewer
-
 
 class MapPanel(QWidget):
-    """Shows the latest flat map in the viewer, its figures, and what the user should know of it.
+    """Tells of a flat map: its figures, and what the user should know of it.
 
     Parameters
     ----------
-    viewer : Viewer
-        The viewer.
     meaning : str
         What the colours of the distortion mean.
     what : {"map", "atlas"}
@@ -37,13 +30,9 @@ class MapPanel(QWidget):
         The widget's parent.
     """
 
-    def __init__(
-        self, viewer: Viewer, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, *, meaning: str = HEAT_MEANING, what: str = "map", parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._what = what
-        self._viewer = viewer
-        self.view = MapView(viewer)
         self.flat_map: FlatMap | Atlas | None = None
         self.title = QLabel()
         self.title.setWordWrap(True)
@@ -56,62 +45,41 @@ class MapPanel(QWidget):
         self.warnings.setTextFormat(Qt.TextFormat.RichText)
         colours = QLabel(f"Colours of the distortion: {meaning}.")
         colours.setWordWrap(True)
-        self.toggle = QPushButton()
-        self.toggle.clicked.connect(self._on_toggle)
         self.save = QPushButton(f"Save {what}…")
         loads = {"map": "voxflat.load()", "atlas": "voxflat.load_atlas()"}[what]
         self.save.setToolTip(f"Everything, for {loads} and to be opened in napari")
         self.save.clicked.connect(self._on_save)
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.toggle)
-        buttons.addWidget(self.save)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.title)
         layout.addLayout(self._figures)
         layout.addWidget(self.warnings)
         layout.addWidget(colours)
-        layout.addLayout(buttons)
+        layout.addWidget(self.save)
         self.hide()
-        # amid napari's own work on a layer that goes, to turn the viewer to 3D leaves it drawing what is no more
-        self._after_removal = QTimer(self)
-        self._after_removal.setSingleShot(True)
-        self._after_removal.setInterval(0)
-        self._after_removal.timeout.connect(self._without_layers)
-        viewer.layers.events.removed.connect(self._on_removed)
 
-    def show_result(self, result: FlatLayers) -> None:
-        """Add a flat map's layers, and show them.
+    @property
+    def tells_of_maps(self) -> bool:
+        """Whether it tells of maps, and not of atlases."""
+        return self._what == "map"
+
+    def show_run(self, run: Run) -> None:
+        """Tell of a run.
 
         Parameters
         ----------
-        result : FlatLayers
-            The map.
+        run : Run
+            The run.
         """
-        self.flat_map = result.flat_map
+        self.flat_map = run.flat_map
         self._name_result("")
-        self._show_figures(result.flat_map)
-        if result.in_space:
-            self.show_surface()
-            self.view.add_in_space(result.in_space, result.flat_map.metadata["napari"]["layer"])
-        self.view.add(result.layers)
-        self._name_toggle()
+        self._show_figures(run.flat_map)
         self.show()
-
-    def show_surface(self) -> None:
-        """Show what was shown before the map, if the map is shown."""
-        if self.view.shows_map:
-            self._on_toggle()
 
     def show_earlier(self) -> None:
         """Say that what is shown is not of the run that just failed or was cancelled."""
         if self.flat_map is not None:
             self._name_result("Still the earlier one: ")
-
-    def release(self) -> None:
-        """Stop following the viewer."""
-        self._after_removal.stop()
-        self._viewer.layers.events.removed.disconnect(self._on_removed)
 
     def _name_result(self, before: str) -> None:
         assert self.flat_map is not None
@@ -131,25 +99,6 @@ class MapPanel(QWidget):
         self.warnings.setText("".join(f"<p>⚠ {escape(warning)}</p>" for warning in told))
         self.warnings.setVisible(bool(told))
         self.setToolTip(f"<pre>{table(flat_map)}</pre>")
-
-    def _on_toggle(self) -> None:
-        (self.view.show_surface if self.view.shows_map else self.view.show_map)()
-        self._name_toggle()
-
-    def _name_toggle(self) -> None:
-        is_volume = isinstance(self.flat_map, FlatMap) and self.flat_map.is_voxels
-        shown = {"map": "map", "atlas": "page"}[self._what]
-        self.toggle.setText(f"Show {'volume' if is_volume else 'surface'}" if self.view.shows_map else f"Show {shown}")
-        self.toggle.setEnabled(self.view.shows_map or bool(self.view.layers))
-
-    def _on_removed(self) -> None:
-        if not self.view.layers:
-            self._after_removal.start()
-
-    def _without_layers(self) -> None:
-        if not self.view.layers:
-            self.show_surface()
-            self._name_toggle()
 
     def _on_save(self) -> None:
         numpys, own = SAVED_ENDINGS  # napari offers .npz to its own reader first, which fails

@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.sampled import Overlay, Shown
-from voxflat._napari.results.flat_layers import (
-    FlatLayers,
-    LayerData,
-    description,
-    limits,
-    placement,
-    shown_image,
-    units,
-)
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData, description, placement, shown_image
 from voxflat.maps.flat_map import FlatMap
 
 HEAT_MEANING = "mean relative error of the geodesic distances from each place, as a fraction (0.1 is 10 %)"
@@ -43,7 +33,7 @@ def map_layers(
     shown : Sampled or Overlay, optional
         What the map is to show.
     values : Overlay, optional
-        A mesh's own values.
+        A mesh's own values, which the map shows if it is to show nothing else.
     pixel_size : float, optional
         Side of a pixel, mm.
 
@@ -56,49 +46,19 @@ def map_layers(
     InputError
         If the pixel size or what is to be shown does not fit.
     """
-    heat = _heat(flat_map)
-    layers = [_distortion_image(flat_map, name, heat, pixel_size)]
-    if shown is not None:
-        layers.insert(0, shown_image(flat_map, shown, pixel_size))
-    if not flat_map.is_voxels:
-        layers.insert(0, _flat_surface(flat_map, f"{name} flat distortion", heat, HEAT_MEANING))
-        if values is not None:
-            carried = replace(values, values=values.values[flat_map.ids])
-            layers.insert(0, _flat_surface(flat_map, f"{name} flat", carried, values.meaning))
-    return FlatLayers(flat_map, layers)
-
-
-def _heat(flat_map: FlatMap) -> Overlay:
-    """Return the distortion of the map's points, and how it looks."""
-    errors = flat_map.distortion.per_point
-    return Overlay("distortion", errors, {"colormap": "inferno", "contrast_limits": (0.0, _heat_limit(errors))})
-
-
-def _distortion_image(flat_map: FlatMap, name: str, heat: Overlay, pixel_size: float | None) -> LayerData:
     image = flat_map.heat_map(pixel_size)
-    keywords = {
+    heat = {
         "name": f"{name} distortion",
-        **heat.display,
+        "colormap": "inferno",
+        "contrast_limits": (0.0, _heat_limit(flat_map.distortion.per_point)),
         **placement(flat_map, image),
         **description(flat_map, HEAT_MEANING),
     }
-    return image.data, keywords, "image"
-
-
-def _flat_surface(flat_map: FlatMap, name: str, values: Overlay, meaning: str) -> LayerData:
-    """Return the map's triangles in the plane, with values at its points."""
-    keywords = {
-        "name": name,
-        "visible": False,
-        "shading": "none",
-        "contrast_limits": limits(values.values),
-        **values.display,
-        "features": {"vertex": flat_map.ids, "distortion": flat_map.distortion.per_point},
-        "units": units(flat_map),
-        **description(flat_map, meaning),
-    }
-    vertices = np.column_stack([-flat_map.uv[:, 1], flat_map.uv[:, 0]])
-    return (vertices, flat_map.faces, values.values), keywords, "surface"
+    layers: list[LayerData] = [(image.data, heat, "image")]
+    shown = values if shown is None else shown
+    if shown is not None:
+        layers.insert(0, shown_image(flat_map, shown, pixel_size))
+    return FlatLayers(flat_map, layers, shown=shown)
 
 
 def _heat_limit(errors: NDArray[np.float64]) -> float:

@@ -42,7 +42,7 @@ def page_layers(atlas: Atlas, shown: Shown | None = None, pixel_size: float | No
     if shown is not None:
         layers.append(shown_image(atlas, shown, pixel_size))
     layers.append(_heat_image(atlas, name, pixel_size))
-    return FlatLayers(atlas, layers, [_surface(atlas, name)])
+    return FlatLayers(atlas, layers, [_surface(atlas, name)], shown)
 
 
 def _patches_image(atlas: Atlas, name: str, pixel_size: float | None) -> LayerData:

@@ -25,5 +25,5 @@ class FlattenPatches(FlattenWidget):
     form: PatchesForm
 
     def __init__(self, napari_viewer: Viewer) -> None:
-        panel = MapPanel(napari_viewer, meaning=C_MEANING, what="atlas")
+        panel = MapPanel(meaning=C_MEANING, what="atlas")
         super().__init__(napari_viewer, PatchesForm(napari_viewer), panel, "Flatten in patches")

@@ -24,5 +24,4 @@ class FlattenSurface(FlattenWidget):
     form: SurfaceForm
 
     def __init__(self, napari_viewer: Viewer) -> None:
-        super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(napari_viewer), "Flatten surface")
-        self.form.seed.picking.connect(self.results.show_surface)
+        super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")

@@ -19,11 +19,15 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from voxflat._napari.map_viewer.dock import open_flat_map
 from voxflat._napari.results import report
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.map_panel import MapPanel
+from voxflat._napari.results.run import Run
+from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
+from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -44,7 +48,7 @@ class FlattenWidget(QWidget):
     form : SurfaceForm or PatchesForm
         Asks what to do.
     results : MapPanel
-        Shows what came out.
+        Tells what came out.
     action : str
         What is done, on its button.
     """
@@ -62,6 +66,8 @@ class FlattenWidget(QWidget):
         self._make_actions(action)
         self._lay_out()
         self._set_running(False)
+        Workbench.of(viewer).changed.connect(self._show_current)
+        self._show_current()
 
     # ------------------------------------------------------------------------------------------ making
 
@@ -145,10 +151,19 @@ class FlattenWidget(QWidget):
             return  # cancelled when it was just done
         seconds = time.perf_counter() - self._started
         summary = f"{report.summary(result.flat_map)} in {seconds:.1f} s"
-        self._timer.stop()  # adding layers lets it tick
-        self.results.show_result(result)
+        self._timer.stop()
+        workbench = Workbench.of(self._viewer)
+        if not workbench.runs:
+            open_flat_map(self._viewer)
+        workbench.add(Run(result, result.flat_map.metadata["napari"]["layer"]))
         self.status.setText(summary)
         self._viewer.status = summary
+
+    def _show_current(self) -> None:
+        """Tell of the current run, if it is of this widget's kind."""
+        run = Workbench.of(self._viewer).current
+        if run is not None and isinstance(run.flat_map, FlatMap) == self.results.tells_of_maps:
+            self.results.show_run(run)
 
     def _on_errored(self, error: Exception) -> None:
         self.results.show_earlier()
@@ -182,7 +197,7 @@ class FlattenWidget(QWidget):
     def _release(self) -> None:
         self.cancel()
         self.form.release()
-        self.results.release()
+        Workbench.of(self._viewer).changed.disconnect(self._show_current, missing_ok=True)
 
 
 class _Scroll(QScrollArea):

@@ -1,0 +1,244 @@
+"""The canvas on which a map is drawn, moved and zoomed: of Qt alone, so that it opens and follows the mouse at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qtpy.QtCore import QPointF, QRectF, Qt, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
+from qtpy.QtWidgets import (
+    QFrame,
+    QGraphicsPathItem,
+    QGraphicsPixmapItem,
+    QGraphicsScene,
+    QGraphicsView,
+    QSizePolicy,
+    QWidget,
+)
+
+from voxflat._napari.map_viewer.cursor import RingItem
+from voxflat._napari.map_viewer.pictures import Picture
+
+_MARGIN = 0.03  # of the map, around it
+_CLICK = 4  # pixels; what moves farther is no click
+_STEP = 1.2  # zoom of one notch of the wheel
+_CLOSEST = 80.0  # pixels a mm
+_RIM = QColor(64, 64, 64)
+
+
+class MapCanvas(QGraphicsView):
+    """Shows a map: mm to the right and, as on screens, downwards, so that y is −v.
+
+    Parameters
+    ----------
+    parent : QWidget, optional
+        The parent.
+    """
+
+    pointed = Signal(float, float)
+    """The mouse is at this place (u, v), mm."""
+
+    clicked = Signal(float, float)
+    """And was clicked there."""
+
+    left = Signal()
+    """The mouse is elsewhere."""
+
+    zoomed = Signal()
+    """Another scale is shown."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._scene = QGraphicsScene(self)
+        self.setScene(self._scene)
+        self.folds = self._pixmap(0)
+        self.picture = self._pixmap(1)
+        self._rim = QGraphicsPathItem()
+        pen = QPen(_RIM, 1.2)
+        pen.setCosmetic(True)
+        self._rim.setPen(pen)
+        self._rim.setZValue(2)
+        self.ring = RingItem()
+        for item in (self._rim, self.ring):
+            self._scene.addItem(item)
+        self._is_fitted = True
+        self._pressed: Any = None
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
+        self.setTransformationAnchor(QGraphicsView.ViewportAnchor.AnchorUnderMouse)
+        self.setResizeAnchor(QGraphicsView.ViewportAnchor.AnchorViewCenter)
+        self.setDragMode(QGraphicsView.DragMode.ScrollHandDrag)
+        for name in ("setHorizontalScrollBarPolicy", "setVerticalScrollBarPolicy"):
+            getattr(self, name)(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(160, 120)
+        self.setMouseTracking(True)
+
+    def _pixmap(self, z: int) -> QGraphicsPixmapItem:
+        item = QGraphicsPixmapItem()
+        item.setTransformationMode(Qt.TransformationMode.SmoothTransformation)
+        item.setZValue(z)
+        item.setShapeMode(QGraphicsPixmapItem.ShapeMode.BoundingRectShape)
+        self._scene.addItem(item)
+        return item
+
+    # ---------------------------------------------------------------------------------------- showing
+
+    def show_map(self, folds: Picture, rim: list[NDArray[np.float64]]) -> None:
+        """Show another map, as large as it can be.
+
+        Parameters
+        ----------
+        folds : Picture
+            What lies under all else.
+        rim : list of ndarray, shape (k, 2)
+            Its outline, mm.
+        """
+        self._put(self.folds, folds)
+        self.show_picture(None)
+        path = QPainterPath()
+        for line in rim:
+            x, y = line[0, 0], -line[0, 1]
+            path.moveTo(x, y)
+            for u, v in line[1:].tolist():
+                path.lineTo(u, -v)
+        self._rim.setPath(path)
+        around = self._map_rect()
+        wide = max(around.width(), around.height())
+        self._scene.setSceneRect(around.adjusted(-wide, -wide, wide, wide))  # so that any place can be the middle
+        self.fit()
+
+    def hide_map(self) -> None:
+        """Show nothing."""
+        self.folds.setPixmap(QPixmap())
+        self._rim.setPath(QPainterPath())
+        self.show_picture(None)
+
+    def show_picture(self, picture: Picture | None) -> None:
+        """Show a picture over the folds.
+
+        Parameters
+        ----------
+        picture : Picture or None
+            None for the folds alone.
+        """
+        self.picture.setVisible(picture is not None)
+        if picture is not None:
+            self._put(self.picture, picture)
+
+    def place_ring(self, place: tuple[float, float] | None) -> None:
+        """Mark a place.
+
+        Parameters
+        ----------
+        place : (u, v) in mm, or None
+            None for no place.
+        """
+        self.ring.setVisible(place is not None)
+        if place is not None:
+            self.ring.setPos(place[0], -place[1])
+
+    def fit(self) -> None:
+        """Show the whole map."""
+        self._is_fitted = True
+        around = self._map_rect()
+        if not around.isEmpty():
+            x, y = _MARGIN * around.width(), _MARGIN * around.height()
+            self.fitInView(around.adjusted(-x, -y, x, y), Qt.AspectRatioMode.KeepAspectRatio)
+            self.zoomed.emit()
+
+    def centre(self, place: tuple[float, float]) -> None:
+        """Move the map until a place is in the middle.
+
+        Parameters
+        ----------
+        place : (u, v)
+            mm.
+        """
+        self._is_fitted = False
+        self.centerOn(place[0], -place[1])
+
+    @property
+    def scale_factor(self) -> float:
+        """Pixels a mm."""
+        return float(self.transform().m11())
+
+    def position(self, u: float, v: float) -> Any:
+        """Return where a place is on the viewport, pixels.
+
+        Parameters
+        ----------
+        u, v : float
+            mm.
+
+        Returns
+        -------
+        QPoint
+        """
+        return self.mapFromScene(QPointF(u, -v))
+
+    def _put(self, item: QGraphicsPixmapItem, picture: Picture) -> None:
+        height, width = picture.pixels.shape[:2]
+        image = QImage(picture.pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
+        item.setPixmap(QPixmap.fromImage(image))  # which copies
+        item.setScale(picture.pixel_size)
+        u, v = picture.origin
+        item.setPos(u - picture.pixel_size / 2, -v - picture.pixel_size / 2)
+
+    def _map_rect(self) -> QRectF:
+        return self._rim.path().boundingRect()
+
+    # ------------------------------------------------------------------------------------ mouse, size
+
+    def mouseMoveEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().mouseMoveEvent(event)
+        place = self.mapToScene(event.position().toPoint())
+        self.pointed.emit(place.x(), -place.y())
+
+    def mousePressEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().mousePressEvent(event)
+        self._pressed = event.position() if event.button() == Qt.MouseButton.LeftButton else None
+
+    def mouseReleaseEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().mouseReleaseEvent(event)
+        self._point_out()
+        if self._pressed is None:
+            return
+        moved = event.position() - self._pressed
+        self._pressed = None
+        if max(abs(moved.x()), abs(moved.y())) <= _CLICK:
+            place = self.mapToScene(event.position().toPoint())
+            self.clicked.emit(place.x(), -place.y())
+        else:
+            self._is_fitted = False
+
+    def mouseDoubleClickEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        self.fit()
+
+    def enterEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().enterEvent(event)
+        self._point_out()
+
+    def leaveEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().leaveEvent(event)
+        self.left.emit()
+
+    def wheelEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        factor = _STEP ** (event.angleDelta().y() / 120)
+        if factor != 1 and (factor < 1 or self.scale_factor * factor <= _CLOSEST):
+            self._is_fitted = False
+            self.scale(factor, factor)
+            self.zoomed.emit()
+
+    def resizeEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        super().resizeEvent(event)
+        if self._is_fitted:
+            self.fit()
+
+    def _point_out(self) -> None:
+        """Show a cross rather than a hand, which hides what it points at."""
+        viewport = self.viewport()
+        assert viewport is not None
+        viewport.setCursor(Qt.CursorShape.CrossCursor)

@@ -1,0 +1,192 @@
+"""What a map may show: only its folds, a measure of it, or a layer of the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from napari.layers import Image, Labels, Surface
+from numpy.typing import NDArray
+from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtWidgets import QComboBox, QSizePolicy, QWidget
+
+from voxflat._napari.layers.sampled import Shown
+from voxflat._napari.map_viewer.measures import Measure, measures
+from voxflat._napari.map_viewer.pictures import ColourScale, Picture
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.results.flat_layers import limits
+from voxflat._napari.results.run import Run
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from napari.layers import Layer
+
+Content: TypeAlias = "Measure | Layer | None"
+"""What is shown; None for the folds alone."""
+
+FOLDS = "Folds only"
+
+
+def suits(layer: Layer, run: Run) -> bool:
+    """Say whether a layer lies on a run's surface.
+
+    Parameters
+    ----------
+    layer : Layer
+        A layer of the viewer.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    bool
+        A volume may lie elsewhere in space; then its picture is empty.
+    """
+    if "voxflat" in layer.metadata:
+        return False
+    if isinstance(layer, Image | Labels):
+        return bool(layer.ndim >= 3)
+    told = run.flat_map.metadata
+    return isinstance(layer, Surface) and told["kind"] == "mesh" and len(layer.vertices) == told["vertices"]
+
+
+def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
+    """Return what draws a layer on a sheet, in any thread.
+
+    Parameters
+    ----------
+    shown : Sampled or Overlay
+        The layer's values, and how they look.
+
+    Returns
+    -------
+    callable
+    """
+
+    def draw(sheet: Sheet) -> Picture:
+        image = shown.image(sheet.planar, sheet.pixel_size)
+        if image.is_colour:
+            return Picture(image.data, image.origin, image.pixel_size)
+        data = image.data.astype(np.float32)
+        display = shown.display
+        if shown.kind == "labels":
+            pixels = _label_colours(data, display["colormap"])
+            return Picture(pixels, image.origin, image.pixel_size, data)
+        level = np.linspace(0, 1, 256) ** display.get("gamma", 1.0)
+        colours = _bytes(display["colormap"].map(level)) if "colormap" in display else _bytes(level[:, None])
+        ends = tuple(display.get("contrast_limits") or limits(data))
+        return Picture.of(image, ColourScale(shown.name, colours, (float(ends[0]), float(ends[1]))))
+
+    return draw
+
+
+def _label_colours(data: NDArray[np.floating], colormap: Any) -> NDArray[np.uint8]:
+    """Return the colours that napari gives labels; none and 0 are transparent."""
+    known = np.isfinite(data)
+    labels, which = np.unique(np.where(known, data, 0).astype(np.int64), return_inverse=True)
+    colours = _bytes(np.atleast_2d(colormap.map(labels)))
+    colours[labels == 0, 3] = 0
+    return np.asarray(colours[which.reshape(data.shape)])
+
+
+def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours from 0 to 1 as bytes with opacity."""
+    if colours.shape[1] == 1:
+        colours = np.repeat(colours, 3, axis=1)
+    if colours.shape[1] == 3:
+        colours = np.column_stack([colours, np.ones(len(colours))])
+    return np.asarray(np.round(255 * np.clip(colours, 0, 1)), dtype=np.uint8)
+
+
+class ContentChoice(QComboBox):
+    """Chooses what the map shows, and follows the viewer's layers.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QWidget, optional
+        The parent.
+    """
+
+    chosen = Signal()
+    """Something else is chosen."""
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self._run: Run | None = None
+        self._offered: list[Content] = []
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.setMinimumContentsLength(12)
+        self._events = (viewer.layers.events.inserted, viewer.layers.events.removed, viewer.layers.events.renamed)
+        for event in self._events:
+            event.connect(self._on_layers)
+        self.currentIndexChanged.connect(self._on_index)
+
+    @property
+    def content(self) -> Content:
+        """What is chosen."""
+        index = self.currentIndex()
+        return self._offered[index] if 0 <= index < len(self._offered) else None
+
+    def choose(self, content: Content) -> None:
+        """Choose something.
+
+        Parameters
+        ----------
+        content : Measure, Layer or None
+            One of those that are offered.
+        """
+        self.setCurrentIndex(self._offered.index(content))
+
+    def show_run(self, run: Run | None) -> None:
+        """Offer what a run's map may show, and choose what it was made to show, or the first measure.
+
+        Parameters
+        ----------
+        run : Run or None
+            The run.
+        """
+        self._run = run
+        own = [] if run is None else measures(run.flat_map)
+        self._fill(own)
+        wanted: Content = own[0] if own else None
+        shown = None if run is None else run.layers.shown
+        if shown is not None:
+            wanted = next((one for one in self._offered if getattr(one, "name", None) == shown.name), wanted)
+        self.blockSignals(True)
+        self.setCurrentIndex(self._offered.index(wanted) if self._offered else -1)
+        self.blockSignals(False)
+        self.chosen.emit()
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        for event in self._events:
+            event.disconnect(self._on_layers)
+
+    def _on_index(self) -> None:
+        self.chosen.emit()
+
+    def _on_layers(self) -> None:
+        if self._run is None:
+            return
+        before, own = self.content, [one for one in self._offered if isinstance(one, Measure)]
+        self._fill(own)
+        is_there = before in self._offered
+        self.blockSignals(True)
+        self.setCurrentIndex(self._offered.index(before if is_there else own[0]))
+        self.blockSignals(False)
+        if not is_there:
+            self.chosen.emit()
+
+    def _fill(self, own: list[Measure]) -> None:
+        """Offer measures, then layers, then nothing but folds."""
+        run = self._run
+        layers = [] if run is None else [layer for layer in reversed(self._viewer.layers) if suits(layer, run)]
+        self.blockSignals(True)
+        self.clear()
+        self._offered = [] if run is None else [*own, *layers, None]
+        self.addItems([FOLDS if one is None else one.name for one in self._offered])
+        self.blockSignals(False)

@@ -1,0 +1,88 @@
+"""The ring that marks one place, on the map and in the viewer."""
+
+from __future__ import annotations
+
+from qtpy.QtCore import QPointF, QRectF, Qt
+from qtpy.QtGui import QColor, QPainter, QPen
+from qtpy.QtWidgets import QGraphicsItem, QWidget
+
+SIZE = 25.0
+"""Side of the square that holds it, pixels."""
+
+_RADIUS = 6.0
+_COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
+
+
+def paint_ring(painter: QPainter, centre: QPointF) -> None:
+    """Paint the ring: seen on light and dark.
+
+    Parameters
+    ----------
+    painter : QPainter
+        Paints in pixels.
+    centre : QPointF
+        Its middle.
+    """
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    for colour, width in ((_HALO, 4.0), (_COLOUR, 2.0)):
+        painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        painter.drawEllipse(centre, _RADIUS, _RADIUS)
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            towards = QPointF(x, y)
+            painter.drawLine(centre + towards * _RADIUS, centre + towards * (_RADIUS + 4))
+
+
+class RingItem(QGraphicsItem):
+    """The ring on the map, of one size at every zoom."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setFlag(QGraphicsItem.GraphicsItemFlag.ItemIgnoresTransformations)
+        self.setZValue(10)
+        self.hide()
+
+    def boundingRect(self) -> QRectF:  # noqa: N802 - Qt's name
+        return QRectF(-SIZE / 2, -SIZE / 2, SIZE, SIZE)
+
+    def paint(self, painter: QPainter | None, *_: object) -> None:
+        assert painter is not None
+        paint_ring(painter, QPointF(0, 0))
+
+
+class RingWidget(QWidget):
+    """The ring over the viewer's canvas: no layer, so that to move it costs no drawing of the scene.
+
+    Parameters
+    ----------
+    canvas : QWidget
+        The canvas.
+    """
+
+    def __init__(self, canvas: QWidget) -> None:
+        super().__init__(canvas)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.setAttribute(Qt.WidgetAttribute.WA_NoSystemBackground)
+        self.setFixedSize(int(SIZE), int(SIZE))
+        self.is_near = True
+        self.hide()
+
+    def show_at(self, x: float, y: float, *, near: bool) -> None:
+        """Mark a place of the canvas.
+
+        Parameters
+        ----------
+        x, y : float
+            Pixels.
+        near : bool
+            Whether the place lies in what is seen; in a slice far from it the ring is faint.
+        """
+        self.is_near = near
+        self.move(round(x - SIZE / 2), round(y - SIZE / 2))
+        self.show()
+        self.update()
+
+    def paintEvent(self, event: object) -> None:  # noqa: N802 - Qt's name
+        painter = QPainter(self)
+        painter.setOpacity(1.0 if self.is_near else 0.4)
+        paint_ring(painter, QPointF(SIZE / 2, SIZE / 2))
+        painter.end()

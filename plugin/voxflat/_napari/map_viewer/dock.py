@@ -1,0 +1,389 @@
+"""The dock *Flat map*: the current run's map, linked with the volume or surface that it is of."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Image, Labels
+from qtpy.QtCore import QEvent, Qt, QTimer
+from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from superqt import QLabeledDoubleSlider
+
+from voxflat._napari.layers.sampled import shown
+from voxflat._napari.map_viewer.canvas import MapCanvas
+from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
+from voxflat._napari.map_viewer.latest import Latest
+from voxflat._napari.map_viewer.link import ViewerLink
+from voxflat._napari.map_viewer.measures import Measure
+from voxflat._napari.map_viewer.pictures import Picture
+from voxflat._napari.map_viewer.sheet import Sheet, Spot
+from voxflat._napari.map_viewer.strip import Strip
+from voxflat._napari.map_viewer.viewer_parts import theme_colours
+from voxflat._napari.results.run import Run
+from voxflat._napari.workbench import Workbench
+from voxflat.errors import VoxflatError
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from napari.layers import Layer
+
+_DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
+_MM, _CORTEX = "mm outside", "of the cortex"
+_SHARE = 0.48  # of the window: as wide is the dock at first
+_CLEAR = 0.85  # the folds show through a little
+
+NOTHING = "Flatten a surface: its map is shown here."
+_HINT = "Point at the map or in the volume to see the place in both; click to go there."
+
+
+def open_flat_map(viewer: Viewer) -> FlatMapDock:
+    """Open the dock *Flat map*, unless it is open, beside those that are there.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+
+    Returns
+    -------
+    FlatMapDock
+    """
+    dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
+    window = dock.window()
+    if hasattr(window, "resizeDocks"):
+        window.resizeDocks([dock], [round(_SHARE * window.width())], Qt.Orientation.Horizontal)
+    dock.raise_()
+    found: FlatMapDock = widget
+    return found
+
+
+class FlatMapDock(QWidget):
+    """Shows the current run's map on a canvas of its own; the viewer is left as it is.
+
+    Parameters
+    ----------
+    napari_viewer : Viewer
+        The viewer, which napari gives by this parameter's name.
+    """
+
+    def __init__(self, napari_viewer: Viewer) -> None:
+        super().__init__()
+        self._viewer = napari_viewer
+        self._workbench = Workbench.of(napari_viewer)
+        self._run: Run | None = None
+        self._looks: list[Any] = []
+        self._told: tuple[Spot | None, tuple[float, float] | None] | None = None
+        self.sheet: Sheet | None = None
+        """The run's map, ready to be looked up; None until it is drawn."""
+        self.picture: Picture | None = None
+        """What is shown over the folds."""
+        self._painter = Latest(self)
+        self._painter.done.connect(self._on_drawn)
+        self._painter.failed.connect(self._on_failed)
+        self._soon = QTimer(self)  # several changes at once are one
+        self._soon.setSingleShot(True)
+        self._soon.setInterval(0)
+        self._soon.timeout.connect(self._draw)
+        self._make_fields()
+        self.link = ViewerLink(napari_viewer, self)
+        self._lay_out()
+        self._connect()
+        self._on_theme()
+        self._on_runs()
+
+    # ------------------------------------------------------------------------------------------ making
+
+    def _make_fields(self) -> None:
+        self.runs = QComboBox()
+        self.runs.setToolTip("Which map is shown")
+        self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.keep = QCheckBox("Keep earlier maps")
+        self.keep.setToolTip("Else a new map takes the place of the one before")
+        self.keep.setChecked(self._workbench.keeps_earlier)
+        self.contents = ContentChoice(self._viewer)
+        self.contents.setToolTip("What the map shows: what flattening changed, or a layer of the viewer")
+        self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
+        self.depths.setToolTip("How deep the layer is sampled")
+        self.depth_unit = QComboBox()
+        self.depth_unit.addItems([_MM, _CORTEX])
+        self.opacity = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
+        self.opacity.setRange(0, 1)
+        self.opacity.setValue(_CLEAR)
+        self.opacity.setToolTip("Less of it, and the folds show")
+        self.whole = QPushButton("Whole map")
+        self.whole.setToolTip("Also by a double click on the map; the wheel zooms, dragging moves")
+        self.canvas = MapCanvas()
+        self.strip = Strip()
+        self.text = QLabel(NOTHING)
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._limit_depth()
+
+    def _lay_out(self) -> None:
+        self._run_row = QWidget()
+        top = QHBoxLayout(self._run_row)
+        top.setContentsMargins(0, 0, 0, 0)
+        top.addWidget(self.runs, 1)
+        first, second = QHBoxLayout(), QHBoxLayout()
+        first.addWidget(QLabel("Shows"))
+        first.addWidget(self.contents, 1)
+        first.addWidget(self.whole)
+        first.addWidget(self.keep)
+        self._depth_row = QWidget()
+        row = QHBoxLayout(self._depth_row)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(QLabel("Depth"))
+        row.addWidget(self.depths, 1)
+        row.addWidget(self.depth_unit)
+        second.addWidget(QLabel("Opacity"))
+        second.addWidget(self.opacity, 1)
+        second.addWidget(self._depth_row, 2)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 6, 6, 6)
+        layout.setSpacing(4)
+        layout.addWidget(self._run_row)
+        layout.addLayout(first)
+        layout.addLayout(second)
+        layout.addWidget(self.canvas, 1)
+        layout.addWidget(self.strip)
+        layout.addWidget(self.text)
+
+    def _connect(self) -> None:
+        self._workbench.changed.connect(self._on_runs)
+        self._viewer.events.theme.connect(self._on_theme)
+        self._viewer.dims.events.current_step.connect(self._on_step)
+        self.runs.activated.connect(self._on_run_chosen)
+        self.keep.toggled.connect(self._on_keep)
+        self.contents.chosen.connect(self._on_content)
+        self.depths.valueChanged.connect(self._soon.start)
+        self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
+        self.opacity.valueChanged.connect(self.canvas.picture.setOpacity)
+        self.canvas.picture.setOpacity(_CLEAR)
+        self.whole.clicked.connect(self.canvas.fit)
+        self.canvas.pointed.connect(self._on_map_pointed)
+        self.canvas.clicked.connect(self._on_map_clicked)
+        self.canvas.left.connect(self._on_map_left)
+        self.canvas.zoomed.connect(self._on_zoomed)
+        self.link.pointed.connect(self._on_viewer_pointed)
+        self.link.clicked.connect(self._on_viewer_clicked)
+
+    # -------------------------------------------------------------------------------------------- runs
+
+    def _on_runs(self) -> None:
+        """Offer the runs that there are, and show the current one."""
+        runs, current = self._workbench.runs, self._workbench.current
+        self.runs.blockSignals(True)
+        self.runs.clear()
+        self.runs.addItems([f"{number}: {run.name}" for number, run in enumerate(runs, 1)])
+        self.runs.setCurrentIndex(runs.index(current) if current in runs else -1)
+        self.runs.blockSignals(False)
+        self._run_row.setVisible(len(runs) > 1)
+        if current is not self._run or current is None:
+            self._show_run(current)
+
+    def _on_run_chosen(self, index: int) -> None:
+        self._workbench.choose(self._workbench.runs[index])
+
+    def _on_keep(self, keep: bool) -> None:
+        self._workbench.keeps_earlier = keep
+
+    def _show_run(self, run: Run | None) -> None:
+        self._run, self.sheet, self.link.sheet = run, None, None
+        self._told = None
+        self.link.mark(None)
+        self.canvas.place_ring(None)
+        self.text.setText(NOTHING if run is None else "Drawing the map…")
+        self._set_depth(run)
+        self.contents.show_run(run)
+        if run is None:
+            self.canvas.hide_map()
+            self.strip.show_marks([], None)
+            self.strip.show_colours(None)
+
+    def _set_depth(self, run: Run | None) -> None:
+        """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
+        known = run is not None and getattr(run.flat_map, "pial_points", None) is not None
+        self.depth_unit.blockSignals(True)
+        self.depth_unit.setCurrentText(_MM)
+        self.depth_unit.blockSignals(False)
+        self.depth_unit.setEnabled(known)
+        self._limit_depth()
+        asked = None if run is None else run.layers.shown
+        self.depths.setValue(getattr(asked, "depth", 0.0))
+
+    # ----------------------------------------------------------------------------------------- drawing
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the canvas shows what is chosen."""
+        return not self._painter.is_busy and not self._soon.isActive()
+
+    def _on_content(self) -> None:
+        for event in self._looks:
+            event.disconnect(self._on_look)
+        content = self.contents.content
+        has_depth = isinstance(content, Image | Labels)
+        self._depth_row.setEnabled(has_depth)
+        names = ("colormap", "contrast_limits", "gamma", "data", "set_data") if content is not None else ()
+        events = getattr(content, "events", None)
+        self._looks = [getattr(events, name) for name in names if hasattr(events, name)]
+        for event in self._looks:
+            event.connect(self._on_look)
+        self._soon.start()
+
+    def _on_look(self) -> None:
+        self._soon.start()
+
+    def _on_step(self) -> None:
+        content = self.contents.content
+        if isinstance(content, Image | Labels) and content.ndim > 3:
+            self._soon.start()
+
+    def _on_depth_unit(self) -> None:
+        self._limit_depth()
+        self._soon.start()
+
+    def _limit_depth(self) -> None:
+        in_mm = self.depth_unit.currentText() == _MM
+        self.depths.blockSignals(True)
+        self.depths.setRange(_DEEPEST if in_mm else 0.0, _HIGHEST if in_mm else 1.0)
+        self.depths.setDecimals(1 if in_mm else 2)
+        self.depths.setSingleStep(0.1 if in_mm else 0.05)  # type: ignore[arg-type]  # superqt's are floats
+        self.depths.setValue(0.0 if in_mm else 0.5)
+        self.depths.blockSignals(False)
+
+    def _draw(self) -> None:
+        """Have what is chosen drawn in a thread."""
+        run = self._run
+        if run is None:
+            return
+        try:
+            draw = self._drawing(self.contents.content)
+        except VoxflatError as error:
+            self._on_failed(error)
+            return
+        self._painter.ask(partial(_drawn, run, self.sheet, draw))
+
+    def _drawing(self, content: Content) -> Any:
+        if content is None:
+            return None
+        if isinstance(content, Measure):
+            return content.draw
+        assert self._run is not None
+        world = self._run.flat_map.metadata.get("napari", {}).get("world_axes", "RAS")
+        how: dict[str, Any] = {}
+        if isinstance(content, Image | Labels):
+            in_mm = self.depth_unit.currentText() == _MM
+            how = {"depth" if in_mm else "fraction": self.depths.value(), "step": self._step(content)}
+        return drawing(shown(content, world, **how))
+
+    def _step(self, layer: Layer) -> tuple[int, ...]:
+        """Return which of a layer's times and channels the viewer shows."""
+        first = layer.ndim - 3
+        index = layer.world_to_data(self._viewer.dims.point[-layer.ndim :])[:first]
+        data = layer.data[0] if layer.multiscale else layer.data
+        return tuple(int(np.clip(round(n), 0, size - 1)) for n, size in zip(index, data.shape, strict=False))
+
+    def _on_drawn(self, result: tuple[Sheet, Picture | None]) -> None:
+        sheet, picture = result
+        if sheet.run is not self._run:
+            return
+        if sheet is not self.sheet:
+            self.sheet = self.link.sheet = sheet
+            self.canvas.show_map(sheet.folds, sheet.outline)
+            self.strip.show_marks(sheet.directions, sheet.side)
+            self.text.setText(_HINT)
+        self.picture = picture
+        self.canvas.show_picture(picture)
+        self.strip.show_colours(None if picture is None else picture.scale)
+        if self._told is not None:
+            self._tell(*self._told)
+
+    def _on_failed(self, error: Exception) -> None:
+        self.canvas.show_picture(None)
+        self.strip.show_colours(None)
+        self.text.setText(" ".join(str(error).split()))
+
+    # -------------------------------------------------------------------------------------------- link
+
+    def _on_map_pointed(self, u: float, v: float) -> None:
+        spot = None if self.sheet is None else self.sheet.spot(u, v)
+        self.canvas.place_ring(None)  # the mouse is there
+        self.link.mark(None if spot is None else spot.point)
+        self._tell(spot, (u, v))
+
+    def _on_map_left(self) -> None:
+        self.link.mark(None)
+        self._tell(None, None)
+
+    def _on_map_clicked(self, u: float, v: float) -> None:
+        spot = None if self.sheet is None else self.sheet.spot(u, v)
+        if spot is not None:
+            self.link.centre(spot.point)
+
+    def _on_viewer_pointed(self, place: tuple[float, float] | None) -> None:
+        self.canvas.place_ring(place)
+        self.link.mark(None)
+        spot = None if place is None or self.sheet is None else self.sheet.spot(*place)
+        self._tell(spot, place)
+
+    def _on_viewer_clicked(self, place: tuple[float, float]) -> None:
+        self.canvas.place_ring(place)
+        self.canvas.centre(place)
+
+    def _tell(self, spot: Spot | None, place: tuple[float, float] | None) -> None:
+        """Say in a line what lies at a place."""
+        self._told = (spot, place)
+        if spot is None or place is None:
+            self.text.setText(_HINT if self.sheet is not None else self.text.text())
+            return
+        x, y, z = spot.point
+        number = f"vertex {spot.vertex}" if isinstance(spot.vertex, int) else f"voxel {_joined(spot.vertex)}"
+        told = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
+        value = None if self.picture is None else self.picture.value(*place)
+        content = self.contents.content
+        if value is not None and content is not None:
+            unit = content.unit if isinstance(content, Measure) else ""
+            told.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
+        told.append(spot.distortion)
+        self.text.setText("   ·   ".join(told).replace("-", "−"))
+
+    def _on_zoomed(self) -> None:
+        self.strip.show_length(self.canvas.scale_factor)
+
+    def _on_theme(self) -> None:
+        background, ink = theme_colours(self._viewer)
+        self.canvas.setBackgroundBrush(background)
+        self.strip.set_ink(ink)
+
+    # ------------------------------------------------------------------------------------------ ending
+
+    def event(self, event: Any) -> bool:
+        """Let go of the viewer when napari closes the dock, which takes the widget out of the window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self._release()
+        return bool(super().event(event))
+
+    def _release(self) -> None:
+        self._soon.stop()
+        self._painter.stop()
+        self.link.release()
+        self.contents.release()
+        for event in self._looks:
+            event.disconnect(self._on_look)
+        self._looks = []
+        self._workbench.changed.disconnect(self._on_runs, missing_ok=True)
+        self._viewer.events.theme.disconnect(self._on_theme)
+        self._viewer.dims.events.current_step.disconnect(self._on_step)
+
+
+def _drawn(run: Run, sheet: Sheet | None, draw: Any) -> tuple[Sheet, Picture | None]:
+    """Draw; called by a thread."""
+    ready = Sheet.of(run) if sheet is None else sheet
+    return ready, None if draw is None else draw(ready)
+
+
+def _joined(numbers: tuple[int, ...]) -> str:
+    return ", ".join(map(str, numbers))

@@ -1,0 +1,192 @@
+"""The link with the viewer: what the mouse points at there, and the ring at the place that the map points at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+
+from voxflat._napari.layers.world import from_ras, to_ras
+from voxflat._napari.map_viewer.cursor import RingWidget
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, in_grid, mm_per_unit, projected
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from qtpy.QtWidgets import QWidget
+
+_CLICK = 4  # pixels; what moves farther is no click
+_IN_SLICE = 1.0  # mm from the slice that is shown
+
+
+class ViewerLink(QObject):
+    """Follows the mouse in the viewer, and marks places there.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    inside : QWidget
+        A widget that is, or will be, in the viewer's window; the parent.
+    """
+
+    pointed = Signal(object)
+    """The mouse is at this place of the map, (u, v), or beside the surface: None."""
+
+    clicked = Signal(object)
+    """And was clicked there: (u, v)."""
+
+    def __init__(self, viewer: Viewer, inside: QWidget) -> None:
+        super().__init__(inside)
+        self._viewer = viewer
+        self._inside = inside
+        self.sheet: Sheet | None = None
+        self._marked: NDArray[np.float64] | None = None
+        self.ring: RingWidget | None = None
+        """The mark in the viewer, once there was something to mark."""
+        self._drawn = QTimer(self)  # once the viewer has turned, and not for each of the events that tell of it
+        self._drawn.setSingleShot(True)
+        self._drawn.setInterval(15)
+        self._drawn.timeout.connect(self._draw)
+        self._events = (camera(viewer).events, viewer.dims.events.point, viewer.dims.events.ndisplay)
+        for event in self._events:
+            event.connect(self._on_view)
+        viewer.mouse_move_callbacks.append(self._on_move)
+        viewer.mouse_drag_callbacks.append(self._on_press)
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        self._drawn.stop()
+        for event in self._events:
+            event.disconnect(self._on_view)
+        for callbacks, own in (
+            (self._viewer.mouse_move_callbacks, self._on_move),
+            (self._viewer.mouse_drag_callbacks, self._on_press),
+        ):
+            if own in callbacks:
+                callbacks.remove(own)
+        self.sheet = None
+        if self.ring is not None:
+            self.ring.hide()
+            self.ring.deleteLater()
+            self.ring = None
+
+    # ----------------------------------------------------------------------------------------- places
+
+    @property
+    def _is_linked(self) -> bool:
+        return self.sheet is not None and bool(self.sheet.origin) and self._viewer.dims.ndim >= 3
+
+    def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where a point lies in the viewer's world.
+
+        Parameters
+        ----------
+        point : ndarray, shape (3,)
+            RAS+ mm.
+
+        Returns
+        -------
+        ndarray
+            As many numbers as the world has axes: before the last three those that are shown.
+        """
+        assert self.sheet is not None
+        world = np.asarray(self._viewer.dims.point, dtype=np.float64)
+        world[-3:] = from_ras(point[None], self.sheet.origin["world_axes"])[0] / mm_per_unit(self._viewer)
+        return world
+
+    def _to_ras(self, world: Any) -> NDArray[np.float64]:
+        """Carry a place, or a direction from the origin, to RAS+ mm."""
+        assert self.sheet is not None
+        mm = np.asarray(world, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
+        return np.asarray(to_ras(mm[None], self.sheet.origin["world_axes"])[0])
+
+    def _place(self, event: Any) -> tuple[float, float] | None:
+        """Return the place of the map at which the mouse points, in a slice or on the surface."""
+        if not self._is_linked:
+            return None
+        assert self.sheet is not None
+        point: NDArray[np.float64] | None = self._to_ras(event.position)
+        if self._viewer.dims.ndisplay == 3:
+            point = self.sheet.met(self._to_ras(event.position), self._to_ras(event.view_direction))
+        return None if point is None else self.sheet.place(point)
+
+    # ------------------------------------------------------------------------------------- the viewer
+
+    def _on_move(self, viewer: Viewer, event: Any) -> None:
+        if self._is_linked:
+            self.pointed.emit(self._place(event))
+
+    def _on_press(self, viewer: Viewer, event: Any) -> Iterator[None]:
+        """Tell of a click; what moves in between turns the view."""
+        pressed = np.asarray(event.pos)
+        yield
+        while event.type == "mouse_move":
+            if np.abs(np.asarray(event.pos) - pressed).max() > _CLICK:
+                return
+            yield
+        place = self._place(event)
+        if place is not None:
+            self.clicked.emit(place)
+
+    def mark(self, point: NDArray[np.float64] | None) -> None:
+        """Put the ring at a place.
+
+        Parameters
+        ----------
+        point : ndarray, shape (3,), or None
+            RAS+ mm; None for nowhere.
+        """
+        self._marked = point
+        self._draw()
+
+    def centre(self, point: NDArray[np.float64]) -> None:
+        """Turn the viewer to a place: its slices go there, and it comes to the middle.
+
+        Parameters
+        ----------
+        point : ndarray, shape (3,)
+            RAS+ mm.
+        """
+        if not self._is_linked:
+            return
+        viewer, world = self._viewer, self.to_world(point)
+        axes = range(viewer.dims.ndim - 3, viewer.dims.ndim)
+        viewer.dims.set_point(list(axes), world[-3:].tolist())
+        shown = world[list(viewer.dims.displayed)]
+        camera(viewer).center = (0.0, *shown)[-3:] if len(shown) == 2 else tuple(shown)
+
+    def _on_view(self) -> None:
+        if self._marked is not None:
+            self._drawn.start()
+
+    def _draw(self) -> None:
+        canvas = self._canvas()
+        if canvas is None or self.ring is None:
+            return
+        at = None
+        if self._marked is not None and self._is_linked and not in_grid(self._viewer):
+            world = self.to_world(self._marked)
+            at = projected(self._viewer, world, (canvas.width(), canvas.height()))
+        if at is None or not canvas.rect().contains(round(at[0]), round(at[1])):
+            self.ring.hide()
+        else:
+            self.ring.show_at(*at, near=self._in_slice(world))
+
+    def _canvas(self) -> QWidget | None:
+        """Return the viewer's canvas; the first time the ring is put on it."""
+        if self.ring is not None:
+            return self.ring.parentWidget()
+        canvas = canvas_widget(self._inside)
+        if canvas is not None:
+            self.ring = RingWidget(canvas)
+        return canvas
+
+    def _in_slice(self, world: NDArray[np.float64]) -> bool:
+        hidden = [axis for axis in self._viewer.dims.not_displayed if axis >= self._viewer.dims.ndim - 3]
+        apart = np.zeros(self._viewer.dims.ndim)
+        apart[-3:] = (world - self._viewer.dims.point)[-3:] * mm_per_unit(self._viewer)
+        return bool((np.abs(apart[hidden]) <= _IN_SLICE).all())

@@ -1,0 +1,200 @@
+"""A run's map, ready to be shown: its pixels, its folds and marks, and the way between plane and space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._napari.map_viewer.pictures import Picture
+from voxflat._napari.results.run import Run
+from voxflat.figures.flat_maps import folds
+from voxflat.figures.marks import Direction, directions, side
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import outline
+from voxflat.maps.plane import LIMIT, Planar
+
+_PIXELS = 1e6  # of the map's bounding box: about as many as a large dock has
+_FINER = 8  # than the run's own pixels: of small maps more cannot be seen
+_EVEN = 168  # the grey of a page, whose pieces know no folds
+_NEAR = 0.8  # of the spacing: so far beside a ray a point may lie to be met
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A place of the map, looked up on the surface.
+
+    Parameters
+    ----------
+    point : ndarray, shape (3,)
+        Where it is, RAS+ mm in scanner space.
+    vertex : int or tuple of 3 ints
+        The nearest vertex or voxel of what was flattened.
+    distortion : str
+        What flattening did there.
+    """
+
+    point: NDArray[np.float64]
+    vertex: int | tuple[int, ...]
+    distortion: str
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """What lies in the plane, made once for a run, outside the GUI's thread; then each look-up takes a moment.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    planar : Planar
+        Its map, or the page of its atlas.
+    pixel_size : float
+        Of what is shown, mm: finer than the run's own pixels, so that nothing looks blocky.
+    folds : Picture
+        Sulci and gyri in two greys.
+    outline : list of ndarray, shape (k, 2)
+        The map's rim, mm.
+    directions : list of Direction
+        Where right, anterior and superior are.
+    side : {"L", "R", None}
+        Which hemisphere it is, where that is known.
+    points : ndarray, shape (N, 3)
+        The map's points, RAS+ mm in scanner space.
+    """
+
+    run: Run
+    planar: Planar
+    pixel_size: float
+    folds: Picture
+    outline: list[NDArray[np.float64]]
+    directions: list[Direction]
+    side: str | None
+    points: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, run: Run) -> Sheet:
+        """Prepare a run.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        Sheet
+        """
+        flat_map = run.flat_map
+        planar = flat_map if isinstance(flat_map, FlatMap) else flat_map.page()
+        of = planar._triangles
+        pixel_size = max(float(np.sqrt(np.ptp(of.uv, axis=0).prod() / _PIXELS)), planar.pixel_size / _FINER)
+        raster = planar.raster(pixel_size)
+        if isinstance(flat_map, FlatMap):
+            grey, rim = folds(flat_map, raster), outline(of.uv, of.faces[~of.torn])
+        else:
+            grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
+            grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
+            rim = outline(flat_map.page().uv, flat_map.uv_faces)
+        found = cls(
+            run,
+            planar,
+            pixel_size,
+            Picture(grey, raster.origin, pixel_size),
+            rim,
+            directions(flat_map) if isinstance(flat_map, FlatMap) else [],
+            side(flat_map) if isinstance(flat_map, FlatMap) else None,
+            of.on_surface.space.to_scanner(of.on_surface.points),
+        )
+        found.spot(*of.uv[0])  # both ways build what they search in
+        found.place(found.points[0])
+        return found
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Of which layer it is: its name, the world's axes, the unit."""
+        told: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
+        return told
+
+    @property
+    def pial_is_known(self) -> bool:
+        """Whether depths may be fractions of the cortex."""
+        return self.planar._triangles.on_surface.pial_points is not None
+
+    def spot(self, u: float, v: float) -> Spot | None:
+        """Look up a place of the map on the surface.
+
+        Parameters
+        ----------
+        u, v : float
+            mm.
+
+        Returns
+        -------
+        Spot or None
+            None beside the map.
+        """
+        found = self.planar.look_up((u, v))
+        face = int(found.face_ids)
+        if face < 0:
+            return None
+        of = self.planar._triangles
+        row = int(of.faces[face][int(found.weights.argmax())])
+        vertex = of.on_surface.ids[row].tolist()
+        point = of.on_surface.space.to_scanner(found.points)
+        return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
+
+    def _distortion(self, row: int, face: int) -> str:
+        flat_map = self.run.flat_map
+        if isinstance(flat_map, FlatMap):
+            return f"distances ± {100 * flat_map.distortion.per_point[row]:.1f} %"
+        most, least = flat_map.stretch[face].tolist()
+        return f"lengths ± {100 * (max(most, 1 / least if least else np.inf) - 1):.1f} %"
+
+    def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
+        """Look up a point in space on the map.
+
+        Parameters
+        ----------
+        point : ndarray, shape (3,)
+            RAS+ mm in scanner space.
+
+        Returns
+        -------
+        (u, v) in mm, or None
+            None farther from the surface than cortex is thick.
+        """
+        uv, _ = self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(point), LIMIT)
+        u, v = uv.tolist()
+        return None if np.isnan(u) else (u, v)
+
+    def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
+        """Find where a ray meets the surface first.
+
+        Parameters
+        ----------
+        start, along : ndarray, shape (3,)
+            A place on the ray and its direction, RAS+ mm.
+
+        Returns
+        -------
+        ndarray, shape (3,), or None
+        """
+        along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
+        apart = self.points - start
+        far = apart @ along
+        beside = np.einsum("ij,ij->i", apart, apart) - far**2
+        reach = _NEAR * self._spacing
+        hits = np.flatnonzero(beside <= reach**2)
+        if not len(hits):
+            return None
+        first = hits[far[hits] <= far[hits].min() + 2 * reach]
+        nearest = first[beside[first].argmin()]
+        return np.asarray(start + far[nearest] * along)
+
+    @property
+    def _spacing(self) -> float:
+        of = self.run.flat_map
+        return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size

@@ -1,0 +1,170 @@
+"""The strip under the map: where the body's directions are, how long a cm is, and what the colours mean."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.ticker import MaxNLocator
+from qtpy.QtCore import QPointF, QRectF, QSize, Qt
+from qtpy.QtGui import QColor, QFont, QImage, QPainter, QPen, QPolygonF
+from qtpy.QtWidgets import QSizePolicy, QWidget
+
+from voxflat._napari.map_viewer.pictures import ColourScale
+from voxflat.figures.marks import Direction, round_length
+
+_HEIGHT = 50
+_EDGE = 8.0
+_ARROW, _LETTER = 13.0, 20.0  # from where the arrows start
+_ARROWS = 54.0  # the width of their place
+_SIDE = 22.0
+_LENGTH = 90.0  # the scale bar is as long, or shorter
+_BAR, _THICK = 240.0, 9.0  # the colour bar, or shorter
+
+
+class Strip(QWidget):
+    """Paints the marks of a map.
+
+    Parameters
+    ----------
+    parent : QWidget, optional
+        The parent.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._directions: list[Direction] = []
+        self._side: str | None = None
+        self._pixels = 0.0
+        self._ink = QColor("black")
+        self.scale: ColourScale | None = None
+        self.setFixedHeight(_HEIGHT)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def minimumSizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        return QSize(160, _HEIGHT)
+
+    def show_marks(self, directions: list[Direction], side: str | None) -> None:
+        """Show how a map lies.
+
+        Parameters
+        ----------
+        directions : list of Direction
+            Of the body.
+        side : {"L", "R", None}
+            The hemisphere.
+        """
+        self._directions, self._side = directions, side
+        self.update()
+
+    def show_length(self, pixels: float) -> None:
+        """Show how large the map is.
+
+        Parameters
+        ----------
+        pixels : float
+            On the screen, a mm.
+        """
+        self._pixels = pixels
+        self.update()
+
+    def show_colours(self, scale: ColourScale | None) -> None:
+        """Show what the colours mean.
+
+        Parameters
+        ----------
+        scale : ColourScale or None
+            None where no bar can tell.
+        """
+        self.scale = scale
+        self.update()
+
+    def set_ink(self, colour: QColor) -> None:
+        """Paint in another colour.
+
+        Parameters
+        ----------
+        colour : QColor
+            The theme's colour of text.
+        """
+        self._ink = colour
+        self.update()
+
+    # --------------------------------------------------------------------------------------- painting
+
+    def paintEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(self._ink, 1.5))
+        x = _EDGE
+        if self._directions:
+            self._paint_arrows(painter, x)
+            x += _ARROWS
+        if self._side is not None:
+            painter.save()
+            painter.setFont(self._font(13, bold=True))
+            painter.drawText(QRectF(x, 0, _SIDE, _HEIGHT), Qt.AlignmentFlag.AlignVCenter, self._side)
+            painter.restore()
+            x += _SIDE
+        if self._pixels > 0:
+            x = self._paint_length(painter, x)
+        if self.scale is not None:
+            self._paint_bar(painter, self.scale, x + 2 * _EDGE)
+        painter.end()
+
+    def _font(self, size: int, *, bold: bool = False) -> QFont:
+        font = QFont(self.font())
+        font.setPointSize(size)
+        font.setBold(bold)
+        return font
+
+    def _paint_arrows(self, painter: QPainter, x: float) -> None:
+        towards = [QPointF(one.u, -one.v) for one in self._directions]
+        centre = QPointF(x + _ARROWS / 2 - 4, _HEIGHT / 2)
+        for way in towards:
+            centre -= way * (_LETTER / 2 - 3)
+        painter.setFont(self._font(9))
+        painter.setBrush(self._ink)
+        for one, way in zip(self._directions, towards, strict=True):
+            tip, across = centre + way * _ARROW, QPointF(-way.y(), way.x())
+            painter.drawLine(centre, tip)
+            painter.drawPolygon(QPolygonF([tip + way * 2, tip - way * 4 + across * 3, tip - way * 4 - across * 3]))
+            at = centre + way * _LETTER
+            painter.drawText(QRectF(at.x() - 8, at.y() - 8, 16, 16), Qt.AlignmentFlag.AlignCenter, one.letter)
+
+    def _paint_length(self, painter: QPainter, x: float) -> float:
+        length = round_length(_LENGTH / self._pixels)
+        wide = length * self._pixels
+        painter.save()
+        painter.setPen(QPen(self._ink, 2.5, Qt.PenStyle.SolidLine, Qt.PenCapStyle.FlatCap))
+        painter.drawLine(QPointF(x, 33), QPointF(x + wide, 33))
+        painter.restore()
+        painter.setFont(self._font(9))
+        text = f"{length:g} mm"
+        room = max(wide, float(painter.fontMetrics().horizontalAdvance(text)) + 2)
+        painter.drawText(QRectF(x, 12, room, 18), Qt.AlignmentFlag.AlignCenter, text)
+        return x + room
+
+    def _paint_bar(self, painter: QPainter, scale: ColourScale, x: float) -> None:
+        wide = min(_BAR, self.width() - _EDGE - x)
+        if wide < 80:
+            return
+        left = self.width() - _EDGE - wide
+        box = QRectF(left, 19, wide, _THICK)
+        painter.drawImage(box, QImage(scale.colours.tobytes(), 256, 1, 4 * 256, QImage.Format.Format_RGBA8888))
+        painter.setFont(self._font(9))
+        metrics = painter.fontMetrics()
+        title = metrics.elidedText(scale.title, Qt.TextElideMode.ElideRight, int(self.width() - _EDGE - x))
+        centred = metrics.horizontalAdvance(title) <= wide
+        flags = Qt.AlignmentFlag.AlignHCenter if centred else Qt.AlignmentFlag.AlignRight
+        painter.drawText(
+            QRectF(left if centred else x, 1, self.width() - _EDGE - (left if centred else x), 16), flags, title
+        )
+        low, high = scale.limits
+        for value in MaxNLocator(4).tick_values(low, high):
+            if low - 1e-9 <= value <= high + 1e-9:
+                at = left + wide * (value - low) / ((high - low) or 1.0)
+                painter.drawLine(QPointF(at, 19 + _THICK), QPointF(at, 22 + _THICK))
+                text = f"{value:g}".replace("-", "−")
+                half = metrics.horizontalAdvance(text) / 2 + 1
+                at = min(max(at, left + half - _EDGE / 2), self.width() - half)
+                painter.drawText(QRectF(at - half, 33, 2 * half, 16), Qt.AlignmentFlag.AlignCenter, text)

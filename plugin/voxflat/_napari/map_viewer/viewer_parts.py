@@ -1,0 +1,111 @@
+"""What of napari's viewer differs between its versions, or is known only by its window."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.utils.theme import get_theme
+from numpy.typing import NDArray
+from qtpy.QtGui import QColor
+from qtpy.QtWidgets import QWidget
+
+from voxflat._napari.layers.world import unit_ratio
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_CANVAS = "CanvasBackendDesktop"  # vispy's
+
+
+def camera(viewer: Viewer) -> Any:
+    """Return the viewer's camera, which napari 0.9 moved."""
+    return getattr(viewer, "scene", viewer).camera
+
+
+def in_grid(viewer: Viewer) -> bool:
+    """Whether the viewer shows its layers side by side, so that a place is to be seen several times."""
+    grid = viewer.canvas.grid if hasattr(viewer, "canvas") else viewer.grid
+    return bool(grid.enabled)
+
+
+def canvas_widget(inside: QWidget) -> QWidget | None:
+    """Return the widget on which the viewer draws.
+
+    Parameters
+    ----------
+    inside : QWidget
+        Any widget of the viewer's window.
+
+    Returns
+    -------
+    QWidget or None
+        None while the widget is in no window.
+    """
+    middle = getattr(inside.window(), "centralWidget", lambda: None)()
+    children = [] if middle is None else middle.findChildren(QWidget)
+    return next((child for child in children if type(child).__name__ == _CANVAS), None)
+
+
+def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
+    """Return where a place of the world is seen on the canvas.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    place : ndarray
+        In the world.
+    size : tuple of 2 ints
+        Width and height of the canvas, pixels.
+
+    Returns
+    -------
+    (x, y) in pixels of the canvas, or None
+        None behind who looks.
+    """
+    of = camera(viewer)
+    shown = np.asarray(place)[list(viewer.dims.displayed)]
+    apart = shown - np.asarray(of.center, dtype=np.float64)[-len(shown) :]
+    middle = np.asarray(size) / 2
+    if len(shown) == 2:
+        vertical, horizontal = (str(way).rpartition(".")[2].lower() for way in of.orientation[1:])
+        right, down = apart[1] * (1 if horizontal == "right" else -1), apart[0] * (1 if vertical == "down" else -1)
+        nearness = 1.0
+    else:
+        along, up = (np.asarray(way, dtype=np.float64) for way in (of.view_direction, of.up_direction))
+        sideways = np.cross(along, up) * (1 if _is_right_handed(of) else -1)
+        right, down = float(apart @ sideways), -float(apart @ up)
+        away = 0.0 if of.perspective == 0 else 2 * np.tan(np.radians(of.perspective) / 2) * of.zoom / size[1]
+        nearness = 1 + away * float(apart @ along)
+    if nearness <= 0:
+        return None
+    x, y = middle + of.zoom * np.array([right, down]) / nearness
+    return float(x), float(y)
+
+
+def _is_right_handed(of: Any) -> bool:
+    return str(of.handedness).rpartition(".")[2].lower() == "right"
+
+
+def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
+    """Return what the units of the world's last three axes are in mm; pixels are taken as mm.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+    """
+    units = viewer.layers.units
+    return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)
+
+
+def theme_colours(viewer: Viewer) -> tuple[QColor, QColor]:
+    """Return the colours of the canvas and of text in the viewer's theme."""
+    theme = get_theme(viewer.theme)
+    canvas, text = (QColor(colour.as_hex()) for colour in (theme.canvas, theme.text))
+    return canvas, text

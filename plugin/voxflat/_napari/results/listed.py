@@ -1,0 +1,127 @@
+"""The layers of runs in the viewer's list: hidden, and put there one at a time."""
+
+from __future__ import annotations
+
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from napari.layers import Layer
+from qtpy.QtCore import QTimer
+
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_PLACE = ("name", "metadata", "units", "scale", "translate")
+_LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
+
+
+class ListedLayers:
+    """The layers of a run in a viewer.
+
+    napari takes a tenth of a second for each layer that comes or goes, and a hundredth for other data in one that is
+    there. So a run that replaces another one takes over its layers, as far as they are of the same kind; and what comes
+    or goes does so with time for the window in between.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    layers : iterable of Layer
+        Those of the run that is replaced.
+    """
+
+    def __init__(self, viewer: Viewer, layers: Iterable[Layer] = ()) -> None:
+        self._viewer = weakref.ref(viewer)
+        self._layers: list[Layer] = [*layers]
+        self._steps: deque[Callable[[Viewer], None]] = deque()
+
+    @property
+    def layers(self) -> list[Layer]:
+        """Those that are in the viewer."""
+        viewer = self._viewer()
+        return [] if viewer is None else [layer for layer in self._layers if layer in viewer.layers]
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all have come and gone."""
+        return not self._steps
+
+    def show(self, result: FlatLayers) -> None:
+        """List the layers of a run.
+
+        Parameters
+        ----------
+        result : FlatLayers
+            Its layers.
+        """
+        earlier = self.layers
+        for data in [*result.in_space, *result.layers]:
+            taken = next((layer for layer in earlier if _is_like(layer, data)), None)
+            if taken is not None:
+                earlier.remove(taken)
+            self._steps.append(partial(self._put, data=data, taken=taken))
+        self._steps.extend(partial(self._take_out, layer=layer) for layer in earlier)
+        self._go_on()
+
+    def remove(self) -> None:
+        """Take them out of the list."""
+        self._steps.clear()
+        self._steps.extend(partial(self._take_out, layer=layer) for layer in self.layers)
+        self._go_on()
+
+    def hand_over(self) -> list[Layer]:
+        """Give all layers to another run's, and leave them alone.
+
+        Returns
+        -------
+        list of Layer
+        """
+        self._steps.clear()
+        return self.layers
+
+    def _go_on(self) -> None:
+        """Take a step, and come back for the next one when the window has lived."""
+        viewer = self._viewer()
+        if viewer is None or not self._steps:
+            self._steps.clear()
+            return
+        self._steps.popleft()(viewer)
+        QTimer.singleShot(0, self._go_on)
+
+    def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
+        if taken is not None and taken in viewer.layers:
+            _fill(taken, data)
+            return
+        values, keywords, kind = data
+        layer = Layer.create(values, {**keywords, "visible": False}, kind)
+        self._layers.append(layer)
+        before = set(viewer.layers.selection)
+        viewer.add_layer(layer)
+        viewer.layers.selection = before
+
+    def _take_out(self, viewer: Viewer, layer: Layer) -> None:
+        self._layers.remove(layer)
+        if layer in viewer.layers:
+            viewer.layers.remove(layer)
+
+
+def _is_like(layer: Layer, data: LayerData) -> bool:
+    """Whether a layer can take over data: it is of the same type and kind of colours, and nothing was added to it."""
+    _, keywords, kind = data
+    return type(layer).__name__.lower() == kind and bool(getattr(layer, "rgb", False)) == bool(
+        keywords.get("rgb", False)
+    )
+
+
+def _fill(layer: Layer, data: LayerData) -> None:
+    """Give a layer other data."""
+    values, keywords, _ = data
+    layer.data = values
+    for name in _PLACE + _LOOK:
+        if name in keywords and keywords[name] is not None:
+            setattr(layer, name, keywords[name])

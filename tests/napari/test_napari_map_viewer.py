@@ -1,0 +1,299 @@
+"""The dock *Flat map* in napari's real window: what it shows, and its link with the viewer."""
+
+import gc
+
+import numpy as np
+import pytest
+from napari_window import PATIENCE, bumps, cap, choose_whole, run, sphere, wait_for_threads, wait_until_drawn
+from numpy.testing import assert_allclose, assert_array_equal
+
+from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
+from voxflat._napari.workbench import Workbench
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Surface  # noqa: E402
+from qtpy.QtCore import QPoint, Qt  # noqa: E402
+from qtpy.QtWidgets import QApplication  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
+
+
+def map_dock(viewer, qtbot):
+    """The dock, once it shows what is chosen."""
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
+    wait_for_picture(dock, qtbot)
+    return dock
+
+
+def wait_for_picture(dock, qtbot):
+    qtbot.waitUntil(lambda: dock.is_drawn, timeout=PATIENCE)
+
+
+def move(widget, qtbot, at):
+    """Move the mouse to a place of a widget, from one beside it."""
+    for shift in (3, 0):
+        qtbot.mouseMove(widget, at + QPoint(shift, shift))
+        QApplication.processEvents()
+
+
+def to_map(dock, qtbot, u, v):
+    move(dock.canvas.viewport(), qtbot, dock.canvas.position(u, v))
+
+
+@pytest.fixture
+def flattened(open_widget, qtbot):
+    """A function that flattens a layer in a window."""
+
+    def opened(*layers, **how):
+        viewer, widget = open_widget(*layers, show=True, **how)
+        viewer.window._qt_window.resize(1300, 800)
+        choose_whole(widget)
+        run(widget, qtbot)
+        wait_until_drawn(viewer, qtbot)
+        return viewer, widget, map_dock(viewer, qtbot)
+
+    yield opened
+    wait_for_threads(qtbot)
+
+
+@pytest.mark.parametrize("unit", ["mm", "micrometer"])
+def test_map_and_volume_are_linked(flattened, qtbot, unit):
+    """A mesh in another unit and with other axes than RAS: both ways lead to the places that the map knows."""
+    points, faces, values = bumps()
+    factor = {"mm": 1.0, "micrometer": 1000.0}[unit]
+    place = {"scale": factor * SCALE, "translate": factor * CORNER, "units": unit}
+    volume = Image(np.random.default_rng(0).random((60, 60, 30)).astype(np.float32), name="v", **place)
+    viewer, _, dock = flattened(volume, Surface((points, faces, values), name="bumps", **place))
+    flat_map = dock.sheet.run.flat_map
+    world = factor * (points * SCALE + CORNER)
+    row = int(np.flatnonzero(flat_map.ids == 12 * 25 + 12)[0])
+    u, v = flat_map.uv[row]
+
+    # the map points: the ring is where the vertex is, in a slice of any depth and in 3D
+    to_map(dock, qtbot, u, v)
+    marked = dock.link.to_world(dock.link._marked)
+    pixel = 1 / dock.canvas.scale_factor  # mm on the map; the surface is stretched by at most 3 here
+    assert_allclose(marked / factor, world[312] / factor, atol=6 * pixel)
+    assert f"vertex {312}" in dock.text.text()
+    canvas = canvas_widget(dock)
+    for ndisplay in (2, 3):
+        viewer.dims.ndisplay = ndisplay
+        viewer.reset_view()
+        qtbot.wait(50)
+        view = viewer.window._qt_viewer.canvas.view
+        shown = [marked[axis] for axis in reversed(viewer.dims.displayed)]
+        x, y, _, w = (view.transform * view.scene.transform).map(
+            [*shown, 0, 1][: 4 if ndisplay == 2 else 3] + [1] * (ndisplay == 3)
+        )
+        assert_allclose(projected(viewer, marked, (canvas.width(), canvas.height())), (x / w, y / w), atol=1)
+        to_map(dock, qtbot, u, v)
+        assert dock.link.ring.isVisible()
+        assert_allclose(
+            [dock.link.ring.geometry().center().x(), dock.link.ring.geometry().center().y()], (x / w, y / w), atol=2
+        )
+    # in 3D the mouse on the canvas over the vertex: the map shows its place
+    camera(viewer).set_view_direction(view_direction=(0.1, 0.1, -1), up_direction=(0, -1, 0))
+    camera(viewer).center = world[312]
+    wait_until_drawn(viewer, qtbot)
+    middle = QPoint(canvas.width() // 2, canvas.height() // 2)
+    move(canvas, qtbot, middle)
+    assert dock.canvas.ring.isVisible()
+    found = np.array([dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()])
+    expected = flat_map.points_to_map(world[312] / factor)[0]
+    assert_allclose(found, expected, atol=1.5)
+
+    # a click on the map: the slices go there
+    viewer.dims.ndisplay = 2
+    dock.canvas.fit()
+    qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
+    assert_allclose(np.array(viewer.dims.point) / factor, world[312] / factor, atol=6 * pixel + 1)
+    assert_allclose(np.array(camera(viewer).center)[-2:] / factor, world[312][1:] / factor, atol=6 * pixel)
+    wait_until_drawn(viewer, qtbot)
+
+    # and in the slice: the ring of the map comes to the middle
+    move(canvas, qtbot, middle)
+    found = np.array([dock.canvas.ring.pos().x(), -dock.canvas.ring.pos().y()])
+    there = np.array([viewer.dims.point[0], *camera(viewer).center[-2:]]) / factor  # the slice is that of a voxel
+    assert_allclose(found, flat_map.points_to_map(there)[0], atol=1.5)
+    qtbot.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=middle)
+    seen = dock.canvas.position(*found)
+    viewport = dock.canvas.viewport()
+    assert abs(seen.x() - viewport.width() / 2) < 3
+    assert abs(seen.y() - viewport.height() / 2) < 3
+    move(canvas, qtbot, QPoint(2, 2))  # far from the surface
+    assert not dock.canvas.ring.isVisible()
+
+
+def test_the_viewer_is_left_alone_and_layers_are_listed_hidden(flattened, qtbot, open_widget):
+    sheet, t1 = Labels(cap(), name="sheet"), Image(cap().astype(float), name="T1")
+    viewer, widget = open_widget(sheet, t1, show=True)
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    viewer.dims.ndisplay = 3
+    viewer.dims.order = (2, 0, 1)
+    viewer.dims.point = (5, 6, 7)
+    viewer.layers["T1"].visible = False
+    viewer.layers.selection = {viewer.layers["T1"]}
+    viewer.reset_view()
+
+    def state():
+        of = camera(viewer)
+        visible = {layer.name for layer in viewer.layers if layer.visible}
+        return of.center, of.zoom, of.angles, *viewer.dims.order, viewer.dims.point, viewer.dims.ndisplay, visible
+
+    before = state()
+    run(widget, qtbot)
+    dock = map_dock(viewer, qtbot)
+    assert state() == before
+    assert set(viewer.layers.selection) == {viewer.layers["T1"]}
+    assert [layer.name for layer in viewer.layers] == ["sheet", "T1", "T1 flattened", "sheet distortion"]
+    assert dock.contents.content is viewer.layers["T1"]
+    wait_for_threads(qtbot)
+
+
+def test_what_the_map_shows(flattened, qtbot):
+    """Measures; layers, that come and change their looks; depths; time points of what is larger than memory."""
+    dask = pytest.importorskip("dask.array")
+    along = np.indices((24, 24, 24))[2].astype(np.float32)
+    series = dask.from_array(np.stack([along, 100 + along]), chunks=(1, 8, 8, 8))
+    viewer, widget, dock = flattened(Image(along, name="k"), Labels(cap(), name="sheet"))
+    flat_map = dock.sheet.run.flat_map
+    names = [dock.contents.itemText(n) for n in range(dock.contents.count())]
+    assert names == ["Distances", "Areas", "Angles", "sheet", "k", "Folds only"]
+
+    def shown(name):
+        dock.contents.setCurrentIndex(dock.contents.findText(name))
+        wait_for_picture(dock, qtbot)
+        return dock.picture
+
+    heat = shown("Distances")
+    assert_allclose(heat.data, 100 * flat_map.heat_map(dock.sheet.pixel_size).data, rtol=1e-5)
+    assert heat.scale.title == dock.strip.scale.title == "mean relative error of distances (%)"
+    areas = shown("Areas")
+    low, high = areas.scale.limits
+    assert low == -high < 0
+    assert areas.scale.title == "area, log2(flat / surface)"
+    assert 0 < np.nanmedian(shown("Angles").data) < 45
+    assert shown("Folds only") is None
+    assert dock.strip.scale is None
+
+    on_surface = shown("k")
+    expected = flat_map.image(along, dock.sheet.pixel_size, interpolation="linear").data
+    assert_allclose(on_surface.data, expected, rtol=1e-5)
+    viewer.layers["k"].contrast_limits = (3, 30)
+    viewer.layers["k"].colormap = "viridis"
+    wait_for_picture(dock, qtbot)
+    assert dock.strip.scale.limits == (3, 30)
+    assert_array_equal(dock.strip.scale.colours[0, :3], [68, 1, 84])
+    labels = shown("sheet")
+    assert set(np.unique(labels.data[np.isfinite(labels.data)])) <= {0, 3}
+
+    viewer.add_image(series, name="series")
+    first = shown("series")
+    viewer.dims.set_current_step(0, 1)
+    wait_for_picture(dock, qtbot)
+    assert_allclose(dock.picture.data - first.data, np.where(np.isnan(expected), np.nan, 100), atol=1e-3)
+    viewer.layers.remove("series")
+    assert dock.contents.currentText() == "Distances"
+    viewer.layers["k"].name = "height"
+    assert dock.contents.findText("height") >= 0
+    wait_for_picture(dock, qtbot)
+
+    u, v = flat_map.uv[len(flat_map) // 2]
+    to_map(dock, qtbot, u, v)
+    assert "voxel" in dock.text.text()
+    assert "distances ±" in dock.text.text()
+    viewer.theme = "light"
+    assert dock.canvas.backgroundBrush().color().lightness() > 200
+
+
+def test_depths_are_sampled_and_only_the_latest_is_shown(flattened, qtbot):
+    points, faces = sphere(600)
+    along = np.linalg.norm(np.indices((60, 60, 60)) - 29.5, axis=0).astype(np.float32)
+    layer = Image(along, name="r", translate=(-29.5, -29.5, -29.5))
+    viewer, widget, dock = flattened(layer, Surface((points, faces), name="ball"))
+    assert dock.contents.content is viewer.layers["r"]
+    for depth in (-2, 1, 3):
+        dock.depths.setValue(depth)
+        QApplication.processEvents()
+    wait_for_picture(dock, qtbot)
+    assert abs(np.nanmedian(dock.picture.data) - 23) < 0.2
+
+
+def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
+    points, faces, values = bumps()
+    viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
+    layers = list(viewer.layers)
+    workbench = Workbench.of(viewer)
+    widgets = None
+    for n in range(10):
+        widget.form.sources.setValue(100 + n)
+        run(widget, qtbot)
+        wait_for_picture(dock, qtbot)
+        if n == 0:
+            widgets = len(QApplication.allWidgets())
+    assert list(viewer.layers) == layers  # the same, with other data
+    assert viewer.layers["bumps distortion"].metadata["voxflat"] is workbench.current.flat_map
+    assert dock.sheet.run is workbench.current
+    assert len(QApplication.allWidgets()) == widgets
+    assert not dock.runs.isVisible()
+
+    dock.keep.click()
+    run(widget, qtbot)
+    wait_for_picture(dock, qtbot)
+    assert [layer.name for layer in viewer.layers] == [
+        "bumps", "bumps flattened", "bumps distortion", "bumps flattened [1]", "bumps distortion [1]",
+    ]  # fmt: skip
+    assert dock.runs.isVisible()
+    assert dock.runs.count() == 2
+    dock.runs.setCurrentIndex(0)
+    dock.runs.activated.emit(0)
+    wait_for_picture(dock, qtbot)
+    assert dock.sheet.run is workbench.runs[0]
+    assert widget.results.flat_map is workbench.runs[0].flat_map
+
+    # closing docks loses nothing
+    viewer.window.remove_dock_widget(dock)
+    viewer.window.remove_dock_widget(widget)
+    again = map_dock(viewer, qtbot)
+    assert again is not dock
+    assert again.sheet.run is workbench.runs[0]
+    assert again.keep.isChecked()
+    assert again.runs.count() == 2
+    _, form = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    assert form.results.title.text() == "Map of <b>bumps</b>"
+    workbench.remove(workbench.runs[0])
+    qtbot.waitUntil(lambda: len(viewer.layers) == 3)
+
+
+def test_a_page_of_patches(flattened, qtbot, open_widget):
+    points, faces = sphere()
+    viewer, widget = open_widget(Surface((points, faces), name="ball"), name="Flatten in patches", show=True)
+    run(widget, qtbot)
+    dock = map_dock(viewer, qtbot)
+    assert dock.contents.currentText() == "Patches"
+    for n in range(4):
+        dock.contents.setCurrentIndex(n)
+        wait_for_picture(dock, qtbot)
+        assert dock.picture.pixels[..., 3].any()
+    atlas = dock.sheet.run.flat_map
+    u, v = atlas.page().corners[7].mean(axis=0)
+    spot = dock.sheet.spot(u, v)
+    assert_allclose(spot.point, points[faces[7]].mean(axis=0), atol=1e-6)
+    assert_allclose(dock.sheet.place(spot.point), (u, v), atol=1e-6)
+    wait_for_threads(qtbot)
+
+
+def test_the_dock_without_a_run_and_closed_again(open_widget, qtbot):
+    viewer, _ = open_widget(Labels(cap()), show=True, name="Flat map")
+    for _ in range(2):
+        _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
+        assert "Flatten a surface" in dock.text.text()
+        viewer.window.remove_dock_widget(dock)
+    del dock
+    QApplication.processEvents()
+    gc.collect()
+    assert len(viewer.mouse_move_callbacks) == 0
+    viewer.add_image(np.ones((3, 3, 3)))  # nobody listens
