@@ -43,6 +43,9 @@ def test_manifest_is_valid_and_its_commands_resolve():
         "Flatten surface",
         "Flatten in patches",
         "Flat map",
+        "Draw cuts",
+        "Check surface",
+        "Measure map",
     ]
 
 
@@ -61,7 +64,10 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
         assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
     names = ("Flatten surface", "Flatten in patches")
     assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
-    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in (*names, "Flat map")]
+    measures = ("Check surface", "Measure map")
+    assert {f"{name} (voxflat)" for name in measures} <= set(texts(viewer.window.layers_menu, "Measure"))
+    docks = (*names, "Flat map", "Draw cuts", *measures)
+    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in docks]
     assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
 
 

@@ -282,10 +282,8 @@ def _file_name(name: str) -> str:
 
 def _prints(job: Job | PatchesJob) -> list[str]:
     """Return fingerprints of all arrays of a job that may be edited in place."""
-    return [
-        hashlib.sha256(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data).hexdigest()
-        for array in _arrays(job)
-    ]
+    held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
+    return [hashlib.sha256(data).hexdigest() for data in held]
 
 
 def _arrays(job: Job | PatchesJob) -> Iterator[NDArray[Any]]:

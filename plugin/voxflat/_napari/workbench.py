@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from psygnal import Signal
 
+from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.listed import ListedLayers
 from voxflat._napari.results.run import Run
 
@@ -41,6 +42,7 @@ class Workbench:
         self._viewer = weakref.ref(viewer)
         self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
+        self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
         self._cuts: weakref.WeakKeyDictionary[Layer, tuple[NDArray[np.int64], ...]] = weakref.WeakKeyDictionary()
         self.keeps_earlier = False
         """Whether earlier runs stay when a new one comes, unless it says otherwise."""
@@ -61,7 +63,8 @@ class Workbench:
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
-            cls._of[key] = cls(viewer)
+            bench = cls._of[key] = cls(viewer)
+            viewer.layers.events.inserted.connect(bench._adopt)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 
@@ -128,6 +131,25 @@ class Workbench:
         if run is self._current:
             self._current = self.runs[-1] if self._runs else None
         self.changed.emit()
+
+    def _adopt(self, event: Any) -> None:
+        """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
+        flat_map = event.value.metadata.get("voxflat")
+        if flat_map is None:
+            return
+        viewer = self._viewer()
+        assert viewer is not None
+        run = next((run for run in self._runs if run.flat_map is flat_map), None)
+        if run is None:
+            run = Run(FlatLayers(flat_map, []), flat_map.metadata["napari"]["layer"])
+            self._opened.add(run)
+            self._runs[run] = ListedLayers(viewer)
+            self._current = run
+        if run in self._opened:
+            layer = event.value.as_layer_data_tuple()
+            (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
+            self._runs[run].take(event.value)
+            self.changed.emit()
 
     def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:
         """Keep cuts that were drawn on a layer's surface.

@@ -260,7 +260,7 @@ class DrawCuts(QWidget):
     def _work(self, work: Any, what: str, returned: Callable[[Any], None]) -> None:
         if self._worker is not None:
             return
-        worker = JobWorker(work)
+        worker = JobWorker(work, what)
         worker.returned.connect(returned)
         worker.errored.connect(self._on_errored)
         worker.finished.connect(self._on_finished)

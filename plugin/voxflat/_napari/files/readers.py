@@ -16,7 +16,7 @@ from voxflat.io.files import SAVED_ENDINGS
 if TYPE_CHECKING:
     from napari import Viewer
 
-_Read: TypeAlias = "Callable[[Path, Viewer | None], list[LayerData]]"
+_Read: TypeAlias = Callable[[Path], list[LayerData]]
 
 _NOTHING: list[Any] = [(None,)]
 """By this napari knows that there is no layer, and that all is said."""
@@ -43,10 +43,13 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
         _ask("Read a flat map", _MAPS)
     if not isinstance(path, str):
         return None
+    from voxflat._napari.files import saved
     from voxflat.atlases.saved import saved_kind
 
-    is_own = saved_kind(path) is not None or path.lower().endswith(".voxflat")  # damaged or not
-    return _told(_run_layers) if is_own else None
+    kind = saved_kind(path)
+    if kind is None:
+        return _told(saved.map_layers_of) if path.lower().endswith(".voxflat") else None
+    return _told({"map": saved.map_layers_of, "atlas": saved.atlas_layers_of}[kind])
 
 
 def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
@@ -67,10 +70,10 @@ def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[
     if not isinstance(path, str):
         return None
     read = _reader_of(Path(path))
-    return None if read is None else _told(_seen(read))
+    return None if read is None else _told(read)
 
 
-def _reader_of(path: Path) -> Callable[[Path], list[LayerData]] | None:
+def _reader_of(path: Path) -> _Read | None:
     """Tell what a file holds: by its name where that is sure, else by its first bytes."""
     from voxflat._napari.files import surfaces, values
 
@@ -113,44 +116,32 @@ def _told(read: _Read) -> Callable[[str], list[LayerData]]:
 
         viewer = current_viewer()
         try:
-            return read(Path(path), viewer)
+            layers = read(Path(path))
         except (VoxflatError, OSError, MemoryError) as error:
             if viewer is None:
                 raise
             show_error(" ".join(str(error).split()) or type(error).__name__)
             return _NOTHING
+        if viewer is not None:
+            _make_ready(viewer, layers)
+        return layers
 
     return read_or_tell
 
 
-def _run_layers(path: Path, viewer: Viewer | None) -> list[LayerData]:
-    """Make a file a run of the viewer's, which lists its layers; without a viewer return them."""
-    from voxflat._napari.files.saved import opened_run
+def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
+    """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
+    from napari.layers import Surface
 
-    run = opened_run(path)
-    if viewer is None:
-        return [*run.layers.in_space, *run.layers.layers]
     from voxflat._napari.map_viewer.dock import open_flat_map
     from voxflat._napari.workbench import Workbench
 
-    open_flat_map(viewer)
-    Workbench.of(viewer).add(run, keep=True)
-    return _NOTHING
-
-
-def _seen(read: Callable[[Path], list[LayerData]]) -> _Read:
-    """Let surfaces be seen: in 2D they are a line at most."""
-
-    def read_and_turn(path: Path, viewer: Viewer | None) -> list[LayerData]:
-        from napari.layers import Surface
-
-        layers = read(path)
-        in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
-        if viewer is not None and in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
-            viewer.dims.ndisplay = 3
-        return layers
-
-    return read_and_turn
+    Workbench.of(viewer)
+    if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
+        open_flat_map(viewer)
+    in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
+    if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
+        viewer.dims.ndisplay = 3
 
 
 def _ask(title: str, kinds: str) -> None:

@@ -1,22 +1,20 @@
-"""Flat maps and atlases that were saved, as runs."""
+"""Flat maps and atlases that were saved, as layers."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+from voxflat._napari.results.flat_layers import LayerData
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
-from voxflat._napari.results.run import Run
 from voxflat.atlases.certified import load_atlas
-from voxflat.atlases.saved import saved_kind
 from voxflat.maps.flat_map import load
 
-__all__ = ["opened_run"]
+__all__ = ["atlas_layers_of", "map_layers_of"]
 
 
-def opened_run(path: Path) -> Run:
-    """Read a flat map or an atlas that was saved.
+def map_layers_of(path: Path) -> list[LayerData]:
+    """Read a flat map that was saved.
 
     Parameters
     ----------
@@ -25,19 +23,47 @@ def opened_run(path: Path) -> Run:
 
     Returns
     -------
-    Run
+    list of LayerData
 
     Raises
     ------
     InputError
         If the file is damaged.
     """
-    origin = {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}
-    if saved_kind(path) == "atlas":
-        atlas = load_atlas(path)
-        atlas.metadata["napari"] = origin
-        return Run(page_layers(atlas), path.stem)
     flat_map = load(path)
-    told: dict[str, Any] = flat_map.metadata.setdefault("napari", origin)
-    told["layer"] = path.stem
-    return Run(map_layers(flat_map, path.stem), path.stem)
+    flat_map.metadata.setdefault("napari", _origin(path))
+    return _hidden(map_layers(flat_map, path.stem).layers)
+
+
+def atlas_layers_of(path: Path) -> list[LayerData]:
+    """Read an atlas that was saved.
+
+    Parameters
+    ----------
+    path : Path
+        An .npz or .voxflat file.
+
+    Returns
+    -------
+    list of LayerData
+        The page's images, and the surface.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    atlas = load_atlas(path)
+    atlas.metadata["napari"] = _origin(path)
+    drawn = page_layers(atlas)
+    return _hidden([*drawn.in_space, *drawn.layers])
+
+
+def _hidden(layers: list[LayerData]) -> list[LayerData]:
+    """Hide layers that the dock *Flat map* shows: they would lie across what the viewer shows."""
+    return [(data, {**keywords, "visible": False}, kind) for data, keywords, kind in layers]
+
+
+def _origin(path: Path) -> dict[str, str]:
+    """Say what a map was made of, where it was not made in napari."""
+    return {"layer": path.stem, "world_axes": "RAS", "unit": "millimeter"}

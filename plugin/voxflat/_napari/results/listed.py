@@ -68,6 +68,16 @@ class ListedLayers:
         self._steps.extend(partial(self._take_out, layer=layer) for layer in earlier)
         self._go_on()
 
+    def take(self, layer: Layer) -> None:
+        """Count a layer that is in the list already, as of a file that was opened, among these.
+
+        Parameters
+        ----------
+        layer : Layer
+            One of the run's.
+        """
+        self._layers.append(layer)
+
     def remove(self) -> None:
         """Take them out of the list."""
         self._steps.clear()
