@@ -7,6 +7,7 @@ from napari_window import PATIENCE, bumps, choose, run, sphere
 from numpy.testing import assert_array_equal
 
 import voxflat
+from voxflat._napari.workbench import Workbench
 from voxflat.demo import DEPTH
 
 napari = pytest.importorskip("napari")
@@ -16,7 +17,7 @@ pytestmark = pytest.mark.slow  # a window
 
 
 def newest_map(viewer):
-    return viewer.layers[-1].metadata["voxflat"]
+    return Workbench.of(viewer).current.flat_map
 
 
 def test_parts_are_those_of_the_library(open_widget, qtbot):

@@ -188,6 +188,6 @@ def test_a_saved_atlas_is_opened(make_napari_viewer, qtbot, tmp_path, glue):
     viewer = make_napari_viewer()
     open_file(viewer, qtbot, tmp_path / "ball.npz")
     assert [layer.name for layer in viewer.layers] == ["ball in patches", "ball patches", "ball C"]
-    assert not any(layer.visible for layer in viewer.layers)  # the map has a dock of its own
+    assert not any(layer.visible for layer in viewer.layers)  # the dock shows them
     same_atlas(viewer.layers["ball C"], atlas)
     assert_array_equal(viewer.layers["ball C"].data, atlas.heat_map().data)
