@@ -196,6 +196,24 @@ def test_a_map_is_saved_and_read_by_others(opened, tmp_path):
     assert Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
 
 
+def test_the_palettes_commands_ask_for_the_file(subject, opened, tmp_path, monkeypatch):
+    from napari._app_model import get_app_model
+
+    viewer, last_of = opened
+    points, faces, _ = bumps()
+    voxflat.flatten((points, faces)).save(tmp_path / "map.voxflat")
+    viewer.layers.selection = {last_of(tmp_path / "map.voxflat")}
+    paths = [tmp_path / "again.voxflat", tmp_path / "again.nii", subject / "surf" / "lh.white"]
+    answers = [str(path) for path in paths]
+    for way in ("Save", "Open"):
+        monkeypatch.setattr(f"qtpy.QtWidgets.QFileDialog.get{way}FileName", lambda *_: (answers.pop(0), ""))
+    for command in ("write_flat_map", "write_flat_image", "read_surface"):
+        get_app_model().commands.execute_command(f"voxflat.{command}").result()
+    assert all(path.is_file() for path in paths)
+    assert viewer.layers[-1].name == "lh.white"
+    assert not answers
+
+
 def test_layers_of_no_map_are_not_saved_as_one(opened, tmp_path):
     viewer, _ = opened
     viewer.add_layer(Labels(cap(), name="sheet"))

@@ -48,8 +48,8 @@ class MeasureMap(Findings):
         about: dict[str, Any] = {} if layer is None else layer.metadata
         run = Workbench.of(self._viewer).current
         flat_map = about.get("voxflat", None if run is None else run.flat_map)
-        if "patch" in about:
-            self._work(_MeasureIt(about["surface"], about["patch"]), self._show)
+        if "patch_file" in about:
+            self._work(_MeasureIt(about["surface_file"], about["patch_file"]), self._show)
         elif flat_map is not None:
             self.table.setPlainText(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
         else:
