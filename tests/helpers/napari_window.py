@@ -63,6 +63,14 @@ def run(widget, qtbot, timeout=PATIENCE):
     qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
 
 
+def open_file(viewer, qtbot, path):
+    """Open a file by voxflat, and wait until all layers are there; return those that are new."""
+    before = set(viewer.layers)
+    viewer.open(str(path), plugin="voxflat")
+    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled, timeout=PATIENCE)
+    return [layer for layer in viewer.layers if layer not in before]
+
+
 def wait_until_drawn(viewer, qtbot):
     """Wait until the window is on the screen and its canvas is drawn anew, as it is laid out by then."""
     with qtbot.waitExposed(viewer.window._qt_window, timeout=PATIENCE):

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from mesh_files import fsaverage5
-from napari_window import bumps, cap
+from napari_window import bumps, cap, open_file
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -46,40 +46,39 @@ def subject(tmp_path_factory):
 
 
 @pytest.fixture
-def opened(make_napari_viewer, messages):
+def opened(make_napari_viewer, qtbot, messages):
     """A viewer, and a function that opens a file in it as File → Open does."""
     viewer = make_napari_viewer()
 
-    def open_file(path):
-        viewer.open(str(path), plugin="voxflat")
-        return viewer.layers[-1]
+    def last_of(path):
+        return open_file(viewer, qtbot, path)[-1]
 
-    return viewer, open_file
+    return viewer, last_of
 
 
 # ------------------------------------------------------------------------------------------------- reading
 
 
 def test_freesurfer_files_open_on_their_surface(subject, opened, messages):
-    viewer, open_file = opened
+    viewer, last_of = opened
     points, _, values = bumps()
-    white = open_file(subject / "surf" / "lh.white")
+    white = last_of(subject / "surf" / "lh.white")
     assert viewer.dims.ndisplay == 3
     assert [str(unit) for unit in white.units] == ["millimeter"] * 3
     assert_allclose(white.vertices, points + CENTRE, atol=1e-5)
     viewer.layers.clear()
     for name in ("lh.thickness", "lh.smooth.mgh"):
-        layer = open_file(subject / "surf" / name)
+        layer = last_of(subject / "surf" / name)
         assert layer.name == name
         assert_allclose(layer.vertices, points + CENTRE, atol=1e-5)  # the white one of this side
         assert_allclose(layer.vertex_values, values, rtol=1e-6)
-    labels = open_file(subject / "label" / "lh.parts.annot")
+    labels = last_of(subject / "label" / "lh.parts.annot")
     assert_allclose(labels.vertex_colors[1][:3], np.array([220, 20, 20]) / 255)
     assert labels.features["name"][2] == "green"
     viewer.layers.clear()
-    pial = open_file(subject / "surf" / "lh.pial")
-    assert_allclose(open_file(subject / "surf" / "lh.thickness").vertices, pial.vertices)  # what is open comes first
-    flat = open_file(subject / "surf" / "lh.cortex.patch.flat")
+    pial = last_of(subject / "surf" / "lh.pial")
+    assert_allclose(last_of(subject / "surf" / "lh.thickness").vertices, pial.vertices)  # what is open comes first
+    flat = last_of(subject / "surf" / "lh.cortex.patch.flat")
     assert flat.ndim == 2
     assert_allclose(flat.vertices[:, 1], points[values != 0, 0])
     assert_allclose(-flat.vertices[:, 0], points[values != 0, 1])
@@ -88,19 +87,19 @@ def test_freesurfer_files_open_on_their_surface(subject, opened, messages):
 
 
 def test_gifti_of_fsaverage_opens_on_the_same_side(opened):
-    viewer, open_file = opened
-    surface = open_file(fsaverage5("white_left"))
+    viewer, last_of = opened
+    surface = last_of(fsaverage5("white_left"))
     points = nib.load(fsaverage5("white_left")).agg_data("pointset")
     assert_array_equal(surface.vertices, points)
     viewer.layers.clear()
-    sulc = open_file(fsaverage5("sulc_left"))
+    sulc = last_of(fsaverage5("sulc_left"))
     assert_array_equal(sulc.vertices, points)
     assert_allclose(sulc.vertex_values, nib.load(fsaverage5("sulc_left")).agg_data())
     assert sulc.contrast_limits[0] == -sulc.contrast_limits[1]
 
 
 def test_values_without_their_surface_say_what_to_open(subject, opened, messages, tmp_path):
-    viewer, open_file = opened
+    viewer, last_of = opened
     shutil.copy(subject / "surf" / "lh.thickness", tmp_path)
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert not viewer.layers
@@ -110,7 +109,7 @@ def test_values_without_their_surface_say_what_to_open(subject, opened, messages
     viewer.open(str(tmp_path / "lh.thickness"), plugin="voxflat")
     assert "has 625 values; the surface has 624 points" in messages[-1].message
     viewer.add_surface((points, faces), name="mesh", translate=(1, 2, 3))
-    assert_allclose(open_file(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
+    assert_allclose(last_of(tmp_path / "lh.thickness").vertices, points + np.array([1, 2, 3]))
 
 
 def test_hostile_files_are_told_in_a_line(subject, opened, messages, tmp_path):
@@ -150,12 +149,12 @@ def test_files_of_others_are_declined(tmp_path):
 
 
 def test_an_opened_map_is_the_current_run(opened, tmp_path):
-    viewer, open_file = opened
+    viewer, last_of = opened
     points, faces, _ = bumps()
     flat_map = voxflat.flatten((points, faces))
     for name in ("a", "b"):
         flat_map.save(tmp_path / f"{name}.voxflat")
-        open_file(tmp_path / f"{name}.voxflat")
+        last_of(tmp_path / f"{name}.voxflat")
     runs = Workbench.of(viewer).runs
     assert [run.name for run in runs] == ["a", "b"]
     assert Workbench.of(viewer).current is runs[1]
@@ -169,11 +168,11 @@ def test_an_opened_map_is_the_current_run(opened, tmp_path):
 
 
 def test_a_map_is_saved_and_read_by_others(opened, tmp_path):
-    viewer, open_file = opened
+    viewer, last_of = opened
     points, faces, _ = bumps()
     flat_map = voxflat.flatten((points, faces), seed_point=312, radius=15)
     flat_map.save(tmp_path / "map.voxflat")
-    heat = open_file(tmp_path / "map.voxflat")
+    heat = last_of(tmp_path / "map.voxflat")
     viewer.layers.selection = set(viewer.layers)  # all of one map
     paths = {ending: str(tmp_path / f"again{ending}") for ending in (".voxflat", ".surf.gii", ".flat.patch.3d")}
     for path in paths.values():
@@ -195,6 +194,24 @@ def test_a_map_is_saved_and_read_by_others(opened, tmp_path):
 
     assert_allclose(np.asarray(Image.open(tmp_path / "heat.tif")), image.data, rtol=1e-6)
     assert Image.open(tmp_path / "heat.png").size == image.data.shape[::-1]
+
+
+def test_the_palettes_commands_ask_for_the_file(subject, opened, tmp_path, monkeypatch):
+    from napari._app_model import get_app_model
+
+    viewer, last_of = opened
+    points, faces, _ = bumps()
+    voxflat.flatten((points, faces)).save(tmp_path / "map.voxflat")
+    viewer.layers.selection = {last_of(tmp_path / "map.voxflat")}
+    paths = [tmp_path / "again.voxflat", tmp_path / "again.nii", subject / "surf" / "lh.white"]
+    answers = [str(path) for path in paths]
+    for way in ("Save", "Open"):
+        monkeypatch.setattr(f"qtpy.QtWidgets.QFileDialog.get{way}FileName", lambda *_: (answers.pop(0), ""))
+    for command in ("write_flat_map", "write_flat_image", "read_surface"):
+        get_app_model().commands.execute_command(f"voxflat.{command}").result()
+    assert all(path.is_file() for path in paths)
+    assert viewer.layers[-1].name == "lh.white"
+    assert not answers
 
 
 def test_layers_of_no_map_are_not_saved_as_one(opened, tmp_path):

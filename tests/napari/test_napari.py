@@ -13,6 +13,7 @@ from napari_window import (
     cap,
     choose,
     choose_whole,
+    open_file,
     run,
     wait_for_threads,
 )
@@ -24,6 +25,7 @@ from voxflat._napari.files.readers import map_reader
 from voxflat._napari.layers.seed import seed_of
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.results.report import figures
+from voxflat._napari.workbench import Workbench
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels  # noqa: E402
@@ -42,6 +44,8 @@ def test_manifest_is_valid_and_its_commands_resolve():
         "Flatten in patches",
         "Flat map",
         "Draw cuts",
+        "Check surface",
+        "Measure map",
     ]
 
 
@@ -60,9 +64,10 @@ def test_menus_of_a_real_viewer(make_napari_viewer):
         assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
     names = ("Flatten surface", "Flatten in patches", "Draw cuts")
     assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
-    assert texts(viewer.window.plugins_menu, "voxflat") == [
-        f"{name} (voxflat)" for name in (*names[:2], "Flat map", "Draw cuts")
-    ]
+    measures = ("Check surface", "Measure map")
+    assert {f"{name} (voxflat)" for name in measures} <= set(texts(viewer.window.layers_menu, "Measure"))
+    docks = (*names[:2], "Flat map", "Draw cuts", *measures)
+    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in docks]
     assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
 
 
@@ -71,6 +76,17 @@ def test_importing_voxflat_imports_no_napari():
     import sys
 
     code = "import sys, voxflat; sys.exit(any(m.split('.')[0] in ('napari', 'qtpy') for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_napari_reads_no_more_than_the_manifest_when_it_starts():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from npe2 import PluginManager; manager = PluginManager(); manager.discover(); "
+        "assert 'voxflat' in manager; sys.exit('voxflat' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -241,17 +257,18 @@ def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat._napari.results.map_panel.QFileDialog.getSaveFileName", lambda *args: (path, ""))
     widget.results.save.click()
     viewer.window._qt_viewer._qt_open([f"{path}.voxflat"], stack=False)  # as File → Open does: no other reader is asked
+    qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
     opened = viewer.layers[-1]
     assert opened.name == "map distortion"
     assert_array_equal(opened.data, viewer.layers["sheet distortion"].data)
     voxflat.load(f"{path}.voxflat").save(f"{path}.npz")
-    (again,) = viewer.open(f"{path}.npz", plugin="voxflat")
+    (again,) = open_file(viewer, qtbot, f"{path}.npz")
     assert_array_equal(again.data, opened.data)
     np.savez(tmp_path / "other.npz", data=np.ones(3))
     assert map_reader(str(tmp_path / "other.npz")) is None
 
 
-def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
+def test_read_a_flat_map_asks_for_it(make_napari_viewer, qtbot, tmp_path, monkeypatch):
     from napari._app_model import get_app_model
 
     voxflat.flatten(cap(), method="voxflat").save(tmp_path / "map.npz")
@@ -260,5 +277,6 @@ def test_read_a_flat_map_asks_for_it(make_napari_viewer, tmp_path, monkeypatch):
     viewer = make_napari_viewer()
     for _ in range(2):  # the second time nothing is chosen
         get_app_model().commands.execute_command("voxflat.read_flat_map").result()
+        qtbot.waitUntil(lambda: Workbench.of(viewer).is_settled)
         assert [layer.name for layer in viewer.layers] == ["map distortion"]
     assert answers == []

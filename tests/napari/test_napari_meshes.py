@@ -8,6 +8,7 @@ from napari_window import (
     bumps,
     choose,
     choose_whole,
+    open_file,
     run,
     sphere,
 )
@@ -119,11 +120,11 @@ def test_a_mesh_shows_a_volume_or_another_layer_of_its_vertices(open_widget, qtb
     assert_array_equal(viewer.layers["others flattened"].data, np.where(nearest < 0, np.nan, nearest))
 
 
-def test_saved_map_of_a_mesh_opens_in_napari(open_widget, tmp_path):
+def test_saved_map_of_a_mesh_opens_in_napari(open_widget, qtbot, tmp_path):
     points, faces, _ = bumps()
     viewer, _ = open_widget()
     expected = voxflat.flatten((points, faces))
     expected.save(tmp_path / "map.npz")
-    opened = viewer.open(str(tmp_path / "map.npz"), plugin="voxflat")
+    opened = open_file(viewer, qtbot, tmp_path / "map.npz")
     assert [layer.name for layer in opened] == ["map distortion"]
     assert_array_equal(opened[0].data, expected.heat_map().data)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import shapes
-from napari_window import PATIENCE, bumps, choose, run, sphere, wait_for_threads
+from napari_window import PATIENCE, bumps, choose, open_file, run, sphere, wait_for_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
@@ -181,12 +181,12 @@ def test_glued(open_widget, qtbot, tmp_path):
 
 
 @pytest.mark.parametrize("glue", [None, 1.4])
-def test_a_saved_atlas_is_opened(make_napari_viewer, tmp_path, glue):
+def test_a_saved_atlas_is_opened(make_napari_viewer, qtbot, tmp_path, glue):
     atlas = voxflat.patches(sphere(), 25)
     atlas = atlas if glue is None else atlas.glue(glue)
     atlas.save(tmp_path / "ball.npz")
     viewer = make_napari_viewer()
-    viewer.open(tmp_path / "ball.npz", plugin="voxflat")
+    open_file(viewer, qtbot, tmp_path / "ball.npz")
     assert [layer.name for layer in viewer.layers] == ["ball in patches", "ball patches", "ball C"]
     assert not any(layer.visible for layer in viewer.layers)  # the dock shows them
     same_atlas(viewer.layers["ball C"], atlas)

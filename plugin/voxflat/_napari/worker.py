@@ -36,7 +36,7 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
 
     def __init__(self, job: Work, title: str = "voxflat") -> None:
         super().__init__()
-        self.job = job
+        self.job: Any = job
         self.title = title
         self.stage = ("starting", 0, 1)
         """What is being done, and how much of how much of it is done; to be read by any thread at any time."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from napari.layers import Labels, Surface
 from qtpy.QtWidgets import QWidget
 
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.layer_form import LayerForm
-from voxflat._napari.layers.meshes import LayerMesh
-from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,19 +54,6 @@ class CutsForm(LayerForm):
         if isinstance(layer, Labels) and self.label.label is None:
             raise InputError(f"layer '{layer.name}' has no label to cut")
         return layer
-
-    def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
-        """Return what is cut, and what of a volume is foreground.
-
-        Raises
-        ------
-        InputError
-            If the layer does not suit.
-        """
-        layer, world = self._chosen(), self.world.currentData()
-        if isinstance(layer, Surface):
-            return LayerMesh.of(layer, world), {}
-        return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _on_surface(self) -> None:
         super()._on_surface()

@@ -84,7 +84,7 @@ class Geometry:
         """
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
-            about["surface"] = str(self.path)
+            about["surface_file"] = str(self.path)
         data = (self.vertices, self.faces) if values is None else (self.vertices, self.faces, values)
         given = {"name": path.name, "shading": "smooth", "units": ("mm",) * 3, **keywords}
         return data, {**given, "metadata": about}, "surface"
@@ -187,6 +187,6 @@ def _open() -> list[Geometry]:
 def _of_layer(layer: Any) -> Geometry:
     """Take a layer's surface, as it lies in the viewer."""
     about = layer.metadata
-    path = about.get("surface") or layer.source.path
+    path = about.get("surface_file") or layer.source.path
     vertices = moved(np.asarray(layer.vertices), data_to_world(layer))
     return Geometry(vertices, np.asarray(layer.faces), about.get("structure"), Path(path) if path else None)

@@ -109,7 +109,7 @@ def patch_layers(path: Path) -> list[LayerData]:
         part = Geometry(geometry.space.to_scanner(patch.points), faces, geometry.structure, geometry.path)
         return [part.layer(path, features=features)]
     plane = Geometry(np.column_stack([-patch.points[:, 1], patch.points[:, 0]]), faces, None, geometry.path)
-    about = {"patch": str(path), "axes": "rows: −v, columns: u, mm"}
+    about = {"patch_file": str(path), "axes": "rows: −v, columns: u, mm"}
     return [plane.layer(path, features=features, units=("mm",) * 2, shading="none", metadata=about)]
 
 

@@ -12,26 +12,28 @@ from numpy.typing import NDArray
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.atlases.atlas import Atlas
 from voxflat.errors import InputError, VoxflatError
-from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
+from voxflat.maps.image_files import IMAGE_ENDINGS
 from voxflat.maps.raster import FlatImage
 
 __all__ = ["write_flat_image", "write_flat_map"]
 
 
-def write_flat_map(path: str, layers: Sequence[LayerData]) -> list[str]:
+def write_flat_map(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
     """Save the flat map, or the atlas, of which layers are.
 
     Parameters
     ----------
-    path : str
-        As `FlatMap.save` takes it.
+    path : str, optional
+        As `FlatMap.save` takes it. Without one, as napari's command palette calls it, the user is asked for it, and the
+        selected layers are saved.
     layers : sequence of LayerData
         Of one map.
 
     Returns
     -------
     list of str
-        The path.
+        The path, if there is one.
 
     Raises
     ------
@@ -40,25 +42,27 @@ def write_flat_map(path: str, layers: Sequence[LayerData]) -> list[str]:
     OSError
         If it cannot be written.
     """
+    if path is None:
+        return _ask("Save a flat map", MAP_ENDINGS)
     with _told():
         _map_of(layers).save(path)
     return [path]
 
 
-def write_flat_image(path: str, layers: Sequence[LayerData]) -> list[str]:
+def write_flat_image(path: str | None = None, layers: Sequence[LayerData] = ()) -> list[str]:
     """Save a flat image.
 
     Parameters
     ----------
-    path : str
-        As `FlatImage.save` takes it.
+    path : str, optional
+        As `FlatImage.save` takes it, or none as in `write_flat_map`.
     layers : sequence of LayerData
         One image, or one of labels, of a map or a page.
 
     Returns
     -------
     list of str
-        The path.
+        The path, if there is one.
 
     Raises
     ------
@@ -67,9 +71,23 @@ def write_flat_image(path: str, layers: Sequence[LayerData]) -> list[str]:
     OSError
         If it cannot be written.
     """
+    if path is None:
+        return _ask("Save a flat image", IMAGE_ENDINGS)
     with _told():
         _image_of(layers).save(path)
     return [path]
+
+
+def _ask(title: str, endings: Sequence[str]) -> list[str]:
+    """Ask for a file, and save the selected layers."""
+    from napari import current_viewer
+    from qtpy.QtWidgets import QFileDialog
+
+    viewer = current_viewer()
+    path, _ = QFileDialog.getSaveFileName(None, title, "", " ".join(f"*{ending}" for ending in endings))
+    if viewer is None or not path:
+        return []
+    return list(viewer.layers.save(path, selected=True, plugin="voxflat"))
 
 
 @contextmanager

@@ -14,8 +14,9 @@ from voxflat._napari.forms.fields import choice, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.threshold_choice import ThresholdChoice
-from voxflat._napari.layers.meshes import vary
+from voxflat._napari.layers.meshes import LayerMesh, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
+from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS, same_kind_of_unit
 from voxflat.errors import InputError
 
@@ -112,6 +113,19 @@ class LayerForm(QWidget):
         if self.surface.layer is None:
             raise InputError("nothing to flatten: open a Labels, Image or Surface layer")
         return self.surface.layer
+
+    def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
+        """Return what is chosen, and what of a volume is foreground.
+
+        Raises
+        ------
+        InputError
+            If the layer does not suit.
+        """
+        layer, world = self._chosen(), self.world.currentData()
+        if isinstance(layer, Surface):
+            return LayerMesh.of(layer, world), {}
+        return LayerVolume.of(layer, world), self._foreground(layer)
 
     def _foreground(self, layer: Layer) -> dict[str, Any]:
         """Return what of a volume is foreground."""

@@ -72,7 +72,7 @@ class LayerPlace:
             raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
         factors, unit = _millimetres(layer)
         to_mm = np.diag([*factors, 1.0])
-        path = getattr(layer.source, "path", None)
+        path = layer.metadata.get("surface_file") or layer.source.path  # of values the former
         return cls(
             affine=check_affine(_to_ras(world) @ to_mm @ data_to_world(layer)),
             path=Path(path) if path else None,

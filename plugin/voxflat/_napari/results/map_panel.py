@@ -8,6 +8,7 @@ from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QFileDialog, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from voxflat._napari.results.copying import CopyAsPython
 from voxflat._napari.results.maps import HEAT_MEANING
 from voxflat._napari.results.report import figures, table, warnings
 from voxflat._napari.results.run import Run
@@ -56,6 +57,8 @@ class MapPanel(QWidget):
         layout.addWidget(self.warnings)
         layout.addWidget(colours)
         layout.addWidget(self.save)
+        self.copy = CopyAsPython()
+        layout.addWidget(self.copy)
         self.hide()
 
     @property
@@ -72,6 +75,7 @@ class MapPanel(QWidget):
             The run.
         """
         self.flat_map = run.flat_map
+        self.copy.show_run(run)
         self._name_result("")
         self._show_figures(run.flat_map)
         self.show()

@@ -24,6 +24,7 @@ from voxflat._napari.results import report
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.run import Run
+from voxflat._napari.scripts import Recipe
 from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
@@ -106,7 +107,7 @@ class FlattenWidget(QWidget):
         if self._worker is not None:
             return
         try:
-            worker = JobWorker(self.form.job())
+            worker = JobWorker(Recipe(self.form.job()), self.start.text())
         except VoxflatError as error:
             self.results.show_earlier()
             self._fail(str(error))
@@ -155,7 +156,7 @@ class FlattenWidget(QWidget):
         workbench = Workbench.of(self._viewer)
         if not workbench.runs:
             open_flat_map(self._viewer)
-        workbench.add(Run(result, result.flat_map.metadata["napari"]["layer"]))
+        workbench.add(Run(result, result.flat_map.metadata["napari"]["layer"], self._worker.job))
         self.status.setText(summary)
         self._viewer.status = summary
 

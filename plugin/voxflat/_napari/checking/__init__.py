@@ -1,0 +1,1 @@
+"""What *Layers → Measure* tells: of surfaces before they are flattened, and of maps."""

@@ -1,0 +1,86 @@
+"""What both docks of *Layers → Measure* have in common: a table of text, found in another thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from napari.utils.notifications import show_error
+from qtpy.QtCore import QEvent
+from qtpy.QtGui import QFontDatabase
+from qtpy.QtWidgets import QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
+
+from voxflat._napari.worker import JobWorker, Work
+from voxflat.errors import Cancelled
+
+
+class Findings(QWidget):
+    """A button to find out, and a table of what was found.
+
+    Parameters
+    ----------
+    action : str
+        What is done, on the button, which cancels while it is done.
+    above : QWidget, optional
+        What is asked before.
+    """
+
+    def __init__(self, action: str, above: QWidget | None = None) -> None:
+        super().__init__()
+        self._action = action
+        self._worker: JobWorker | None = None
+        self.start = QPushButton(action)
+        self.start.clicked.connect(self._on_start)
+        self.table = QPlainTextEdit()
+        self.table.setReadOnly(True)
+        self.table.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+        layout = QVBoxLayout(self)
+        for part in (above, self.start, self.table):
+            if part is not None:
+                layout.addWidget(part)
+
+    def look(self) -> None:
+        """Start to find out."""
+        raise NotImplementedError
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+
+    def _on_start(self) -> None:
+        if self._worker is None:
+            self.look()
+        else:
+            self._worker.quit()
+
+    def _work(self, work: Work, returned: Callable[[Any], None]) -> None:
+        """Do it in another thread."""
+        worker = JobWorker(work, self._action)
+        worker.returned.connect(returned)
+        worker.errored.connect(self._on_errored)
+        worker.finished.connect(self._on_finished)
+        self.destroyed.connect(worker.quit)
+        self._worker = worker
+        self.start.setText("Cancel")
+        self.table.setPlainText("")
+        worker.start()
+
+    def _on_errored(self, error: Exception) -> None:
+        if not isinstance(error, Cancelled):
+            self._fail(error)
+
+    def _on_finished(self) -> None:
+        self._worker = None
+        self.start.setText(self._action)
+
+    def _fail(self, error: Exception) -> None:
+        message = " ".join((str(error) or type(error).__name__).split())
+        self.table.setPlainText(message)
+        show_error(message)
+
+    def event(self, event: Any) -> bool:
+        """End what is under way when napari closes the widget's dock, which takes the widget out of the window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            if self._worker is not None:
+                self._worker.quit()
+            self.release()
+        return bool(super().event(event))

@@ -1,0 +1,298 @@
+"""What a run did, as a Python script that does it again without a window."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._core import __version__
+from voxflat._napari.job import Job, PatchesJob
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.sampled import Overlay, Sampled, Shown
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.volumes import Volume, read_volume
+
+__all__ = ["Recipe"]
+
+_WIDTH = 100  # of the script's lines, where it can be
+_PATH, _NUMPY, _TREE = "from pathlib import Path", "import numpy as np", "from scipy.spatial import cKDTree"
+
+
+class Recipe:
+    """Does a job, and says it in Python.
+
+    Parameters
+    ----------
+    job : Job or PatchesJob
+        The job.
+    """
+
+    def __init__(self, job: Job | PatchesJob) -> None:
+        self._job = job
+        self._prints: list[str] = []
+
+    @property
+    def name(self) -> str:
+        """Name of what is flattened."""
+        return self._job.surface.origin["layer"]
+
+    def run(self, progress: Progress) -> FlatLayers:
+        """Do the job, and remember what its data were.
+
+        Parameters
+        ----------
+        progress : callable
+            As in `voxflat.flatten`.
+
+        Returns
+        -------
+        FlatLayers
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.flatten`.
+        """
+        result = self._job.run(progress)
+        self._prints = _prints(self._job)
+        return result
+
+    def needs_folder(self) -> bool:
+        """Say whether data lie in no file, so that they must be saved beside the script.
+
+        Returns
+        -------
+        bool
+        """
+        return bool(_Script(self._job, None).unsaved)
+
+    def script(self, folder: Path | None = None) -> str:
+        """Write the script.
+
+        Parameters
+        ----------
+        folder : Path, optional
+            Where data are saved that lie in no file.
+
+        Returns
+        -------
+        str
+            It gives the same bits as the run.
+
+        Raises
+        ------
+        InputError
+            If layers were changed since.
+        OSError
+            If data cannot be saved.
+        """
+        if _prints(self._job) != self._prints:
+            raise InputError("layers of this run were changed since: flatten again, then copy")
+        return _Script(self._job, folder).text()
+
+
+class _Script:
+    """Lines of a script, and the data that go with it."""
+
+    def __init__(self, job: Job | PatchesJob, folder: Path | None) -> None:
+        self._folder = folder
+        self._imports: set[str] = set()
+        self._readers: set[str] = set()
+        self._lines: list[str] = []
+        self._named: dict[int, str] = {}
+        self.unsaved: list[str] = []
+        """Names of what lies in no file."""
+        self._title = job.surface.origin["layer"]
+        if isinstance(job, Job):
+            self._of_job(job)
+        else:
+            self._of_patches(job)
+
+    def text(self) -> str:
+        """Return the script."""
+        about = f'"""What voxflat {__version__} made of {self._title!r} in napari."""'
+        standard, others = ([line for line in lines if line in self._imports] for lines in ((_PATH,), (_NUMPY, _TREE)))
+        own = ["import voxflat", f"from voxflat.io import {', '.join(sorted(self._readers))}"]
+        blocks = [standard, others, own, self._lines]
+        return "\n\n".join([about, *("\n".join(block) for block in blocks if block)]) + "\n"
+
+    # ---------------------------------------------------------------------------------------------- jobs
+
+    def _of_job(self, job: Job) -> None:
+        source = self._surface(job.surface)
+        given: dict[str, Any] = {"label": job.label, "threshold": job.threshold}
+        place: dict[str, Any] = {"seed_point": job.seed_point, "radius": job.radius}
+        if job.keep is not None:
+            place["keep"] = _Code(
+                self._surface(job.keep, "mask") if isinstance(job.keep, LayerVolume) else self._array(job.keep, "keep")
+            )
+        if job.pial is not None or job.polygon is not None:
+            pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
+            self._call("whole", "voxflat.surface", source, {**given, "pial": pial})
+            source, given = "whole", {}
+        if job.polygon is not None:
+            self._imports.add(_TREE)
+            corners = self._array(job.polygon, "polygon")
+            self._lines.append(f"_, nearest = cKDTree(whole.points).query({corners})")
+            place["polygon"] = _Code("whole.ids[nearest]")
+        method = None if job.method == "voxflat" else job.method
+        self._call("flat_map", "voxflat.flatten", source, {"method": method, **given, **place, **job.options})
+        self._result("flat_map", job.shown, job.pixel_size)
+
+    def _of_patches(self, job: PatchesJob) -> None:
+        source = self._surface(job.surface)
+        given = {**job.limit, "label": job.label, "threshold": job.threshold}
+        self._call("atlas", "voxflat.patches", source, given)
+        if job.glue is not None:
+            self._lines.append(f"atlas = atlas.glue({job.glue!r})")
+        self._result("atlas", job.shown, job.pixel_size)
+
+    def _result(self, name: str, shown: Shown | None, pixel_size: float | None) -> None:
+        self._lines.append(f"{name}.save({_file_name(self._title) + '.voxflat'!r})")
+        if shown is None:
+            return
+        if isinstance(shown, Sampled):
+            what = self._surface(shown.volume, "shown")
+            how: dict[str, Any] = {"interpolation": "nearest" if shown.kind == "labels" else "linear"}
+            how |= {"depth": shown.depth} if shown.fraction is None else {"fraction": shown.fraction}
+        else:
+            what, how = self._array(shown.values, shown.name), {}
+        self._call("image", f"{name}.image", what, {"pixel_size": pixel_size, **how})
+        self._lines.append(f"image.save({_file_name(shown.name) + '_flattened.png'!r})")
+
+    def _call(self, result: str, function: str, first: str, given: dict[str, Any]) -> None:
+        """Call a function, with the arguments that are given."""
+        parts = [first, *(f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None)]
+        line = f"{result} = {function}({', '.join(parts)})"
+        if len(line) > _WIDTH:
+            line = f"{result} = {function}(\n" + "".join(f"    {part},\n" for part in parts) + ")"
+        self._lines.append(line)
+
+    def _value(self, name: str, value: Any) -> str:
+        if isinstance(value, _Code):
+            return str(value)
+        if isinstance(value, np.ndarray):
+            return self._array(value, name)
+        if isinstance(value, np.generic):
+            return repr(value.item())
+        if isinstance(value, list | tuple):
+            inside = ", ".join(self._value(f"{name} {n}", part) for n, part in enumerate(value))
+            return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
+        return repr(value)
+
+    # ---------------------------------------------------------------------------------------------- data
+
+    def _surface(self, source: LayerVolume | LayerMesh, variable: str | None = None) -> str:
+        """Read what a layer holds: by its file if that holds the same, else by one of its own."""
+        known = self._named.get(id(source.place))
+        if known is not None:
+            return known
+        name = source.origin["layer"]
+        if isinstance(source, LayerVolume):
+            variable = variable or "volume"
+            self._volume(source.read(), name, variable)
+        else:
+            variable = variable or "mesh"
+            self._mesh(source.read(), name, variable)
+        self._named[id(source.place)] = variable
+        return variable
+
+    def _volume(self, volume: Volume, name: str, variable: str) -> None:
+        if _is_in_file(volume):
+            self._readers.add("read_volume")
+            self._lines.append(f"{variable} = read_volume({str(volume.path)!r})")
+            return
+        self._readers.add("Volume")
+        saved = self._load(name, data=volume.data, affine=volume.affine)
+        self._lines.append(f'{variable} = Volume({saved}["data"], {saved}["affine"])')
+
+    def _mesh(self, mesh: Mesh, name: str, variable: str) -> None:
+        self._readers.add("Mesh")
+        if _is_in_file(mesh):
+            self._readers.add("read_mesh")
+            self._lines.append(f"{variable} = read_mesh({str(mesh.path)!r})")
+            points = f"{variable}.space.to_scanner({variable}.points)"
+            self._lines.append(f"{variable} = Mesh({points}, {variable}.faces, {variable}.path)")
+            return
+        path = ""
+        if mesh.path is not None:  # beside it its sphere may lie
+            self._imports.add(_PATH)
+            path = f", Path({str(mesh.path)!r})"
+        saved = self._load(name, points=mesh.points, faces=mesh.faces)
+        self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path})')
+
+    def _array(self, values: NDArray[Any], name: str) -> str:
+        """Return an expression for an array: as it is if it is short."""
+        if values.size <= 12 and values.dtype.kind in "biuf" and np.isfinite(values).all():
+            self._imports.add(_NUMPY)
+            return f"np.array({values.tolist()!r}, dtype=np.{values.dtype.name})"
+        return f'{self._load(name, values=values)}["values"]'
+
+    def _load(self, name: str, **arrays: NDArray[Any]) -> str:
+        """Save arrays, and load them in the script."""
+        self._imports.add(_NUMPY)
+        self.unsaved.append(name)
+        file = Path(f"{_file_name(name)}_{len(self.unsaved)}.npz")
+        if self._folder is not None:
+            file = self._folder.resolve() / file
+            with atomic_path(file) as temporary, temporary.open("wb") as opened:
+                np.savez_compressed(opened, **arrays)  # type: ignore[arg-type]  # of its other parameters
+        variable = f"saved_{len(self.unsaved)}"
+        self._lines += [f"# {name!r} lies in no file as it is: it was saved", f"{variable} = np.load({str(file)!r})"]
+        return variable
+
+
+class _Code(str):
+    """An expression, and not a text."""
+
+
+def _is_in_file(source: Volume | Mesh) -> bool:
+    """Tell whether a file holds what a layer shows: it may have been edited, or read otherwise."""
+    if source.path is None or not source.path.is_file():
+        return False
+    try:
+        if isinstance(source, Volume):
+            volume = read_volume(source.path)
+            return _same(volume.data, source.data) and _same(volume.affine, source.affine)
+        mesh = read_mesh(source.path)
+    except (InputError, OSError):
+        return False
+    return _same(mesh.space.to_scanner(mesh.points), source.points) and _same(mesh.faces, source.faces)
+
+
+def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name)
+
+
+def _prints(job: Job | PatchesJob) -> list[str]:
+    """Return fingerprints of all arrays of a job that may be edited in place."""
+    held = (np.ascontiguousarray(array).reshape(-1).view(np.uint8).data for array in _arrays(job))
+    return [hashlib.sha256(data).hexdigest() for data in held]
+
+
+def _arrays(job: Job | PatchesJob) -> Iterator[NDArray[Any]]:
+    for part in (getattr(job, of.name) for of in fields(job)):
+        part = part.volume if isinstance(part, Sampled) else part
+        if isinstance(part, LayerVolume):
+            held = [part.data]
+        elif isinstance(part, LayerMesh):
+            held = [part.vertices, part.faces]
+        else:
+            held = [part.values] if isinstance(part, Overlay) else [part]
+        yield from (array for array in held if isinstance(array, np.ndarray) and array.size)

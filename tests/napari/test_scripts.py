@@ -1,0 +1,97 @@
+"""Copy as Python gives the script that makes the same map, bit by bit, without a window."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from napari_window import FLIP, bumps, cap, choose_whole, open_file, run
+from numpy.testing import assert_array_equal
+
+import voxflat
+from voxflat._napari.job import Job, PatchesJob
+from voxflat._napari.layers.meshes import LayerMesh
+from voxflat._napari.layers.sampled import overlay, shown
+from voxflat._napari.layers.volumes import LayerVolume
+from voxflat._napari.scripts import Recipe
+from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh, write_volume
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Labels, Surface  # noqa: E402
+from napari.layers._source import layer_source  # noqa: E402
+
+pytestmark = pytest.mark.slow  # starts programs
+
+
+def from_file(make, path):
+    """A layer as a reader of napari would give it."""
+    with layer_source(path=str(path)):
+        return make()
+
+
+def jobs(folder):
+    """Jobs of all kinds, by the name of what is flattened."""
+    points, faces, values = bumps()
+    write_volume(folder / "t1.npz", np.random.default_rng(0).random((24, 24, 24)), FLIP)
+    t1 = voxflat.io.read_volume(folder / "t1.npz")
+    t1 = from_file(lambda: Image(t1.data, affine=t1.affine, units="mm", name="T1"), folder / "t1.npz")
+    sheet = Labels(cap(), affine=FLIP, units="mm", name="my sheet")
+    yield Job(LayerVolume.of(sheet), label=3, options={"sources": 200}, shown=shown(t1, "RAS", 0.5), pixel_size=1.25)
+    chance = Image(cap() / 3.0, units="mm", name="chance")
+    yield Job(LayerVolume.of(chance), method="grossmann2002", threshold=0.5, seed_point=(12, 12, 18), radius=6.0)
+    space = Space("tkRAS", VolumeGeometry.conformed((3.0, -20.0, 15.0)))
+    write_mesh(folder / "lh.white", Mesh(points, faces, space=space))
+    mesh = voxflat.io.read_mesh(folder / "lh.white")
+    placed = mesh.space.to_scanner(mesh.points)
+    white = from_file(lambda: Surface((placed, mesh.faces, values), name="lh.white", units="mm"), folder / "lh.white")
+    taken = LayerMesh.of(white)
+    assert not Recipe(Job(taken)).needs_folder()  # all of it lies in a file
+    yield Job(taken, keep=taken.kept(), shown=overlay(white, taken), values=overlay(white, taken))
+    corners = points[[100, 112, 400, 412]]
+    yield Job(LayerMesh.of(Surface((points, faces), name="bumps", units="mm")), polygon=corners[[0, 1, 3, 2]])
+    yield PatchesJob(LayerMesh.of(Surface((points, faces), name="parts", units="mm")), {"max_angle": 10.0}, glue=1.4)
+
+
+def test_the_same_bits(tmp_path):
+    scripts, expected = [], {}
+    for job in jobs(tmp_path):
+        recipe = Recipe(job)
+        result = recipe.run(lambda *_: True)
+        assert recipe.needs_folder()
+        script = recipe.script(tmp_path)
+        assert "napari" not in script.split('"""')[2]
+        scripts.append(script)
+        expected[recipe.name.replace(" ", "_")] = result.flat_map
+    assert f"read_volume({str(tmp_path / 't1.npz')!r})" in scripts[0]
+    assert f"read_mesh({str(tmp_path / 'lh.white')!r})" in scripts[2]
+    whole = "\n\n".join(scripts)  # in one process: starting one takes longer than all of them
+    (tmp_path / "again.py").write_text(whole)
+    subprocess.run([sys.executable, "again.py"], cwd=tmp_path, check=True)
+    for name, flat_map in expected.items():
+        load = voxflat.load_atlas if name == "parts" else voxflat.load
+        assert_array_equal(load(tmp_path / f"{name}.voxflat").uv, flat_map.uv)
+    assert (tmp_path / "T1_flattened.png").is_file()
+
+
+def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tmp_path):
+    from qtpy.QtWidgets import QApplication
+
+    viewer, widget = open_widget(Labels(cap(), name="sheet"))
+    qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    choose_whole(widget)
+    run(widget, qtbot)
+    monkeypatch.setattr("qtpy.QtWidgets.QFileDialog.getExistingDirectory", lambda *_: str(tmp_path))
+    assert widget.results.copy.isVisibleTo(widget)
+    widget.results.copy.click()
+    script = QApplication.clipboard().text()
+    compile(script, "script", "exec")
+    assert "voxflat.flatten(volume, label=3" in script
+    (saved,) = tmp_path.iterdir()
+    assert_array_equal(np.load(saved)["data"], cap())
+    viewer.layers["sheet"].data_setitem((np.array([0]),) * 3, 9)
+    messages.clear()
+    widget.results.copy.click()
+    assert "changed since" in messages[-1].message
+    viewer.layers["sheet distortion"].metadata["voxflat"].save(tmp_path / "map.voxflat")
+    open_file(viewer, qtbot, tmp_path / "map.voxflat")
+    assert not widget.results.copy.isVisibleTo(widget)  # nobody knows how it was made

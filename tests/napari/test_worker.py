@@ -1,0 +1,42 @@
+"""What works in another thread is shown in napari's activity dock, and is cancelled there, too."""
+
+import threading
+
+import pytest
+from napari_window import PATIENCE, wait_for_threads
+
+from voxflat.errors import Cancelled
+
+napari = pytest.importorskip("napari")
+from napari.utils import progress  # noqa: E402
+
+from voxflat._napari.worker import JobWorker  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+
+class Endless:
+    """Works until it is cancelled."""
+
+    def __init__(self):
+        self.go_on = threading.Event()
+
+    def run(self, tell):
+        while tell("counting", 3, 7):
+            self.go_on.wait(0.001)
+        raise Cancelled("cancelled")
+
+
+def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot):
+    make_napari_viewer()
+    worker, errors = JobWorker(Endless(), "Flatten"), []
+    worker.errored.connect(errors.append)
+    worker.start()
+    (bar,) = progress._all_instances
+    qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
+    assert bar.desc.startswith("Flatten: counting")
+    bar.cancel()  # as the button there
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    wait_for_threads(qtbot)
+    assert not progress._all_instances
