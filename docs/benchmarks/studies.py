@@ -123,4 +123,4 @@ def write_z(path: Path) -> None:
     affine = np.diag([4.0, 4, 4, 1])
     affine[:3, 3] = -140
     z = np.broadcast_to(affine[2, 3] + 4.0 * np.arange(70), (70, 70, 70))
-    nib.save(nib.Nifti1Image(z.astype(np.float32), affine), path)
+    nib.save(nib.MGHImage(z.astype(np.float32), affine), path)

@@ -13,8 +13,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("subjects") / "sub-01"
     for hemi in ("lh", "rh"):
         studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
-    studies.write_z(folder / "mri" / "z.nii.gz")
-    result = run("freesurfer", folder, "--overlay", "thickness", "mri/z.nii.gz")
+    studies.write_z(folder / "mri" / "z.mgz")
+    result = run("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
     assert result.exit_code == 0, result.output
     return folder, result
 

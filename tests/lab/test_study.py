@@ -1,4 +1,4 @@
-"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table, the page of the study."""
+"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table and the page of all."""
 
 import csv
 import json
@@ -8,12 +8,12 @@ import shutil
 import numpy as np
 import pytest
 import studies
-from lab_runs import VERTICES, console_of, everything, run
+from lab_runs import VERTICES, everything, run
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 import voxflat
 from voxflat.lab.comparison import Sums, outliers
-from voxflat.lab.inputs import participants
+from voxflat.lab.inputs import Parameters, found_in, participants
 
 nib = pytest.importorskip("nibabel")
 pytest.importorskip("nilearn")
@@ -202,16 +202,17 @@ def test_participants_are_found_where_programs_leave_them(tmp_path):
         participants(tmp_path / "empty")
 
 
-def test_white_matter_in_voxels_will_do(tmp_path):
+def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
     i, j, k = np.indices((16, 16, 16)) - 7.5
-    ball = (i**2 + j**2 + k**2 < 6**2).astype(np.uint8)
-    ball[7, 7, 7] = 0  # which the repair fills
-    anat = tmp_path / "masks" / "sub-1" / "anat"
-    anat.mkdir(parents=True)
-    nib.save(nib.Nifti1Image(ball, np.diag([2.0, 2, 2, 1])), anat / "sub-1_hemi-R_label-WM_mask.nii.gz")
-    nib.save(nib.Nifti1Image(i.astype(np.float32), np.diag([2.0, 2, 2, 1])), anat / "sub-1_i.nii.gz")
-    command = ["bids", tmp_path / "masks", tmp_path / "out", "participant", "--volume", "--hemi", "R", "--cuts", "auto"]
-    result = run(*command, "--overlay", "{subject}_i.nii.gz")
+    filled = np.where(i**2 + j**2 + k**2 < 6**2, 127, 0).astype(np.uint8)
+    filled[7, 7, 7] = 0  # which the repair fills
+    filled[0, 0, 0] = 255  # of the other hemisphere
+    mri = tmp_path / "subjects" / "sub-1" / "mri"
+    mri.mkdir(parents=True)
+    nib.save(nib.MGHImage(filled, np.diag([2.0, 2, 2, 1])), mri / "filled.mgz")
+    nib.save(nib.MGHImage(i.astype(np.float32), np.diag([2.0, 2, 2, 1])), mri / "i.mgz")
+    command = ["bids", tmp_path / "subjects", tmp_path / "out", "participant", "--volume", "--hemi", "R"]
+    result = run(*command, "--cuts", "auto", "--overlay", "mri/i.mgz")
     assert result.exit_code == 0, result.output
     made = tmp_path / "out" / "sub-1" / "anat"
     flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
@@ -219,7 +220,20 @@ def test_white_matter_in_voxels_will_do(tmp_path):
     np.testing.assert_allclose(values, flat.points[:, 0] / 2 - 7.5, atol=1e-3)
     record = json.loads((made / "sub-1_hemi-R_desc-voxflat_flat.json").read_text())
     assert record["surface"]["voxels_changed"] == 1
-    assert 'class="viewer card"' in (tmp_path / "out" / "sub-1.html").read_text()
+    assert record["map"]["cuts_by"] == "automatic"
+    page = (tmp_path / "out" / "sub-1.html").read_text()
+    assert 'class="viewer card"' in page
+    assert "automatic cuts</th>" in page  # what they did elsewhere
+
+
+def test_white_matter_is_found_by_its_name(tmp_path):
+    for name in ("sub-1_hemi-R_label-WM_probseg.nii.gz", "sub-1_hemi-L_label-WM_mask.nii.gz", "sub-1_T1w.nii.gz"):
+        (tmp_path / name).write_bytes(b"")
+    found = found_in(tmp_path, "rh", Parameters(volume=True))
+    assert found.files == {"volume": tmp_path / "sub-1_hemi-R_label-WM_probseg.nii.gz"}
+    (tmp_path / "sub-1_run-2_hemi-R_label-WM_probseg.nii.gz").write_bytes(b"")
+    with pytest.raises(voxflat.InputError, match="has 2 files for volume of hemisphere R"):
+        found_in(tmp_path, "rh", Parameters(volume=True))
 
 
 # ---------------------------------------------------------------------------------------------- the study
@@ -315,21 +329,17 @@ def test_sums_forget_no_map_where_another_has_no_value():
 
 def test_the_page_of_the_study(study, compared):
     root, _ = study
-    path = root / "out" / "group.html"
-    page = path.read_text()
+    page = (root / "out" / "group.html").read_text()
     assert len(page) < 5e6
     assert page.count("no map.</strong>") == 3
     links = set(re.findall(r"""href=["']([^"'#d][^"']*)["']""", page))
     assert links == {f"sub-{n:02}.html" for n in range(1, 21) if f"{n:02}" not in BROKEN}
     assert all((root / "out" / link).is_file() for link in links)
     assert len(re.findall(r"<figure style=", page)) == 17
-    scales = {
-        round(int(shown) / int(width), 2)
-        for shown, width in re.findall(r"width: (\d+)px\">\s*<a[^>]*><img[^>]* width=\"(\d+)\"", page)
-    }
+    sizes = re.findall(r"width: (\d+)px\">\s*<a[^>]*><img[^>]* width=\"(\d+)\"", page)
+    scales = {round(int(shown) / int(width), 2) for shown, width in sizes}
+    assert len(sizes) == 17
     assert max(scales) - min(scales) <= 0.01  # one scale
-    said, _ = console_of(path, "--window-size=1280,900")
-    assert said == []
 
 
 def test_nobody_has_a_map(tmp_path):

@@ -11,6 +11,8 @@ import click
 from voxflat.cli import labs, options
 from voxflat.cli.console import bars
 from voxflat.cli.output import print_json
+from voxflat.lab.group import group
+from voxflat.lab.study import plan, study
 
 _MOST = 100  # of an exit status: greater ones mean something else to shells
 _HEMIS = {"L": "lh", "R": "rh"}
@@ -74,19 +76,17 @@ def command(
     if dry_run:
         if level == "group":
             raise click.UsageError("--dry-run is for the level participant.")
-        return int(labs.needing_packages(lambda: _plan(source, out, chosen, parameters, labels)))
+        for one in plan(source, out, chosen, parameters, labels):
+            told = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+            click.echo(json.dumps(told))
+        return 0
     if level == "group":
-        return int(labs.needing_packages(lambda: _group(source, out, labels, as_json, quiet)))
-
-    def work() -> Any:
-        from voxflat.lab.study import study  # brings in what base packages lack
-
-        with bars(quiet) as shown:
-            shown.hush()  # what is said of each map stands in its report
-            tell = labs.teller(shown, is_told=not (as_json or quiet))
-            return study(source, out, chosen, parameters, labels=labels, tell=tell, progress=shown.progress, **given)
-
-    outcomes = labs.needing_packages(work)
+        _group(source, out, labels, as_json, quiet)
+        return 0
+    with bars(quiet) as shown:
+        shown.hush()  # what is said of each map stands in its report
+        tell = labs.teller(shown, is_told=not (as_json or quiet))
+        outcomes = study(source, out, chosen, parameters, labels=labels, tell=tell, progress=shown.progress, **given)
     everybody = {one.name for one in outcomes}
     failed = {one.name for one in outcomes if one.state == "failed"}
     if as_json:
@@ -98,24 +98,11 @@ def command(
     return min(len(failed), _MOST)
 
 
-def _plan(source: Path, out: Path, hemis: list[str], parameters: Any, labels: tuple[str, ...]) -> int:
-    from voxflat.lab.study import plan
-
-    for one in plan(source, out, hemis, parameters, labels):
-        told = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
-        click.echo(json.dumps(told))
-    return 0
-
-
-def _group(source: Path, out: Path, labels: tuple[str, ...], as_json: bool, quiet: bool) -> int:
-    from voxflat.lab.group import group  # brings in matplotlib
-
+def _group(source: Path, out: Path, labels: tuple[str, ...], as_json: bool, quiet: bool) -> None:
     found = group(source, out, labels)
     if as_json:
         print_json({"output": str(out), **found})
     elif not quiet:
         state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
-        click.echo(
-            f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} stand out\n{state}"
-        )
-    return 0
+        click.echo(f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} stand out")
+        click.echo(state)

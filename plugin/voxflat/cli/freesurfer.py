@@ -10,6 +10,7 @@ import click
 from voxflat.cli import labs, options
 from voxflat.cli.console import bars
 from voxflat.cli.output import print_json
+from voxflat.lab.study import freesurfer
 
 
 @click.command(
@@ -43,14 +44,9 @@ def command(subject: Path, hemis: tuple[str, ...], as_json: bool, quiet: bool, *
     parameters = labs.parameters_of(given)
     hemis = tuple(dict.fromkeys(hemis))
 
-    def work() -> Any:
-        from voxflat.lab.study import freesurfer  # brings in matplotlib
-
-        with bars(quiet) as shown:
-            teller = labs.teller(shown, is_told=not (as_json or quiet))
-            return freesurfer(subject, hemis, parameters, tell=teller, progress=shown.progress, **given)
-
-    outcomes = labs.needing_packages(work)
+    with bars(quiet) as shown:
+        tell = labs.teller(shown, is_told=not (as_json or quiet))
+        outcomes = freesurfer(subject, hemis, parameters, tell=tell, progress=shown.progress, **given)
     report = subject / "voxflat.html"
     failed = [one for one in outcomes if one.state == "failed"]
     if as_json:

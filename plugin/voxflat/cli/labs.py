@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import click
 
 from voxflat.cli.console import Bars
-from voxflat.errors import InputError
+from voxflat.lab.inputs import GEOMETRIES, Parameters
 
-__all__ = ["Several", "as_list", "making", "needing_packages", "parameters_of", "teller"]
+__all__ = ["Several", "as_list", "making", "parameters_of", "teller"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _CUTS = {"auto": "automatic"}
@@ -20,15 +20,19 @@ class Several(click.Command):
     """A command whose options that may be given again also take several values at once, as BIDS-Apps' do."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give such an option again before each further value."""
-        several = {name for option in self.params if getattr(option, "multiple", False) for name in option.opts}
+        """Give such an option again before each further value; of a choice only what may be chosen is one."""
+        several = {name: own for own in self.params if getattr(own, "multiple", False) for name in own.opts}
         told: list[str] = []
         option = ""
         for word in args:
             if word.startswith("-"):
                 option = word if word in several else ""
             elif option and told[-1] != option:
-                told.append(option)
+                kind = several[option].type
+                if isinstance(kind, click.Choice) and word not in kind.choices:
+                    option = ""
+                else:
+                    told.append(option)
             told.append(word)
         return super().parse_args(ctx, told)
 
@@ -39,15 +43,15 @@ def making(command: _Command) -> _Command:
         (
             click.option(
                 "--cuts",
-                default="standard",
+                default=Parameters.cuts,
                 metavar="standard|auto|FILE",
                 help="Cut along standard lines, by the registered sphere; where it suits each surface best; or as in "
                 "a file of cuts or a template, in whose name {hemi} is filled in.",
             ),
             click.option(
                 "--geometry",
-                type=click.Choice(["midthickness", "white", "pial"]),
-                default="midthickness",
+                type=click.Choice(GEOMETRIES),
+                default=Parameters.geometry,
                 help="On which surface distances are kept and measured.",
             ),
             click.option(
@@ -71,23 +75,11 @@ def making(command: _Command) -> _Command:
     return command
 
 
-def parameters_of(given: dict[str, Any]) -> Any:
+def parameters_of(given: dict[str, Any]) -> Parameters:
     """Take what is to be made of each hemisphere out of what is given."""
-    from voxflat.lab.inputs import Parameters
-
     cuts, overlays = given.pop("cuts"), tuple(given.pop("overlays"))
     own = {name: given.pop(name) for name in ("geometry", "volume", "seed")}
     return Parameters(cuts=_CUTS.get(cuts, cuts), overlays=overlays, **own)
-
-
-def needing_packages(work: Callable[[], Any]) -> Any:
-    """Run what needs packages that voxflat's own do without, and say which is missing."""
-    try:
-        return work()
-    except ImportError as error:
-        if error.name and error.name.startswith("voxflat"):
-            raise
-        raise InputError(f"this needs {error.name}: pip install 'voxflat[nibabel]'") from error
 
 
 def teller(shown: Bars, *, is_told: bool) -> Callable[[Any], None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +59,10 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
     page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
     written: list[str] = []
     if not is_page_of(page, key) or not table.is_file():
-        from voxflat.lab.study_report import study_page  # brings in matplotlib
+        from voxflat.lab.study_report import map_picture, study_page  # brings in matplotlib
 
-        means, pictures = _means(out, there)
+        maps: list[dict[str, Any]] = []
+        means = _means(out, there, lambda row, flat_map: maps.append(map_picture(row, flat_map, len(there))))
         for one in means:
             for statistic, image in (("mean", one.mean), ("std", one.deviation)):
                 name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
@@ -69,7 +70,7 @@ def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]
                 written.append(name)
         write_text(table, _table(rows))
         write_json(table.with_suffix(".json"), _columns())
-        write_text(page, study_page(rows, means, pictures, key))
+        write_text(page, study_page(rows, means, maps, key))
         written += [table.name, table.with_suffix(".json").name, page.name]
     return {
         "maps": len(there),
@@ -191,21 +192,20 @@ def _columns() -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------- means
 
 
-def _means(out: Path, rows: Sequence[Row]) -> tuple[list[Mean], dict[int, FlatMap]]:
-    """Return means over standard maps, and every map by its row."""
+def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
+    """Return means over standard maps; every map, of which one is held at a time, is shown."""
     sums: dict[tuple[str, str], Sums] = {}
-    maps: dict[int, FlatMap] = {}
     ends = _ends(rows)
-    for n, row in enumerate(rows):
+    for row in rows:
         shown = Shown.read(_results(out, row))
-        maps[n] = shown.flat_map
+        show(row, shown.flat_map)
         if shown.record["map"]["frame"] != "standard":
             continue
         for name in (*shown.record["overlays"], "curvature"):
             if name in shown.values:
                 own = sums.setdefault((name, row.letter), Sums(*ends[row.letter]))
                 own.add(shown.flat_map, shown.values[name])
-    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1], maps
+    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
 
 
 def _results(out: Path, row: Row) -> Results:

@@ -8,9 +8,11 @@ import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
@@ -18,14 +20,13 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from voxflat.errors import InputError
 from voxflat.figures.colours import AREAS, ERRORS, top
 from voxflat.figures.flat_maps import folds, painted
 from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["Layer", "colour_bar", "filled", "layers_of", "picture", "png", "scene", "thinned"]
+__all__ = ["Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
 
 _MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
 _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
@@ -118,38 +119,44 @@ def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str,
 # --------------------------------------------------------------------------------------- pictures
 
 
-def picture(flat_map: FlatMap, layer: Layer | None = None, pixel_size: float | None = None) -> dict[str, Any]:
-    """Draw a layer over the folds of a map.
+def pictures(
+    flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
+) -> list[dict[str, Any]]:
+    """Draw layers over the folds of a map.
 
     Parameters
     ----------
     flat_map : FlatMap
         A flat map.
-    layer : Layer, optional
-        What to show; the folds alone by default.
+    layers : sequence of Layer or None
+        What to show; None is the folds alone.
     pixel_size : float, optional
-        Side of a pixel, mm; by default so that it is 620 pixels wide.
+        Side of a pixel, mm; by default so that a picture is 620 pixels wide.
 
     Returns
     -------
-    dict
-        ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels, ``mm``, the
-        width in mm.
+    list of dict
+        Of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
+        ``mm``, the width in mm.
     """
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
-    pixels = folds(flat_map, raster)
-    if layer is not None and layer.name != "curvature":
-        over = painted(raster.interpolate(layer.values), layer.colour_map, layer.limits)
-        if layer.name not in MEASURES:  # sulci shine through
-            shade = pixels[..., :1] / pixels[..., :1].max()
-            over[..., :3] = np.round(over[..., :3] * (1 - _SHADE + _SHADE * shade))
-        pixels = np.where(over[..., 3:] > 0, over, pixels)
-    return png(pixels, raster.shape[1] * raster.pixel_size)
+    under = folds(flat_map, raster)
+    shade = 1 - _SHADE + _SHADE * (under[..., :1] / under[..., :1].max())
+    drawn = []
+    for layer in layers:
+        pixels = under
+        if layer is not None:
+            over = painted(raster.interpolate(layer.values), layer.colour_map, layer.limits)
+            if layer.name not in MEASURES:  # sulci shine through
+                over[..., :3] = np.round(over[..., :3] * shade)
+            pixels = np.where(over[..., 3:] > 0, over, under)
+        drawn.append(png(pixels, raster.shape[1] * raster.pixel_size))
+    return drawn
 
 
 def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
-    """Return pixels (H, W, 4) that are so many mm wide as a PNG in a page, as `picture` does."""
+    """Return pixels (H, W, 4) that are so many mm wide as a PNG in a page, as `pictures` does."""
     held = io.BytesIO()
     image = Image.fromarray(pixels)
     image.quantize(colors=255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(held, "PNG")
@@ -324,18 +331,16 @@ def filled(template: str, **content: Any) -> str:
     -------
     str
         A page that needs no other file.
-
-    Raises
-    ------
-    InputError
-        If Jinja2 is missing.
     """
-    try:
-        from jinja2 import Environment, PackageLoader, StrictUndefined
-    except ImportError as error:
-        raise InputError("reports need Jinja2: pip install jinja2") from error
-    loader = PackageLoader("voxflat.lab", "templates")
-    environment = Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    return _environment().get_template(template).render(**content)
+
+
+@lru_cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("voxflat.lab", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
     )
-    return environment.get_template(template).render(**content)

@@ -8,14 +8,14 @@ from typing import Any
 from voxflat._core import __version__
 from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
-from voxflat.lab.pages import colour_bar, filled, layers_of, picture, scene
+from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
 
 __all__ = ["REFERENCES", "citation", "subject_page"]
 
 REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "standard": {
-        "fsaverage5, these cuts": (
+        "fsaverage5's white surface, these cuts": (
             (10.78, 12.42, 12.22, 0.1363, 13.59, 0.121, 0.374, 0, 0),
             (9.94, 11.93, 11.86, 0.1247, 13.00, 0.116, 0.384, 0, 0),
         ),
@@ -25,7 +25,7 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
         ),
     },
     "automatic": {
-        "fsaverage5, automatic cuts": (
+        "fsaverage5's white surface, automatic cuts": (
             (4.88, 7.96, 8.58, 0.0528, 8.87, 0.079, 0.283, 0, 0),
             (5.11, 7.69, 8.47, 0.0580, 9.08, 0.078, 0.295, 0, 0),
         ),
@@ -57,14 +57,15 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
     for (hemi, one), layers in zip(shown.items(), together, strict=True):
         by_name = {layer.name: layer for layer in layers}
         chosen = [by_name[key] for key in (*one.record["overlays"], "distanceerror", "areachange") if key in by_name]
-        pictures = [{**picture(one.flat_map, layer), "layer": layer, "bar": colour_bar(layer)} for layer in chosen]
+        folds, *drawn = pictures(one.flat_map, [None, *chosen])
+        shown_layers = zip(drawn, chosen, strict=True)
         hemispheres.append(
             {
                 "hemi": hemi,
                 "side": HEMISPHERES[hemi][1],
                 "record": one.record,
-                "folds": picture(one.flat_map),
-                "pictures": pictures,
+                "folds": folds,
+                "pictures": [{**one, "layer": layer, "bar": colour_bar(layer)} for one, layer in shown_layers],
                 "layers": [{"layer": layer, "bar": colour_bar(layer)} for layer in layers],
                 "scene": scene(one.flat_map, layers, one.cuts),
                 "cuts": list(one.cuts),

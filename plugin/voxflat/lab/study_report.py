@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from voxflat._core import __version__
 from voxflat.figures.flat_maps import painted
 from voxflat.lab.comparison import Mean, Row
-from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, picture, png
+from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
 from voxflat.lab.results import FIGURES, figure_of
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["study_page"]
+__all__ = ["map_picture", "study_page"]
 
 _SHOWN = 0.9  # pixels of the page a mm of a map
 _AT_FULL = 60  # maps that are drawn with a pixel a mm; more have larger pixels, so that the page stays small
 _DOTS = (240.0, 26.0)  # pixels of a row of dots
 
 
-def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Mapping[int, FlatMap], key: str) -> str:
+def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
     """Return the page of a study.
 
     Parameters
@@ -32,8 +32,8 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Mapping[int, Fl
         All hemispheres.
     means : sequence of Mean
         Over standard maps.
-    maps : dict of int to FlatMap
-        By their number among the rows that have one.
+    maps : sequence of dict
+        `map_picture` of each.
     key : str
         What it is made of, in short.
 
@@ -43,15 +43,10 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Mapping[int, Fl
         HTML that needs no other file but the subjects' reports, which it links to.
     """
     there = [row for row in rows if row.record is not None]
-    size = max(1.0, float(np.sqrt(len(there) / _AT_FULL)))
     table = []
     for row in rows:
         cells = [] if row.record is None else [_cell(row, place) for place in FIGURES]
         table.append({"row": row, "cells": cells})
-    pictures = []
-    for n, row in enumerate(there):
-        drawn = picture(maps[n], pixel_size=size)
-        pictures.append({**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"])})
     parameters = {_told(row.record["parameters"]) for row in there if row.record is not None}
     versions = {row.record["voxflat"] for row in there if row.record is not None}
     return filled(
@@ -63,7 +58,7 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Mapping[int, Fl
         missing=[row for row in rows if row.record is None],
         outliers=[row for row in there if row.outliers],
         names=FIGURES,
-        pictures=[[of for of in pictures if of["row"].letter == letter] for letter in ("L", "R")],
+        pictures=[[of for of in maps if of["row"].letter == letter] for letter in ("L", "R")],
         means=[_mean(one) for one in means],
         dots=[_dots(there, place) for place in FIGURES],
         parameters=sorted(parameters),
@@ -71,6 +66,12 @@ def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Mapping[int, Fl
         maps=len(there),
         participants=len({row.name + row.session for row in rows}),
     )
+
+
+def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
+    """Return the folds of a map as a picture at the scale that all of so many have on the page."""
+    (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(of / _AT_FULL))))
+    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"])}
 
 
 def _cell(row: Row, place: str) -> dict[str, Any]:

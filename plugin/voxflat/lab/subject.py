@@ -22,7 +22,7 @@ from voxflat.io.gifti import value_bytes
 from voxflat.io.overlays import read_overlay
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
-from voxflat.lab.results import MEASURES, Results
+from voxflat.lab.results import MEASURES, Results, read_record
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample_mean
@@ -33,6 +33,7 @@ from voxflat.surfaces.surface import Surface
 
 __all__ = ["make"]
 
+_LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
 _PROBABLE = 0.5  # of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # in aparc.annot
 
@@ -83,7 +84,7 @@ def make(
         cuts = str(hemisphere.files.get("cuts", parameters.cuts))
         sphere = hemisphere.files.get("sphere")
         flat_map = flatten(whole, cuts=cuts, sphere=sphere, seed=parameters.seed, **patch, **common)
-    with clock("overlays"):
+    with clock("overlays"), _noting() as doubts:
         values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with clock("writing"), _noting() as notes:
         written = _write(flat_map, values, results)
@@ -92,7 +93,7 @@ def make(
         "hemi": hemisphere.letter,
         "overlays": sorted(hemisphere.overlays),
         "outputs": {path.name: path.stat().st_size for path in written},
-        **_told(whole, flat_map),
+        **_told(whole, flat_map, doubts),
         "notes": notes,
         "seconds": clock.seconds,
     }
@@ -185,6 +186,8 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
     for name, path in hemisphere.overlays.items():
         if name in MEASURES:
             raise InputError(f"the overlay {path} has the name of a measure, {name}: rename it")
+        if path.name.lower().endswith(_LABELS):
+            raise InputError(f"the overlay {path} has labels, not values: voxflat figure MAP --parcels shows those")
         if sampler.is_overlay(path):
             values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
             if values.ndim > 1:
@@ -206,6 +209,7 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
 def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: Results) -> list[Path]:
     """Write the map and what is told of its points; return the files."""
     results.folder.mkdir(parents=True, exist_ok=True)
+    before = _written_before(results)
     results.record.unlink(missing_ok=True)  # from here on they are not those that it tells of
     written = [results.map, results.surface]
     if results.of_freesurfer and not flat_map.is_voxels:
@@ -222,10 +226,21 @@ def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: R
         with atomic_path(results.values(name)) as temporary:
             temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
         written.append(results.values(name))
+    for path in before - set(written):  # overlays that nobody asked for this time
+        path.unlink(missing_ok=True)
     return written
 
 
-def _told(whole: Surface, flat_map: FlatMap) -> dict[str, Any]:
+def _written_before(results: Results) -> set[Path]:
+    """Return the files of a result that is made anew."""
+    try:
+        names = read_record(results.record)["outputs"]
+    except (InputError, OSError):
+        return set()
+    return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
+
+
+def _told(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
     """Return what the record says of surface and map."""
     topology, metadata = whole.core.topology(), flat_map.metadata
     first = topology["components"][0]
@@ -256,7 +271,7 @@ def _told(whole: Surface, flat_map: FlatMap) -> dict[str, Any]:
             "automatic_cuts": len(metadata["automatic_cuts"]),
         },
         "figures": flat_map.distortion.figures(),
-        "warnings": list(metadata["warnings"]),
+        "warnings": [*metadata["warnings"], *doubts],
         "versions": {**metadata["versions"], "system": platform.system()},
         "provenance": flat_map.provenance,
     }
