@@ -18,6 +18,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
+    parser.addoption("--pictures", type=Path, help="keep the pictures that tests of napari's workflow take here")
     parser.addoption("--folders", action="store_true", help="print at the end how long the tests of each folder took")
 
 

@@ -1,0 +1,90 @@
+"""What a user's hand does in napari's window: menus, buttons, boxes, file dialogs, the mouse over a canvas."""
+
+from napari_window import PATIENCE
+from qtpy.QtCore import QPoint, Qt, QTimer
+from qtpy.QtWidgets import QApplication, QFileDialog, QLineEdit
+
+
+class Hand:
+    """Uses a window as a user does.
+
+    Parameters
+    ----------
+    window : napari.Window
+        The window.
+    qtbot : QtBot
+        Presses keys and buttons.
+    """
+
+    def __init__(self, window, qtbot):
+        self._window = window._qt_window
+        self._qtbot = qtbot
+
+    def menu(self, *path):
+        """Choose an entry of a menu by the texts that lead there; `…` at its end may be left out."""
+        menu = self._window.menuBar()
+        for text in path[:-1]:
+            menu = _entry(menu, text).menu()
+            menu.aboutToShow.emit()
+        _entry(menu, path[-1]).trigger()
+        QApplication.processEvents()
+
+    def press(self, button):
+        """Press a button that can be seen."""
+        assert button.isVisible(), button.text()
+        assert button.isEnabled(), button.text()
+        self._qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+
+    def choose(self, box, text):
+        """Choose an entry of a box by the beginning of its text."""
+        assert box.isVisible()
+        row = next(row for row in range(box.count()) if box.itemText(row).startswith(text))
+        box.showPopup()
+        view = box.view()
+        view.scrollTo(box.model().index(row, 0))
+        place = view.visualRect(box.model().index(row, 0)).center()
+        self._qtbot.mouseClick(view.viewport(), Qt.MouseButton.LeftButton, pos=place)
+        self._qtbot.waitUntil(lambda: box.currentIndex() == row)
+
+    def answer(self, path):
+        """Name a file in the dialog that the next step opens."""
+
+        def type_name():
+            dialog = QApplication.activeModalWidget()
+            if not isinstance(dialog, QFileDialog):
+                QTimer.singleShot(50, type_name)
+                return
+            edit = dialog.findChild(QLineEdit, "fileNameEdit")
+            edit.setText(str(path))
+            self._qtbot.keyClick(edit, Qt.Key.Key_Return)
+
+        QTimer.singleShot(50, type_name)
+
+    def move(self, widget, at):
+        """Move the mouse to a place of a widget, from one beside it."""
+        for shift in (3, 0):
+            self._qtbot.mouseMove(widget, at + QPoint(shift, shift))
+            QApplication.processEvents()
+
+    def click(self, widget, at):
+        """Click on a place of a widget."""
+        self.move(widget, at)
+        self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton, pos=at)
+
+    def wait(self, done):
+        """Wait until something is true."""
+        self._qtbot.waitUntil(done, timeout=PATIENCE)
+
+    def picture(self, path):
+        """Take a picture of the window."""
+        QApplication.processEvents()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert self._window.grab().save(str(path))
+
+
+def _entry(menu, text):
+    """Return an action of a menu by its text, without the marks of keys and what shows that a dialog follows."""
+    found = [action for action in menu.actions() if action.text().replace("&", "").rstrip(".…") == text.rstrip(".…")]
+    texts = [action.text() for action in menu.actions()]
+    assert found, f"{text!r} is not among {texts}"
+    return found[0]

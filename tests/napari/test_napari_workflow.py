@@ -1,0 +1,199 @@
+"""From files to a trusted map and back, in the real window, with menus and clicks only.
+
+With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex is run, too.
+"""
+
+import nibabel as nib
+import numpy as np
+import pytest
+from mesh_files import fsaverage5
+from napari_window import wait_for_threads, wait_until_drawn
+from numpy.testing import assert_array_equal
+
+import voxflat
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat._napari.workbench import Workbench
+
+napari = pytest.importorskip("napari")
+from napari_clicks import Hand  # noqa: E402
+from qtpy.QtCore import QPoint  # noqa: E402
+from qtpy.QtWidgets import QApplication  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a window
+
+SMALL, LARGE = (1366, 768), (1600, 1000)
+
+
+@pytest.fixture
+def pictures(request, tmp_path):
+    """Where pictures of the window go."""
+    return request.config.getoption("pictures") or tmp_path / "pictures"
+
+
+@pytest.fixture
+def window(make_napari_viewer, qtbot):
+    """A function that opens a window of some size and theme, and says who uses it."""
+
+    def opened(size, theme):
+        viewer = make_napari_viewer(show=True)
+        viewer.window._qt_window.resize(*size)
+        viewer.theme = theme
+        wait_until_drawn(viewer, qtbot)
+        return viewer, Hand(viewer.window, qtbot)
+
+    yield opened
+    wait_for_threads(qtbot)
+
+
+@pytest.fixture
+def subject(tmp_path):
+    """fsaverage5's left hemisphere in a folder as FreeSurfer makes it."""
+    surf = tmp_path / "subject" / "surf"
+    surf.mkdir(parents=True)
+    for name, ours in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere.reg")):
+        points, faces = surface_of(f"{name}_left")
+        nib.freesurfer.write_geometry(surf / f"lh.{ours}", points, faces)
+    between = np.linalg.norm(surface_of("pial_left")[0] - surface_of("white_left")[0], axis=1)
+    nib.freesurfer.write_morph_data(surf / "lh.thickness", between.astype(np.float32))
+    return surf
+
+
+def surface_of(name):
+    return nib.load(fsaverage5(name)).agg_data(("pointset", "triangle"))
+
+
+def dock(viewer, name):
+    return viewer.window.dock_widgets[f"{name} (voxflat)"]
+
+
+def open_files(hand, viewer, *paths):
+    for path in paths:
+        before = len(viewer.layers)
+        hand.answer(path)
+        hand.menu("File", "Open File(s)")
+        hand.wait(lambda before=before: len(viewer.layers) > before)
+
+
+def flatten(hand, viewer):
+    """Press *Flatten surface*, and wait for the map."""
+    widget = dock(viewer, "Flatten surface")
+    hand.press(widget.start)
+    hand.wait(widget.start.isEnabled)
+    assert Workbench.of(viewer).current is not None, widget.status.text()
+    flat = dock(viewer, "Flat map")
+    hand.wait(lambda: flat.is_drawn)
+    return flat
+
+
+def point_at(hand, flat, row):
+    """Point at a place of the map, until the line below says what is there."""
+    u, v = flat.sheet.run.flat_map.uv[row]
+
+    def told():
+        hand.move(flat.canvas.viewport(), flat.canvas.position(u, v))
+        return "mm" in flat.text.text()
+
+    hand.wait(told)
+
+
+def test_a_freesurfer_directory(window, subject, pictures, qtbot, tmp_path):
+    viewer, hand = window(SMALL, "dark")
+    open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
+    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
+    widget = dock(viewer, "Flatten surface")
+    hand.choose(widget.form.surface, "lh.white")
+    assert widget.form.pial.currentText() == "lh.pial"
+    assert "standard cuts, by lh.sphere.reg" in widget.form.plan.text()
+    hand.picture(pictures / "napari_form.png")
+    flat = flatten(hand, viewer)
+    flat_map = Workbench.of(viewer).current.flat_map
+    assert flat_map.metadata["cuts_by"] == "standard"
+    expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
+    assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
+    point_at(hand, flat, len(flat_map) // 2)
+    hand.picture(pictures / "napari_map.png")
+    hand.choose(flat.contents, "lh.thickness")
+    hand.wait(lambda: flat.is_drawn)
+    hand.picture(pictures / "napari_thickness.png")
+    hand.choose(flat.contents, "Areas")
+    hand.wait(lambda: flat.is_drawn)
+    hand.picture(pictures / "napari_areas.png")
+
+    # the script does the same without a window
+    widget.parentWidget().raise_()
+    hand.wait(widget.results.copy.isVisible)
+    widget.scrolled.ensureWidgetVisible(widget.results.copy)
+    hand.press(widget.results.copy)
+    assert "voxflat.flatten(" in QApplication.clipboard().text()
+
+    # cuts of one's own
+    hand.menu("Layers", "Transform", "Draw cuts (voxflat)")
+    cuts = dock(viewer, "Draw cuts")
+    hand.choose(cuts.form.surface, "lh.white")
+    assert cuts.form.shown_on.currentText() == "lh.inflated"
+    for button in (cuts.begin, cuts.automatic, cuts.weigh):
+        hand.press(button)
+        hand.wait(cuts.begin.isEnabled)
+    found = len(cuts.drawing.cuts)
+    assert found > 2
+    canvas = canvas_widget(cuts)
+    for shift in (-30, 30):
+        hand.click(canvas, QPoint(canvas.width() // 2 + shift, canvas.height() // 2))
+    assert len(cuts.drawing.cuts) == found + 1
+    hand.picture(pictures / "napari_cuts.png")
+    hand.press(cuts.undo)
+    hand.press(cuts.undo)
+    assert len(cuts.drawing.cuts) == found
+    hand.press(cuts.use)
+    viewer.window.remove_dock_widget(cuts)
+    assert "as drawn" in widget.form.plan.text()
+
+    # saved by the menu, and opened again in an empty window
+    heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))
+    viewer.layers.selection = {heat}
+    saved = tmp_path / "mine.voxflat"
+    hand.answer(saved)
+    hand.menu("File", "Save Selected Layers")
+    hand.wait(saved.is_file)
+    viewer.layers.clear()
+    open_files(hand, viewer, saved)
+    assert_array_equal(Workbench.of(viewer).current.flat_map.uv, flat_map.uv)
+    again = dock(viewer, "Flat map")
+    hand.wait(lambda: again.is_drawn)
+
+
+def test_values_on_a_gifti_surface(window, pictures, qtbot, tmp_path):
+    viewer, hand = window(LARGE, "light")
+    points, faces = surface_of("white_left")
+    path = tmp_path / "lh.midthickness.surf.gii"
+    voxflat.io.write_mesh(path, voxflat.io.Mesh(points, faces))
+    open_files(hand, viewer, path)
+    hand.menu("Layers", "Measure", "Check surface (voxflat)")
+    checking = dock(viewer, "Check surface")
+    hand.press(checking.start)
+    hand.wait(lambda: checking.table.rowCount() > 0)
+    hand.picture(pictures / "napari_check.png")
+    viewer.window.remove_dock_widget(checking)
+    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
+    widget = dock(viewer, "Flatten surface")
+    assert "automatic cuts" in widget.form.plan.text()
+    flat = flatten(hand, viewer)
+    point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
+    hand.picture(pictures / "napari_light.png")
+    hand.menu("Layers", "Measure", "Measure map (voxflat)")
+    hand.picture(pictures / "napari_measure.png")
+
+
+def test_the_demo_cortex(window, pictures, request, qtbot):
+    if request.config.getoption("pictures") is None:
+        pytest.skip("a hemisphere takes a minute and a half: make pictures runs it")
+    viewer, hand = window(LARGE, "dark")
+    hand.menu("File", "Open Sample", "Demo cortex (MNI152) (voxflat)")
+    hand.wait(lambda: len(viewer.layers) == 3)
+    hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
+    widget = dock(viewer, "Flatten surface")
+    hand.wait(lambda: "points" in widget.form.plan.text())
+    assert widget.form.sampled.currentText() == "T1"
+    flat = flatten(hand, viewer)
+    point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
+    hand.picture(pictures / "napari.png")
