@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-standard bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-standard bench-store soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -21,6 +21,9 @@ setup: ## everything that the other targets need
 
 demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
+
+demo-lab: setup ## a subject of FreeSurfer and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
+	@$(TIMED) $(RUN) python docs/benchmarks/study.py demo-lab
 
 test: setup ## all checks and tests
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
@@ -149,4 +152,4 @@ format: setup ## format everything
 	$(RUN) ruff check --fix
 
 clean: ## remove what was built
-	rm -rf target .venv .tools demo plugin/voxflat/*.so
+	rm -rf target .venv .tools demo demo-lab plugin/voxflat/*.so

@@ -18,3 +18,16 @@ class InputError(VoxflatError, ValueError):
 
 class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)
     """The user stopped a computation before its end."""
+
+
+def told(error: BaseException) -> str:
+    """Say on one line what went wrong, to users."""
+    if isinstance(error, VoxflatError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = "memory ran out; take a smaller patch or fewer sources"
+    elif isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    else:
+        text = f"{type(error).__name__}: {error} (not foreseen: please report it with the output of --debug)"
+    return " ".join(text.split())

@@ -207,7 +207,7 @@ def test_what_the_map_shows(flattened, qtbot):
     assert dock.contents.findText("height") >= 0
     wait_for_picture(dock, qtbot)
 
-    u, v = flat_map.uv[len(flat_map) // 2]
+    u, v = flat_map.uv[np.linalg.norm(flat_map.uv - flat_map.uv.mean(axis=0), axis=1).argmin()]
 
     def told():
         to_map(dock, qtbot, u, v)
@@ -276,6 +276,63 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     assert form.results.title.text() == "Map of <b>bumps</b>"
     workbench.remove(workbench.runs[0])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3)
+
+
+def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
+    points, faces, values = bumps()
+    viewer, _, dock = flattened(Surface((points, faces, values), name="bumps", colormap="viridis", scale=SCALE))
+    dock.opacity.setValue(1)
+    dock.on_surface.click()
+    wait_for_picture(dock, qtbot)
+    layer = viewer.layers["bumps in the map's colours"]
+    world = layer.vertices[layer.faces].mean(axis=1)
+    assert_allclose(np.sort(world, axis=0), np.sort((points * SCALE)[faces].mean(axis=1), axis=0), atol=1e-9)
+    scale, ids = dock.picture.scale, dock.sheet.run.flat_map.ids
+    expected = scale.paint(values[ids][None])[0] / 255
+    assert np.median(np.abs(layer.vertex_colors - expected)) < 0.02
+    dock.contents.setCurrentIndex(0)
+    wait_for_picture(dock, qtbot)
+    assert viewer.layers["bumps in the map's colours"] is layer
+    assert np.median(np.abs(layer.vertex_colors - expected)) > 0.05
+    dock.on_surface.click()
+    assert layer not in viewer.layers
+
+
+def click(dock, qtbot, *places):
+    for u, v in places:
+        qtbot.mouseClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
+
+
+def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
+    scale = (2.0, 2.0, 2.0)
+    viewer, _, dock = flattened(Labels(cap(), name="sheet", scale=scale, units="mm"))
+    flat_map = dock.sheet.run.flat_map
+    u, v = flat_map.uv.mean(axis=0)
+    dock.click.setCurrentText("marks a point")
+    click(dock, qtbot, (u, v), (u + 6, v))
+    wait_for_picture(dock, qtbot)
+    expected = flat_map.look_up([(u, v), (u + 6, v)]).points
+    assert_allclose(viewer.layers["points of the map"].data, expected, atol=3 / dock.canvas.scale_factor)
+
+    dock.click.setCurrentText("draws a region")
+    corners = [(u - 8, v - 8), (u + 8, v - 8), (u + 8, v + 8), (u - 8, v + 8)]
+    click(dock, qtbot, *corners)
+    qtbot.mouseDClick(dock.canvas.viewport(), Qt.MouseButton.LeftButton, pos=dock.canvas.position(u, v))
+    wait_for_picture(dock, qtbot)
+    regions = viewer.layers["regions of the map"]
+    inside = np.abs(flat_map.uv - (u, v)).max(axis=1) < 7.5
+    outside = np.abs(flat_map.uv - (u, v)).max(axis=1) > 8.5
+    assert regions.data[tuple(flat_map.ids[inside].T)].all()
+    assert regions.data[tuple(flat_map.ids[outside].T)].mean() < 0.1
+    assert_allclose(regions.data_to_world((3, 4, 5)), (6, 8, 10))
+
+    dock.click.setCurrentText("measures a distance")
+    click(dock, qtbot, (u - 9, v), (u + 9, v))
+    wait_for_picture(dock, qtbot)
+    over = float(dock.text.text().split()[0])
+    assert abs(over - 18) < 2
+    way = viewer.layers["way over the surface"].data[0]
+    assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)
 
 
 def test_a_page_of_patches(flattened, qtbot, open_widget):

@@ -15,7 +15,7 @@ import click
 from tqdm import tqdm
 
 from voxflat.arguments import Progress, log
-from voxflat.errors import Cancelled, VoxflatError
+from voxflat.errors import Cancelled, told
 
 __all__ = ["Bars", "Program", "bars"]
 
@@ -44,7 +44,7 @@ class Program(click.Group):
         except Exception as error:
             if "--debug" in arguments:
                 _say(traceback.format_exc().rstrip())
-            text = _one_line(error)
+            text = told(error)
             _say(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
         sys.exit(status if isinstance(status, int) else 0)
@@ -93,18 +93,6 @@ def _showing(show: Callable[[], None]) -> None:
         sys.stderr = _nowhere()  # or Python's own end would fail, too
 
 
-def _one_line(error: Exception) -> str:
-    if isinstance(error, VoxflatError):
-        text = str(error)
-    elif isinstance(error, MemoryError):
-        text = "memory ran out; take a smaller patch or fewer sources"
-    elif isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    else:
-        text = f"{type(error).__name__}: {error} (not foreseen: please report it with the output of --debug)"
-    return " ".join(text.split())
-
-
 class _Stderr:
     """Stderr, but what it does not take is left out."""
 
@@ -148,8 +136,16 @@ class Bars:
 
     def tell(self, text: str) -> None:
         """Print a line where no bar is."""
-        self._bar.clear()
+        self.hide()
         click.echo(text)
+
+    def hush(self) -> None:
+        """Leave out notes and warnings, which stand elsewhere."""
+        log.setLevel(logging.ERROR)
+
+    def hide(self) -> None:
+        """Take the bar away until it moves on."""
+        self._bar.clear()
 
 
 class _Notes(logging.Handler):

@@ -9,11 +9,13 @@ import click
 
 from voxflat._core import __version__
 from voxflat.cli import (
+    bids,
     check,
     cut,
     demo,
     figure,
     flatten,
+    freesurfer,
     image,
     measure,
     patches,
@@ -55,6 +57,8 @@ _COMMANDS = (
     points,
     regions,
     texture,
+    freesurfer,
+    bids,
     demo,
 )
 for module in _COMMANDS:

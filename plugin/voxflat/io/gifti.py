@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.parsers.expat import ParserCreate
 
@@ -349,6 +349,23 @@ def label_bytes(
     )
     image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), labeltable=table, darrays=[array])
     return bytes(image.to_bytes())
+
+
+def value_bytes(
+    values: Mapping[str, NDArray[np.floating[Any]]], structure: str | None, record: Record | None = None
+) -> bytes:
+    """Write values at points as Workbench expects them, a map for each name; NaN where there is none."""
+    gifti = require("nibabel").gifti
+    meta = {} if structure is None else {"AnatomicalStructurePrimary": structure}
+    if record is not None:
+        meta["Provenance"] = as_text(record)
+    arrays = [
+        gifti.GiftiDataArray(
+            data.astype(np.float32), "NIFTI_INTENT_NONE", "NIFTI_TYPE_FLOAT32", meta=gifti.GiftiMetaData({"Name": name})
+        )
+        for name, data in values.items()
+    ]
+    return bytes(gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=arrays).to_bytes())
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:

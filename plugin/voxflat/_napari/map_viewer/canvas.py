@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ _MARGIN = 0.03  # of the map, around it
 _CLICK = 4  # pixels; what moves farther is no click
 _STEP = 1.2  # zoom of one notch of the wheel
 _CLOSEST = 80.0  # pixels a mm
-_RIM = QColor(64, 64, 64)
+_RIM, _LINE = QColor(64, 64, 64), QColor("#ffd23f")
 
 
 class MapCanvas(QGraphicsView):
@@ -42,6 +43,9 @@ class MapCanvas(QGraphicsView):
 
     clicked = Signal(float, float)
     """And was clicked there."""
+
+    double_clicked = Signal()
+    """And clicked once more."""
 
     left = Signal()
     """The mouse is elsewhere."""
@@ -60,6 +64,7 @@ class MapCanvas(QGraphicsView):
         pen.setCosmetic(True)
         self._rim.setPen(pen)
         self._rim.setZValue(2)
+        self.lines = self._path_item(QPen(_LINE, 2.0))
         self.ring = RingItem()
         for item in (self._rim, self.ring):
             self._scene.addItem(item)
@@ -75,6 +80,15 @@ class MapCanvas(QGraphicsView):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(160, 120)
         self.setMouseTracking(True)
+
+    def _path_item(self, pen: QPen) -> QGraphicsPathItem:
+        pen.setCosmetic(True)
+        pen.setCapStyle(Qt.PenCapStyle.RoundCap)
+        item = QGraphicsPathItem()
+        item.setPen(pen)
+        item.setZValue(3)
+        self._scene.addItem(item)
+        return item
 
     def _pixmap(self, z: int) -> QGraphicsPixmapItem:
         item = QGraphicsPixmapItem()
@@ -98,13 +112,7 @@ class MapCanvas(QGraphicsView):
         """
         self._put(self.folds, folds)
         self.show_picture(None)
-        path = QPainterPath()
-        for line in rim:
-            x, y = line[0, 0], -line[0, 1]
-            path.moveTo(x, y)
-            for u, v in line[1:].tolist():
-                path.lineTo(u, -v)
-        self._rim.setPath(path)
+        self._rim.setPath(_path(rim))
         around = self._map_rect()
         wide = max(around.width(), around.height())
         self._scene.setSceneRect(around.adjusted(-wide, -wide, wide, wide))  # so that any place can be the middle
@@ -127,6 +135,21 @@ class MapCanvas(QGraphicsView):
         self.picture.setVisible(picture is not None)
         if picture is not None:
             self._put(self.picture, picture)
+
+    def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
+        """Show what was drawn.
+
+        Parameters
+        ----------
+        lines : list of ndarray, shape (k, 2)
+            mm.
+        dots : sequence of (u, v)
+            Places, mm.
+        """
+        path, radius = _path(lines), 3 / self.scale_factor
+        for u, v in dots:
+            path.addEllipse(QPointF(u, -v), radius, radius)
+        self.lines.setPath(path)
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
         """Mark a place.
@@ -215,7 +238,7 @@ class MapCanvas(QGraphicsView):
             self._is_fitted = False
 
     def mouseDoubleClickEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
-        self.fit()
+        self.double_clicked.emit()
 
     def enterEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         super().enterEvent(event)
@@ -242,3 +265,14 @@ class MapCanvas(QGraphicsView):
         viewport = self.viewport()
         assert viewport is not None
         viewport.setCursor(Qt.CursorShape.CrossCursor)
+
+
+def _path(lines: list[NDArray[np.float64]]) -> QPainterPath:
+    """Return lines of the map as Qt draws them."""
+    path = QPainterPath()
+    for line in lines:
+        (u, v), *others = line.tolist()
+        path.moveTo(u, -v)
+        for u, v in others:
+            path.lineTo(u, -v)
+    return path

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from qtpy.QtCore import QPointF, QRectF, Qt
+from typing import Any
+
+from qtpy.QtCore import QEvent, QPointF, QRectF, Qt, QTimer
 from qtpy.QtGui import QColor, QPainter, QPen
 from qtpy.QtWidgets import QGraphicsItem, QWidget
 
@@ -10,6 +12,7 @@ SIZE = 25.0
 """Side of the square that holds it, pixels."""
 
 _RADIUS = 6.0
+_REST = 200  # ms
 _COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
@@ -64,7 +67,13 @@ class RingWidget(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_NoSystemBackground)
         self.setFixedSize(int(SIZE), int(SIZE))
         self.is_near = True
+        self._has_moved = False
+        self._rest = QTimer(self)
+        self._rest.setSingleShot(True)
+        self._rest.setInterval(_REST)
+        self._rest.timeout.connect(canvas.update)
         self.hide()
+        canvas.installEventFilter(self)
 
     def show_at(self, x: float, y: float, *, near: bool) -> None:
         """Mark a place of the canvas.
@@ -76,10 +85,22 @@ class RingWidget(QWidget):
         near : bool
             Whether the place lies in what is seen; in a slice far from it the ring is faint.
         """
+        self._has_moved = True
         self.is_near = near
         self.move(round(x - SIZE / 2), round(y - SIZE / 2))
         self.show()
         self.update()
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802 - Qt's name
+        """Spare the viewer to draw its scene anew because the ring moves over it: its last picture is still there.
+
+        Whether the scene has changed as well cannot be told, so it is drawn when the ring has come to rest.
+        """
+        if event.type() != QEvent.Type.Paint or not self._has_moved:
+            return False
+        self._has_moved = False
+        self._rest.start()
+        return True
 
     def paintEvent(self, event: object) -> None:  # noqa: N802 - Qt's name
         painter = QPainter(self)

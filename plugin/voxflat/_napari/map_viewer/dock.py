@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from napari.layers import Image, Labels
+from numpy.typing import NDArray
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
 
 from voxflat._napari.layers.sampled import shown
+from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
 from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.link import ViewerLink
 from voxflat._napari.map_viewer.measures import Measure
+from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
@@ -30,9 +33,19 @@ if TYPE_CHECKING:
     from napari.layers import Layer
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
-_MM, _CORTEX = "mm outside", "of the cortex"
+_MM, _CORTEX = "mm outside", "of cortex"
 _SHARE = 0.48  # of the window: as wide is the dock at first
 _CLEAR = 0.85  # the folds show through a little
+
+_Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
+
+GO, MARK, REGION, MEASURE = _CLICKS = (
+    "goes there",
+    "marks a point",
+    "draws a region",
+    "measures a distance",
+)
+"""What a click on the map may do."""
 
 NOTHING = "Flatten a surface: its map is shown here."
 _HINT = "Point at the map or in the volume to see the place in both; click to go there."
@@ -79,6 +92,12 @@ class FlatMapDock(QWidget):
         """The run's map, ready to be looked up; None until it is drawn."""
         self.picture: Picture | None = None
         """What is shown over the folds."""
+        self._corners: list[drawings.Place] = []
+        self._points: list[drawings.Place] = []
+        self._regions: list[list[drawings.Place]] = []
+        self._carrier = Latest(self)
+        self._carrier.done.connect(self._on_carried)
+        self._carrier.failed.connect(self._on_not_carried)
         self._painter = Latest(self)
         self._painter.done.connect(self._on_drawn)
         self._painter.failed.connect(self._on_failed)
@@ -88,6 +107,7 @@ class FlatMapDock(QWidget):
         self._soon.timeout.connect(self._draw)
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
+        self.painted = PaintedSurface(napari_viewer)
         self._lay_out()
         self._connect()
         self._on_theme()
@@ -112,8 +132,13 @@ class FlatMapDock(QWidget):
         self.opacity.setRange(0, 1)
         self.opacity.setValue(_CLEAR)
         self.opacity.setToolTip("Less of it, and the folds show")
+        self.on_surface = QCheckBox("In 3D")
+        self.on_surface.setToolTip("Show the surface in the colours of the map, in the viewer")
+        self.click = QComboBox()
+        self.click.addItems([*_CLICKS])
+        self.click.setToolTip("What a click on the map does")
         self.whole = QPushButton("Whole map")
-        self.whole.setToolTip("Also by a double click on the map; the wheel zooms, dragging moves")
+        self.whole.setToolTip("The wheel zooms, dragging moves; also by a double click")
         self.canvas = MapCanvas()
         self.strip = Strip()
         self.text = QLabel(NOTHING)
@@ -129,6 +154,7 @@ class FlatMapDock(QWidget):
         first, second = QHBoxLayout(), QHBoxLayout()
         first.addWidget(QLabel("Shows"))
         first.addWidget(self.contents, 1)
+        first.addWidget(self.on_surface)
         first.addWidget(self.whole)
         first.addWidget(self.keep)
         self._depth_row = QWidget()
@@ -137,6 +163,8 @@ class FlatMapDock(QWidget):
         row.addWidget(QLabel("Depth"))
         row.addWidget(self.depths, 1)
         row.addWidget(self.depth_unit)
+        second.addWidget(QLabel("Click"))
+        second.addWidget(self.click)
         second.addWidget(QLabel("Opacity"))
         second.addWidget(self.opacity, 1)
         second.addWidget(self._depth_row, 2)
@@ -159,11 +187,14 @@ class FlatMapDock(QWidget):
         self.contents.chosen.connect(self._on_content)
         self.depths.valueChanged.connect(self._soon.start)
         self.depth_unit.currentIndexChanged.connect(self._on_depth_unit)
-        self.opacity.valueChanged.connect(self.canvas.picture.setOpacity)
+        self.opacity.valueChanged.connect(self._on_opacity)
         self.canvas.picture.setOpacity(_CLEAR)
+        self.on_surface.toggled.connect(self._on_surface)
         self.whole.clicked.connect(self.canvas.fit)
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
+        self.canvas.double_clicked.connect(self._on_double_click)
+        self.click.currentIndexChanged.connect(self._forget_corners)
         self.canvas.left.connect(self._on_map_left)
         self.canvas.zoomed.connect(self._on_zoomed)
         self.link.pointed.connect(self._on_viewer_pointed)
@@ -192,6 +223,8 @@ class FlatMapDock(QWidget):
     def _show_run(self, run: Run | None) -> None:
         self._run, self.sheet, self.link.sheet = run, None, None
         self._told = None
+        self._points, self._regions = [], []
+        self._forget_corners()
         self.link.mark(None)
         self.canvas.place_ring(None)
         self.text.setText(NOTHING if run is None else "Drawing the map…")
@@ -208,7 +241,7 @@ class FlatMapDock(QWidget):
         self.depth_unit.blockSignals(True)
         self.depth_unit.setCurrentText(_MM)
         self.depth_unit.blockSignals(False)
-        self.depth_unit.setEnabled(known)
+        self.depth_unit.setVisible(known)
         self._limit_depth()
         asked = None if run is None else run.layers.shown
         self.depths.setValue(getattr(asked, "depth", 0.0))
@@ -217,15 +250,15 @@ class FlatMapDock(QWidget):
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the canvas shows what is chosen."""
-        return not self._painter.is_busy and not self._soon.isActive()
+        """Whether the canvas shows what is chosen, and the viewer what was drawn."""
+        return not (self._painter.is_busy or self._carrier.is_busy or self._soon.isActive())
 
     def _on_content(self) -> None:
         for event in self._looks:
             event.disconnect(self._on_look)
         content = self.contents.content
         has_depth = isinstance(content, Image | Labels)
-        self._depth_row.setEnabled(has_depth)
+        self._depth_row.setVisible(has_depth)
         names = ("colormap", "contrast_limits", "gamma", "data", "set_data") if content is not None else ()
         events = getattr(content, "events", None)
         self._looks = [getattr(events, name) for name in names if hasattr(events, name)]
@@ -244,6 +277,11 @@ class FlatMapDock(QWidget):
     def _on_depth_unit(self) -> None:
         self._limit_depth()
         self._soon.start()
+
+    def _on_opacity(self, opacity: float) -> None:
+        self.canvas.picture.setOpacity(opacity)
+        if self.on_surface.isChecked():
+            self._soon.start()
 
     def _limit_depth(self) -> None:
         in_mm = self.depth_unit.currentText() == _MM
@@ -264,7 +302,8 @@ class FlatMapDock(QWidget):
         except VoxflatError as error:
             self._on_failed(error)
             return
-        self._painter.ask(partial(_drawn, run, self.sheet, draw))
+        opacity = self.opacity.value() if self.on_surface.isChecked() else None
+        self._painter.ask(partial(_drawn, run, self.sheet, draw, opacity))
 
     def _drawing(self, content: Content) -> Any:
         if content is None:
@@ -286,8 +325,14 @@ class FlatMapDock(QWidget):
         data = layer.data[0] if layer.multiscale else layer.data
         return tuple(int(np.clip(round(n), 0, size - 1)) for n, size in zip(index, data.shape, strict=False))
 
-    def _on_drawn(self, result: tuple[Sheet, Picture | None]) -> None:
-        sheet, picture = result
+    def _on_surface(self, painted: bool) -> None:
+        if painted:
+            self._soon.start()
+        else:
+            self.painted.remove()
+
+    def _on_drawn(self, result: _Drawn) -> None:
+        sheet, picture, colours = result
         if sheet.run is not self._run:
             return
         if sheet is not self.sheet:
@@ -300,6 +345,8 @@ class FlatMapDock(QWidget):
         self.strip.show_colours(None if picture is None else picture.scale)
         if self._told is not None:
             self._tell(*self._told)
+        if colours is not None and self.on_surface.isChecked():
+            self.painted.show(sheet, colours)
 
     def _on_failed(self, error: Exception) -> None:
         self.canvas.show_picture(None)
@@ -320,8 +367,49 @@ class FlatMapDock(QWidget):
 
     def _on_map_clicked(self, u: float, v: float) -> None:
         spot = None if self.sheet is None else self.sheet.spot(u, v)
-        if spot is not None:
+        if self.sheet is None or spot is None:
+            return
+        wanted = self.click.currentText()
+        if wanted == GO:
             self.link.centre(spot.point)
+        elif wanted == MARK:
+            self._points.append((u, v))
+            self._carrier.ask(partial(drawings.points, self.sheet, [*self._points]))
+            self._show_drawn([])
+        else:
+            self._corners.append((u, v))
+            self._show_drawn([np.array(self._corners)] if wanted == REGION else [])
+            if wanted == MEASURE and len(self._corners) == 2:
+                self._carrier.ask(partial(drawings.way, self.sheet, *self._corners))
+                self._corners = []
+
+    def _on_double_click(self) -> None:
+        """Close the region, if one is drawn; else show the whole map."""
+        if self.click.currentText() != REGION:
+            self.canvas.fit()
+        elif self.sheet is not None and len(self._corners) > 2:
+            self._regions.append(self._corners)
+            self._corners = []
+            self._carrier.ask(partial(drawings.regions, self.sheet, [*self._regions]))
+
+    def _on_carried(self, drawn: drawings.Drawn) -> None:
+        drawings.put(self._viewer, drawn.layer)
+        self._show_drawn(drawn.lines)
+        if drawn.told:
+            self.text.setText(drawn.told)
+
+    def _on_not_carried(self, error: Exception) -> None:
+        self._forget_corners()
+        self.text.setText(" ".join(str(error).split()))
+
+    def _forget_corners(self) -> None:
+        self._corners = []
+        self._show_drawn([])
+
+    def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
+        """Show what is drawn now, and the points and regions that were drawn before."""
+        earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
+        self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
 
     def _on_viewer_pointed(self, place: tuple[float, float] | None) -> None:
         self.canvas.place_ring(place)
@@ -369,6 +457,7 @@ class FlatMapDock(QWidget):
     def _release(self) -> None:
         self._soon.stop()
         self._painter.stop()
+        self._carrier.stop()
         self.link.release()
         self.contents.release()
         for event in self._looks:
@@ -379,10 +468,11 @@ class FlatMapDock(QWidget):
         self._viewer.dims.events.current_step.disconnect(self._on_step)
 
 
-def _drawn(run: Run, sheet: Sheet | None, draw: Any) -> tuple[Sheet, Picture | None]:
-    """Draw; called by a thread."""
+def _drawn(run: Run, sheet: Sheet | None, draw: Any, opacity: float | None) -> _Drawn:
+    """Draw, and find the surface's colours if they are asked for; called by a thread."""
     ready = Sheet.of(run) if sheet is None else sheet
-    return ready, None if draw is None else draw(ready)
+    picture = None if draw is None else draw(ready)
+    return ready, picture, None if opacity is None else ready.colours(picture, opacity)
 
 
 def _joined(numbers: tuple[int, ...]) -> str:

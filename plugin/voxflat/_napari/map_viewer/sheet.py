@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.results.run import Run
@@ -146,6 +148,22 @@ class Sheet:
         point = of.on_surface.space.to_scanner(found.points)
         return Spot(point, tuple(vertex) if isinstance(vertex, list) else vertex, self._distortion(row, face))
 
+    def place_row(self, u: float, v: float) -> int | None:
+        """Return which of the map's points is nearest to a place; None beside the map.
+
+        Parameters
+        ----------
+        u, v : float
+            mm.
+
+        Returns
+        -------
+        int or None
+        """
+        found = self.planar.look_up((u, v))
+        face = int(found.face_ids)
+        return None if face < 0 else int(self.planar._triangles.faces[face][int(found.weights.argmax())])
+
     def _distortion(self, row: int, face: int) -> str:
         flat_map = self.run.flat_map
         if isinstance(flat_map, FlatMap):
@@ -193,6 +211,39 @@ class Sheet:
         first = hits[far[hits] <= far[hits].min() + 2 * reach]
         nearest = first[beside[first].argmin()]
         return np.asarray(start + far[nearest] * along)
+
+    def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
+        """Return the colour of each of the map's points, as it is shown.
+
+        Parameters
+        ----------
+        picture : Picture or None
+            What lies over the folds.
+        opacity : float
+            Of it.
+
+        Returns
+        -------
+        ndarray of uint8, shape (N, 4)
+        """
+        rows, columns = self._pixels
+        under = self.folds.pixels[rows, columns].astype(np.float64)
+        if picture is not None:
+            over = picture.pixels[rows, columns]
+            share = opacity * over[:, 3:] / 255
+            under[:, :3] = share * over[:, :3] + (1 - share) * under[:, :3]
+        return np.round(under).astype(np.uint8)
+
+    @cached_property
+    def _pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The pixel of each of the map's points: of those on the rim the nearest that lies on the map."""
+        (u, v), uv = self.folds.origin, self.planar._triangles.uv
+        size = np.array(self.folds.pixels.shape[:2]) - 1
+        at = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
+        rows, columns = np.clip(at, 0, size).T
+        beside = self.folds.pixels[..., 3] == 0
+        nearest = distance_transform_edt(beside, return_distances=False, return_indices=True)
+        return nearest[0][rows, columns], nearest[1][rows, columns]
 
     @property
     def _spacing(self) -> float:

@@ -151,6 +151,11 @@ class Strip(QWidget):
         left = self.width() - _EDGE - wide
         box = QRectF(left, 19, wide, _THICK)
         painter.drawImage(box, QImage(scale.colours.tobytes(), 256, 1, 4 * 256, QImage.Format.Format_RGBA8888))
+        painter.save()
+        painter.setPen(QPen(self._ink, 0.5))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.drawRect(box)
+        painter.restore()
         painter.setFont(self._font(9))
         metrics = painter.fontMetrics()
         title = metrics.elidedText(scale.title, Qt.TextElideMode.ElideRight, int(self.width() - _EDGE - x))

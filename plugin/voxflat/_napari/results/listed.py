@@ -66,7 +66,7 @@ class ListedLayers:
                 earlier.remove(taken)
             self._steps.append(partial(self._put, data=data, taken=taken))
         self._steps.extend(partial(self._take_out, layer=layer) for layer in earlier)
-        self._go_on()
+        QTimer.singleShot(0, self._go_on)
 
     def take(self, layer: Layer) -> None:
         """Count a layer that is in the list already, as of a file that was opened, among these.
@@ -82,7 +82,7 @@ class ListedLayers:
         """Take them out of the list."""
         self._steps.clear()
         self._steps.extend(partial(self._take_out, layer=layer) for layer in self.layers)
-        self._go_on()
+        QTimer.singleShot(0, self._go_on)
 
     def hand_over(self) -> list[Layer]:
         """Give all layers to another run's, and leave them alone.
@@ -110,14 +110,27 @@ class ListedLayers:
         values, keywords, kind = data
         layer = Layer.create(values, {**keywords, "visible": False}, kind)
         self._layers.append(layer)
-        before = set(viewer.layers.selection)
-        viewer.add_layer(layer)
-        viewer.layers.selection = before
+        self._steps.appendleft(partial(_insert, layer=layer))
 
     def _take_out(self, viewer: Viewer, layer: Layer) -> None:
         self._layers.remove(layer)
         if layer in viewer.layers:
             viewer.layers.remove(layer)
+
+
+def _insert(viewer: Viewer, layer: Layer) -> None:
+    """Put a layer into the list, and leave the selection alone.
+
+    napari selects what is new, and makes controls for it, which takes as long as all the rest.
+    """
+    layers, before = viewer.layers, set(viewer.layers.selection)
+    layers._activate_on_insert = False
+    try:
+        viewer.add_layer(layer)
+    finally:
+        layers._activate_on_insert = True
+    if set(layers.selection) != before:  # where the switch is none
+        layers.selection = before
 
 
 def _is_like(layer: Layer, data: LayerData) -> bool:

@@ -1,0 +1,149 @@
+"""How long napari's window stands still when maps come and are pointed at, and how much memory they take.
+
+Needs a display, or ``xvfb-run -s "-screen 0 1600x1000x24" python docs/benchmarks/napari_stalls.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import napari
+import numpy as np
+import psutil
+from qtpy.QtCore import QPoint, QTimer
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
+
+import voxflat
+from voxflat._napari.layers.sampled import Overlay
+from voxflat._napari.map_viewer.dock import FlatMapDock, open_flat_map
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.run import Run
+from voxflat._napari.workbench import Workbench
+
+
+class Pulse:
+    """Beats as often as the window lives; `longest` is the longest time between two beats, ms."""
+
+    def __init__(self) -> None:
+        self._timer = QTimer()
+        self._timer.setInterval(1)
+        self._timer.timeout.connect(self._beat)
+        self._timer.start()
+        self._last = time.perf_counter()
+        self.longest = 0.0
+
+    def _beat(self) -> None:
+        now = time.perf_counter()
+        self.longest = max(self.longest, 1000 * (now - self._last))
+        self._last = now
+
+    def during(self, act: Callable[[], object], until: Callable[[], bool]) -> float:
+        """Do something, and return the longest time until it has come to an end."""
+        live(0.3)
+        self.longest = 0.0
+        act()
+        while not until():
+            live(0.02)
+        live(0.3)
+        return self.longest
+
+
+def live(seconds: float) -> None:
+    """Let the window live."""
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        QApplication.processEvents()
+        time.sleep(0.001)
+
+
+def sheet(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a bumpy sheet of about so many points, 1 mm apart, with values."""
+    size = round(points**0.5)
+    i, j = np.mgrid[:size, :size]
+    height = 4 * np.sin(i / 6) * np.cos(j / 8)
+    corner = (i[:-1, :-1] * size + j[:-1, :-1]).ravel()
+    lower = np.stack([corner, corner + size, corner + 1], axis=1)
+    upper = np.stack([corner + 1, corner + size, corner + size + 1], axis=1)
+    vertices = np.stack([1.0 * i, 1.0 * j, height], axis=-1).reshape(-1, 3)
+    return vertices, np.concatenate([lower, upper]), height.ravel()
+
+
+def moves(widget: object, dock: FlatMapDock) -> tuple[float, float]:
+    """Return how long it takes to show the place of a move of the mouse, ms: the mean and the longest."""
+    spent = []
+    for n in range(60):
+        at = QPoint(int(widget.width() * (0.3 + 0.4 * (n % 10) / 10)), int(widget.height() * (0.3 + 0.4 * n / 60)))  # type: ignore[attr-defined]
+        start = time.perf_counter()
+        QTest.mouseMove(widget, at)
+        QApplication.processEvents()
+        spent.append(1000 * (time.perf_counter() - start))
+        live(0.02)
+    return float(np.mean(spent)), max(spent)
+
+
+def main() -> None:
+    """Flatten once, let the map come many times, and print what it took."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=int, default=150_000)
+    parser.add_argument("--runs", type=int, default=30)
+    asked = parser.parse_args()
+    points, faces, values = sheet(asked.points)
+    flat_map = voxflat.flatten((points, faces), sources=50)
+    flat_map.metadata["napari"] = {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
+
+    viewer = napari.Viewer()
+    viewer.window.resize(1600, 960)
+    viewer.add_surface((points, faces, values), name="sheet", units="mm")
+    viewer.add_image(np.random.default_rng(0).random((200, 200, 60), dtype=np.float32), name="volume", units="mm")
+    live(2)
+    workbench, pulse, process = Workbench.of(viewer), Pulse(), psutil.Process()
+    pool = ThreadPoolExecutor(1)
+
+    def another() -> Run:
+        made = pool.submit(lambda: map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values)))
+        while not made.done():
+            live(0.02)
+        return Run(made.result(), "sheet")
+
+    print(f"{len(flat_map):,} points; longest stall, ms")
+    run = another()
+    found: list[FlatMapDock] = []
+    print(
+        f"  the dock opens             {pulse.during(lambda: found.append(open_flat_map(viewer)), lambda: True):6.0f}"
+    )
+    dock = found[0]
+
+    def come(run: Run) -> float:
+        return pulse.during(lambda: workbench.add(run), lambda: workbench.is_settled and dock.is_drawn)
+
+    stalls, memory = [come(run)], []
+    print(f"  run 1                      {stalls[0]:6.0f}")
+    for _ in range(asked.runs - 1):
+        del run
+        run = another()
+        stalls.append(come(run))
+        memory.append(process.memory_info().rss / 1e6)
+    print(f"  runs 2 to {asked.runs}              {max(stalls[1:]):6.0f}   the last {stalls[-1]:.0f}")
+    print(f"  memory after run 2: {memory[0]:.0f} MB, after run {asked.runs}: {memory[-1]:.0f} MB")
+    print(f"  layers: {len(viewer.layers)}, widgets: {len(QApplication.allWidgets())}")
+    for n in range(dock.contents.count()):
+        took = pulse.during(lambda n=n: dock.contents.setCurrentIndex(n), lambda: dock.is_drawn)
+        print(f"  shows {dock.contents.itemText(n):20} {took:6.0f}")
+    print("a move of the mouse, ms: mean, longest")
+    print("  over the map, slices         {:6.1f} {:6.1f}".format(*moves(dock.canvas.viewport(), dock)))
+    print("  over the slices              {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))
+    viewer.dims.ndisplay = 3
+    live(2)
+    print("  over the map, 3D             {:6.1f} {:6.1f}".format(*moves(dock.canvas.viewport(), dock)))
+    print("  over the surface, 3D         {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))
+    viewer.close()
+
+
+if __name__ == "__main__":
+    main()

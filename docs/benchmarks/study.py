@@ -1,0 +1,97 @@
+"""The lab's two commands on what nilearn's wheel holds: a subject of FreeSurfer, and a study of three.
+
+    python docs/benchmarks/study.py demo-lab
+
+builds ``demo-lab/subjects/fs5`` (fsaverage5 as recon-all would leave it) and ``demo-lab/study`` (three warped variants
+of it, both hemispheres, one with a c_ras of its own, one without its right pial surface), runs ``voxflat freesurfer``
+and ``voxflat bids``, twice, and opens the pages in Chromium where that is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import studies
+
+VARIANTS = {"sub-01": (0.0, 0.0, 0.0), "sub-02": studies.C_RAS, "sub-03": (0.0, 0.0, 0.0)}
+BROKEN = "sub-03"
+LOOKS = {
+    "desktop": ["--window-size=1280,1000"],
+    "phone": ["--window-size=500,1000"],
+    "dark": ["--window-size=1280,1000", "--force-dark-mode", "--blink-settings=preferredColorScheme=0"],
+}
+
+
+def build(folder: Path) -> tuple[Path, Path]:
+    """Write the subject and the study."""
+    subject, study = folder / "subjects" / "fs5", folder / "study"
+    for hemi in studies.SIDES:
+        of = studies.hemisphere(hemi)
+        studies.write_freesurfer(subject, hemi, of)
+        for seed, (name, c_ras) in enumerate(VARIANTS.items(), 1):
+            one = studies.warped(of, seed)
+            studies.write_freesurfer(study / "sourcedata" / "freesurfer" / name, hemi, one, c_ras)
+    studies.write_z(subject / "mri" / "z.mgz")
+    (study / "sourcedata" / "freesurfer" / BROKEN / "surf" / "rh.pial").unlink()
+    return subject, study
+
+
+def run(*arguments: object, status: int = 0) -> float:
+    """Run voxflat; return its seconds."""
+    command = [sys.executable, "-m", "voxflat.cli", *map(str, arguments)]
+    print("$ voxflat", *arguments, flush=True)
+    start = time.perf_counter()
+    done = subprocess.run(command, check=False)
+    seconds = time.perf_counter() - start
+    print(f"  status {done.returncode}, {seconds:.1f} s\n", flush=True)
+    if done.returncode != status:
+        sys.exit(f"the status is {done.returncode}, not {status}")
+    return seconds
+
+
+def look(page: Path, folder: Path) -> None:
+    """Open a page in Chromium, as desktops and phones show it, light and dark; it must say nothing in its console."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        print(f"{page}: there is no chromium to open it")
+        return
+    base = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    base += ["--hide-scrollbars", "--enable-logging=stderr", "--virtual-time-budget=10000"]
+    for name, options in LOOKS.items():
+        picture = folder / f"{page.stem}_{name}.png"
+        command = [*base, *options, f"--screenshot={picture}", page.resolve().as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+        said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+        print(f"{page.name}, {name}: {len(said)} messages in the console, {picture}")
+        if said:
+            sys.exit("\n".join(said))
+
+
+def main() -> None:
+    """Build, run, look."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    shutil.rmtree(folder, ignore_errors=True)
+    start = time.perf_counter()
+    subject, study = build(folder)
+    out = folder / "maps"
+    run("freesurfer", subject, "--overlay", "thickness", "mri/z.mgz")
+    run("freesurfer", subject, "--overlay", "thickness", "mri/z.mgz")
+    run("bids", study, out, "participant", status=1)
+    run("bids", study, out, "participant", status=1)
+    run("bids", study, out, "group")
+    run("bids", study, out, "group")
+    for page in (subject / "voxflat.html", out / "sub-02.html", out / "group.html"):
+        print(f"{page}: {page.stat().st_size / 1e6:.2f} MB")
+        look(page, folder)
+    print(f"{time.perf_counter() - start:.0f} s in all")
+
+
+if __name__ == "__main__":
+    main()

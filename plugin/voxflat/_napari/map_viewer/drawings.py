@@ -1,0 +1,203 @@
+"""What is drawn on a map, carried to the surface: points, regions, and the shortest way between two places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from napari.layers import Labels, Layer, Points, Shapes, Surface
+from numpy.typing import NDArray
+
+from voxflat._napari.layers.world import from_ras
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.results.flat_layers import LayerData, units
+from voxflat.distances.path import path
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+from voxflat.maps.flat_map import FlatMap
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+Place: TypeAlias = tuple[float, float]
+"""(u, v), mm."""
+
+_COLOUR = "#ffd23f"
+_CORTEX = (-0.5, 3.0)  # mm outside the surface: where a region lies unless white and pial surface are known
+_JUMP = 4.0  # of the usual step; a line that jumps farther crosses a cut
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a drawing has become.
+
+    Parameters
+    ----------
+    layer : LayerData
+        In the viewer.
+    lines : list of ndarray, shape (k, 2)
+        On the map, mm.
+    told : str
+        In words.
+    """
+
+    layer: LayerData
+    lines: list[NDArray[np.float64]]
+    told: str
+
+
+def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
+    """Carry points to the surface.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        The map.
+    places : sequence of (u, v)
+        On the map, mm.
+
+    Returns
+    -------
+    Drawn
+    """
+    spots = [spot for spot in (sheet.spot(*place) for place in places) if spot is not None]
+    keywords = {
+        "name": "points of the map",
+        "face_color": _COLOUR,
+        "size": 2,
+        "features": {"vertex": [str(spot.vertex) for spot in spots]},
+        **_placement(sheet),
+    }
+    return Drawn((_world(sheet, np.array([spot.point for spot in spots])), keywords, "points"), [], "")
+
+
+def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
+    """Carry regions to the voxels, or to the vertices, of what was flattened.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        A map; a page has no regions.
+    polygons : sequence of sequence of (u, v)
+        Their corners, mm.
+
+    Returns
+    -------
+    Drawn
+
+    Raises
+    ------
+    InputError
+        If no voxel lies in one, or the map is an atlas's page.
+    """
+    flat_map = _map(sheet)
+    drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
+    lines = [np.array([*corners, corners[0]]) for corners in polygons]
+    told = f"{len(polygons)} region{'s' * (len(polygons) > 1)}"
+    keywords: dict[str, Any] = {"name": "regions of the map", **_placement(sheet)}
+    if not flat_map.is_voxels:
+        surface = (_world(sheet, sheet.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
+        look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
+        return Drawn((surface, {**keywords, **look}, "surface"), lines, told)
+    labels = flat_map.paint(drawn.labels.astype(np.int32))
+    if not np.isnan(flat_map.normals).all():  # of what has an outside, where the cortex lies
+        cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if sheet.pial_is_known else _CORTEX)
+        labels = np.where(labels == 0, cortex.data, labels)
+    to_mm = flat_map.affine
+    corners = _world(sheet, np.vstack([np.zeros(3), np.eye(3)]) @ to_mm[:3, :3].T + to_mm[:3, 3])
+    affine = np.eye(4)
+    affine[:3, 3] = corners[0]
+    affine[:3, :3] = (corners[1:] - corners[0]).T
+    return Drawn((labels, {**keywords, "affine": affine}, "labels"), lines, told)
+
+
+def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
+    """Find the shortest way between two places over the surface that is on the map; of a mesh across cuts, too.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        A map.
+    a, b : (u, v)
+        mm.
+
+    Returns
+    -------
+    Drawn
+
+    Raises
+    ------
+    InputError
+        If a place lies beside the map, or no way leads there.
+    """
+    flat_map = _map(sheet)
+    ends = [sheet.place_row(*end) for end in (a, b)]
+    if None in ends:
+        raise InputError("one of the places lies beside the map")
+    faces = flat_map.faces[~flat_map.torn].astype(np.int64)
+    rows = merged = np.arange(len(flat_map))
+    if not flat_map.is_voxels:  # a voxel may be there twice because two sheets touch
+        rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
+    start, end = (int(merged[row]) for row in ends if row is not None)
+    found = path((flat_map.points[rows], merged[faces]), start, end, geodesic="exact")
+    places = flat_map.points_to_map(found.points)[0]
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    jumps = np.flatnonzero(steps > _JUMP * max(float(np.median(steps)), flat_map.spacing)) + 1
+    flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
+    told = f"{found.length:.1f} mm over the surface, {flat:.1f} mm on the map"
+    line = _world(sheet, flat_map.space.to_scanner(found.points))
+    keywords = {
+        "name": "way over the surface",
+        "shape_type": "path",
+        "edge_color": _COLOUR,
+        "edge_width": 0.7,
+        **_placement(sheet),
+    }
+    return Drawn(([line], keywords, "shapes"), [part for part in np.split(places, jumps) if len(part) > 1], told)
+
+
+def put(viewer: Viewer, data: LayerData) -> Layer:
+    """Put a layer into the viewer, in the place of the last one of its name.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    data : LayerData
+        The layer.
+
+    Returns
+    -------
+    Layer
+    """
+    values, keywords, kind = data
+    before = set(viewer.layers.selection)
+    earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)
+    if isinstance(earlier, Labels | Points | Surface) and type(earlier).__name__.lower() == kind:
+        earlier.data = values
+        if "features" in keywords:
+            earlier.features = keywords["features"]
+        return earlier
+    if isinstance(earlier, Shapes):
+        viewer.layers.remove(earlier)
+    layer = viewer.add_layer(Layer.create(values, keywords, kind))
+    viewer.layers.selection = {one for one in before if one in viewer.layers}
+    return layer
+
+
+def _map(sheet: Sheet) -> FlatMap:
+    flat_map = sheet.run.flat_map
+    if not isinstance(flat_map, FlatMap):
+        raise InputError("this needs a map of one piece, not a page of patches")
+    return flat_map
+
+
+def _world(sheet: Sheet, of: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Carry points from RAS+ mm to mm along the world's axes."""
+    return from_ras(of.reshape(-1, 3), sheet.origin.get("world_axes", "RAS"))
+
+
+def _placement(sheet: Sheet) -> dict[str, Any]:
+    return {"units": None if units(sheet.run.flat_map) is None else ("mm",) * 3}

@@ -1,0 +1,108 @@
+"""The command `voxflat bids`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from voxflat.cli import labs, options
+from voxflat.cli.console import bars
+from voxflat.cli.output import print_json
+from voxflat.lab.group import group
+from voxflat.lab.study import plan, study
+
+_MOST = 100  # of an exit status: greater ones mean something else to shells
+_HEMIS = {"L": "lh", "R": "rh"}
+
+
+@click.command(
+    "bids",
+    cls=labs.Several,
+    epilog="""\b
+Examples:
+  voxflat bids study study/derivatives/voxflat participant
+  voxflat bids $SUBJECTS_DIR maps participant --participant-label 01 02 --overlay thickness curv
+  voxflat bids study maps participant --dry-run
+  voxflat bids study maps group
+""",
+)
+@click.argument("source", metavar="BIDS_DIR", type=click.Path(path_type=Path))
+@click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
+@click.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
+@click.option(
+    "--participant-label",
+    "--participant_label",
+    "labels",
+    multiple=True,
+    metavar="LABEL",
+    help="Only these, with or without sub-; several after each other.  [default: all]",
+)
+@click.option(
+    "--hemi", "hemis", type=click.Choice(list(_HEMIS)), multiple=True, default=tuple(_HEMIS), help="Which hemispheres."
+)
+@labs.making
+@click.option("--dry-run", is_flag=True, help="Say what would be done, a JSON object a hemisphere, and do nothing.")
+@options.seed
+@options.threads
+@options.memory_limit
+@options.as_json
+@options.quiet
+@options.debug
+def command(
+    source: Path,
+    out: Path,
+    level: str,
+    labels: tuple[str, ...],
+    hemis: tuple[str, ...],
+    dry_run: bool,
+    as_json: bool,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Flatten all participants of a study, as a BIDS-App.
+
+    BIDS_DIR holds directories of FreeSurfer, derivatives of sMRIPrep or fMRIPrep, or masks of white matter, itself, in
+    derivatives/ or in sourcedata/freesurfer. OUT gets derivatives of BIDS, sub-*_hemi-L_desc-voxflat_flat.surf.gii and
+    others, and a report a participant. What is up to date, by the checksums of what is read and the parameters, is not
+    made again; one participant who fails never stops the others. The exit status is the number of participants that
+    failed (at most 100), and as of the other commands where nothing could be done at all. The level group writes a
+    table of every measure, means over standard maps, and a page of all maps.
+    """
+    parameters = labs.parameters_of(given)
+    chosen = [_HEMIS[letter] for letter in dict.fromkeys(hemis)]
+    if dry_run:
+        if level == "group":
+            raise click.UsageError("--dry-run is for the level participant.")
+        for one in plan(source, out, chosen, parameters, labels):
+            told = {"participant": one.name, "hemi": one.letter, "state": one.state, "reason": one.reason or None}
+            click.echo(json.dumps(told))
+        return 0
+    if level == "group":
+        _group(source, out, labels, as_json, quiet)
+        return 0
+    with bars(quiet) as shown:
+        shown.hush()  # what is said of each map stands in its report
+        tell = labs.teller(shown, is_told=not (as_json or quiet))
+        outcomes = study(source, out, chosen, parameters, labels=labels, tell=tell, progress=shown.progress, **given)
+    everybody = {one.name for one in outcomes}
+    failed = {one.name for one in outcomes if one.state == "failed"}
+    if as_json:
+        print_json({"output": str(out), "failed": sorted(failed), "hemispheres": labs.as_list(outcomes)})
+    elif not quiet:
+        made = len({one.name for one in outcomes if one.state == "made"} - failed)
+        up_to_date = len(everybody) - made - len(failed)
+        click.echo(f"{len(everybody)} participants: {made} made, {up_to_date} up to date, {len(failed)} failed")
+    return min(len(failed), _MOST)
+
+
+def _group(source: Path, out: Path, labels: tuple[str, ...], as_json: bool, quiet: bool) -> None:
+    found = group(source, out, labels)
+    if as_json:
+        print_json({"output": str(out), **found})
+    elif not quiet:
+        state = f"written: {', '.join(found['written'])}" if found["written"] else "up to date"
+        click.echo(f"{found['maps']} maps, {len(found['missing'])} missing, {len(found['outliers'])} stand out")
+        click.echo(state)

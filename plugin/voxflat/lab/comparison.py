@@ -1,0 +1,143 @@
+"""Hemispheres beside each other: which stand out, and means over maps that lie alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._core import __version__
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import FlatImage
+
+__all__ = ["Mean", "Row", "Sums", "outliers"]
+
+_PIXEL = 1.0  # mm
+_LEAST = 5  # maps, of which some may stand out
+_FAR = 3.5  # of modified z scores (Iglewicz, Hoaglin 1993)
+_NORMAL = 0.6745  # of a normal distribution's standard deviation: the median absolute deviation
+
+
+@dataclass(frozen=True)
+class Row:
+    """A hemisphere of the table.
+
+    Parameters
+    ----------
+    name, session : str
+        ``sub-01``, and ``ses-02`` or nothing.
+    letter : {"L", "R"}
+        Which hemisphere.
+    page : str
+        The report's file.
+    record : dict or None
+        Of its results; None if there are none.
+    reason : str
+        Why there are none.
+    outliers : tuple of str
+        Places of figures that stand out.
+    """
+
+    name: str
+    session: str
+    letter: str
+    page: str
+    record: dict[str, Any] | None
+    reason: str = ""
+    outliers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """Mean and standard deviation of values over standard maps.
+
+    Parameters
+    ----------
+    name, letter : str
+        Of what, and of which hemisphere.
+    mean, deviation : FlatImage
+        NaN where fewer than half of the maps, or than two, have a value.
+    count : ndarray of int64, shape (H, W)
+        How many maps have a value there.
+    """
+
+    name: str
+    letter: str
+    mean: FlatImage
+    deviation: FlatImage
+    count: NDArray[np.int64]
+
+
+@dataclass
+class Sums:
+    """Running mean and sum of squared deviations of maps, pixel by pixel (Welford 1962), on a grid that they share.
+
+    Parameters
+    ----------
+    low, high : tuple of 2 floats
+        The least and greatest (u, v) of all maps, mm.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    maps: int = 0
+    count: NDArray[np.int64] = field(init=False)
+    mean: NDArray[np.float64] = field(init=False)
+    squares: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        (left, bottom), (right, upper) = np.floor(self.low), np.ceil(self.high)
+        u, v = np.arange(left, right + _PIXEL, _PIXEL), np.arange(upper, bottom - _PIXEL, -_PIXEL)
+        self.places = np.stack(np.meshgrid(u, v), axis=-1)
+        shape = self.places.shape[:2]
+        self.count, self.mean, self.squares = np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape)
+
+    def add(self, flat_map: FlatMap, values: NDArray[np.float64]) -> None:
+        """Add a map's values at its points, shape (N,)."""
+        at = flat_map.look_up(self.places)
+        found = np.full(at.face_ids.shape, np.nan)
+        inside = at.face_ids >= 0
+        corners = values[flat_map.faces[at.face_ids[inside]]]
+        found[inside] = np.einsum("pc,pc->p", at.weights[inside], corners)
+        is_there = np.isfinite(found)
+        self.maps += 1
+        self.count += is_there
+        step = np.where(is_there, found - self.mean, 0.0)
+        self.mean += step / np.maximum(self.count, 1)
+        self.squares += step * np.where(is_there, found - self.mean, 0.0)
+
+    def result(self, name: str, letter: str) -> Mean:
+        """Return mean and standard deviation."""
+        enough = self.count >= max(2, (self.maps + 1) // 2)
+        mean = np.where(enough, self.mean, np.nan)
+        deviation = np.where(enough, np.sqrt(self.squares / np.maximum(self.count - 1, 1)), np.nan)
+        origin = (float(self.places[0, 0, 0]), float(self.places[0, 0, 1]))
+        record = {"voxflat": __version__, "function": "group", "parameters": {"of": name, "maps": self.maps}}
+        images = [
+            FlatImage(data, _PIXEL, origin, f"{what} of {name}", labels=False, provenance=record)
+            for what, data in (("mean", mean), ("standard deviation", deviation))
+        ]
+        return Mean(name, letter, images[0], images[1], self.count)
+
+
+def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say which values stand out: those whose modified z score is beyond 3.5, by median and absolute deviation from it.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (k,)
+        NaN where there is none.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+        None of fewer than five.
+    """
+    defined = values[np.isfinite(values)]
+    if len(defined) < _LEAST:
+        return np.zeros(len(values), dtype=np.bool_)
+    apart = np.abs(values - np.median(defined))
+    usual = float(np.median(apart[np.isfinite(apart)]))
+    return np.asarray(_NORMAL * np.nan_to_num(apart) > _FAR * usual) & (np.nan_to_num(apart) > 0)

@@ -1,0 +1,146 @@
+"""Whether results are up to date, by what they are made of; and files that are written where they change alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from voxflat._core import __version__
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.lab.inputs import Hemisphere, Parameters
+from voxflat.lab.results import Results, read_record
+
+__all__ = ["Request", "is_page_of", "page_key", "request", "state", "write_json", "write_text"]
+
+_FORMAT = 1  # of what is written; raise it where a rerun should make all results anew
+_BLOCK = 1 << 20
+_HEAD = 4096  # bytes at the beginning of a page, in which its key stands
+
+Request = dict[str, Any]
+"""What results are made of: ``voxflat`` (the version), ``parameters``, ``inputs`` (path and SHA-256 of each file)."""
+
+
+def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
+    """Return what results are made of: they are up to date as long as it is the same.
+
+    Parameters
+    ----------
+    hemisphere : Hemisphere
+        Its files are read, for their SHA-256.
+    parameters : Parameters
+        What is made of it.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
+    told = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
+    return {"voxflat": __version__, "format": _FORMAT, "parameters": told, "inputs": inputs}
+
+
+def _sha256(path: Path) -> str:
+    hashed = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            hashed.update(block)
+    return hashed.hexdigest()
+
+
+def state(results: Results, wanted: Request) -> tuple[str, str]:
+    """Say whether results are there and up to date.
+
+    Parameters
+    ----------
+    results : Results
+        Where they are.
+    wanted : dict
+        What they are to be made of.
+
+    Returns
+    -------
+    state : {"missing", "stale", "done"}
+    reason : str
+        Why they are not done.
+    """
+    if not results.record.is_file():
+        return "missing", "there is no result"
+    try:
+        record = read_record(results.record)
+    except InputError as error:
+        return "stale", str(error)
+    for name in ("voxflat", "format"):
+        if record[name] != wanted[name]:
+            return "stale", f"it was made by voxflat {record['voxflat']} (format {record['format']})"
+    changed = [
+        f"{key}: {record['parameters'].get(key)!r} before, now {value!r}"
+        for key, value in wanted["parameters"].items()
+        if record["parameters"].get(key) != value
+    ]
+    if changed:
+        return "stale", "; ".join(changed)
+    before, now = ({name: file["sha256"] for name, file in of["inputs"].items()} for of in (record, wanted))
+    changed = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
+    if changed:
+        return "stale", f"changed: {', '.join(changed)}"
+    for name, size in record["outputs"].items():
+        path = results.folder / name
+        if not path.is_file() or path.stat().st_size != size:
+            return "stale", f"{name} is missing, or not as it was written"
+    return "done", ""
+
+
+def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
+    """Return what a page is made of, in short: it stands at its beginning.
+
+    Parameters
+    ----------
+    records : sequence of dict
+        Of the results that it shows.
+    failures : dict of str to str
+        What it says of those that there are none of.
+
+    Returns
+    -------
+    str
+        SHA-256, in hexadecimal digits.
+    """
+    made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
+    return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()
+
+
+def is_page_of(path: Path, key: str) -> bool:
+    """Say whether a page is there and made of what a key says."""
+    if not path.is_file():
+        return False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        told = re.search(r'name="voxflat" content="([0-9a-f]+)"', file.read(_HEAD))
+    return told is not None and told[1] == key
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> bool:
+    """Write JSON, unless the file holds it already; return whether it was written."""
+    return write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> bool:
+    """Write a text, all of it or nothing, unless the file holds it already; return whether it was written."""
+    data = text.encode()
+    if path.is_file() and path.read_bytes() == data:
+        return False
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+    return True

@@ -1,0 +1,225 @@
+"""A study as a whole: every measure in a table, what stands out, and means over maps that lie alike."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from voxflat.errors import InputError, told
+from voxflat.lab.comparison import Mean, Row, Sums, outliers
+from voxflat.lab.freshness import is_page_of, page_key, write_json, write_text
+from voxflat.lab.inputs import HEMISPHERES, participants
+from voxflat.lab.results import FIGURES, Results, Shown, figure_of, read_record
+from voxflat.lab.study import NO_FILES, pages_of, results_of
+from voxflat.maps.flat_map import FlatMap
+
+__all__ = ["group"]
+
+_COUNTS = ("triangles.flipped", "triangles.covering", "triangles.crossings")  # none is right
+_STEM = "group_desc-voxflat"
+
+
+def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
+    """Compare the participants of a study.
+
+    Parameters
+    ----------
+    source : Path
+        As in `participants`: those without results are listed, too.
+    out : Path
+        What `study` has written; gets ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images
+        of means and standard deviations (``.nii.gz``) and the page ``group.html``.
+    labels : sequence of str
+        Participants; all by default.
+
+    Returns
+    -------
+    dict
+        ``maps``, ``missing`` (why, by participant and hemisphere), ``outliers`` likewise, ``written``: names of files;
+        none where everything was up to date.
+
+    Raises
+    ------
+    InputError
+        If there are no results.
+    OSError
+        If something cannot be read or written.
+    """
+    rows = _with_outliers(list(_rows(source, out, labels)))
+    there = [row for row in rows if row.record is not None]
+    if not there:
+        raise InputError(f"{out}: no participant has a map there: run voxflat bids {source} {out} participant")
+    reasons = {f"{row.name}{row.session} {row.letter}": row.reason for row in rows if row.record is None}
+    key = page_key([row.record for row in there if row.record is not None], reasons)
+    page, table = out / "group.html", out / f"{_STEM}_measures.tsv"
+    written: list[str] = []
+    if not is_page_of(page, key) or not table.is_file():
+        from voxflat.lab.study_report import map_picture, study_page  # brings in matplotlib
+
+        maps: list[dict[str, Any]] = []
+        means = _means(out, there, lambda row, flat_map: maps.append(map_picture(row, flat_map, len(there))))
+        for one in means:
+            for statistic, image in (("mean", one.mean), ("std", one.deviation)):
+                name = f"group_hemi-{one.letter}_stat-{statistic}_desc-voxflat_{one.name}.nii.gz"
+                image.save(out / name)
+                written.append(name)
+        write_text(table, _table(rows))
+        write_json(table.with_suffix(".json"), _columns())
+        write_text(page, study_page(rows, means, maps, key))
+        written += [table.name, table.with_suffix(".json").name, page.name]
+    return {
+        "maps": len(there),
+        "missing": reasons,
+        "outliers": {f"{row.name}{row.session} {row.letter}": list(row.outliers) for row in rows if row.outliers},
+        "written": written,
+    }
+
+
+# -------------------------------------------------------------------------------------------- rows
+
+
+def _rows(source: Path, out: Path, labels: Sequence[str]) -> Iterator[Row]:
+    """Go through the hemispheres of all participants: those asked for before, or that have results or a failure."""
+    for one in participants(source, labels):
+        session = f"_ses-{one.session}" if one.session else ""
+        about = (f"sub-{one.label}", session)
+        page = pages_of(one, out).name
+        found = False
+        for hemi, (letter, _) in HEMISPHERES.items():
+            results = results_of(one, out)(hemi)
+            if results.failure.is_file():
+                found = True
+                yield Row(*about, letter, page, None, _reason(results))
+            elif results.record.is_file():
+                found = True
+                try:
+                    yield Row(*about, letter, page, read_record(results.record))
+                except InputError as error:
+                    yield Row(*about, letter, page, None, told(error))
+        if not found:
+            yield Row(*about, "n/a", page, None, NO_FILES if one.folder is None else "it has not been flattened yet")
+
+
+def _reason(results: Results) -> str:
+    try:
+        return str(json.loads(results.failure.read_text(encoding="utf-8"))["reason"])
+    except (ValueError, KeyError, OSError):
+        return f"{results.failure} is damaged"
+
+
+def _with_outliers(rows: list[Row]) -> list[Row]:
+    """Mark what stands out among the same hemispheres."""
+    marks: dict[int, list[str]] = {}
+    for letter in ("L", "R"):
+        own = [n for n, row in enumerate(rows) if row.letter == letter and row.record is not None]
+        for place in _places([rows[n].record or {} for n in own]):
+            values = np.array([_number(figure_of(rows[n].record or {}, place)) for n in own])
+            far = values > 0 if place in _COUNTS else outliers(values) if place in FIGURES else np.zeros(len(own), bool)
+            for n in np.array(own, dtype=int)[far].tolist():
+                marks.setdefault(n, []).append(place)
+    return [
+        Row(row.name, row.session, row.letter, row.page, row.record, row.reason, tuple(marks.get(n, ())))
+        for n, row in enumerate(rows)
+    ]
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+# ------------------------------------------------------------------------------------------- table
+
+
+def _places(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the places of all figures that records have, but for standard errors."""
+
+    def leaves(of: Mapping[str, Any], before: str = "") -> Iterator[str]:
+        for key, value in of.items():
+            if isinstance(value, dict):
+                yield from leaves(value, f"{before}{key}.")
+            elif isinstance(value, int | float) or value is None:
+                yield f"{before}{key}"
+
+    found = dict.fromkeys(place for record in records for place in leaves(record["figures"]))
+    return [place for place in found if not place.startswith("standard_error.")]
+
+
+def _table(rows: Sequence[Row]) -> str:
+    """Return the table of all measures, as BIDS has tables: n/a for what there is none of."""
+    places = _places([row.record for row in rows if row.record is not None])
+    head = ["participant_id", "session_id", "hemi", "status", "reason", "outliers", "cuts", "points", "width", "height"]
+    text = io.StringIO()
+    print("\t".join(head + places), file=text)
+    for row in rows:
+        cells: list[Any] = [row.name, row.session.removeprefix("_") or None, row.letter]
+        cells += ["missing" if row.record is None else "done", row.reason or None, ",".join(row.outliers) or None]
+        if row.record is None:
+            cells += [None] * (4 + len(places))
+        else:
+            cells += [row.record["map"][key] for key in ("cuts_by", "points", "width", "height")]
+            cells += [figure_of(row.record, place) for place in places]
+        print("\t".join("n/a" if cell is None else _cell(cell) for cell in cells), file=text)
+    return text.getvalue()
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else " ".join(str(value).split())
+
+
+def _columns() -> dict[str, Any]:
+    """Return what the columns mean."""
+    described = {
+        "status": "done, or missing: there is no map",
+        "reason": "why there is no map",
+        "outliers": "columns that stand out among the same hemispheres: modified z score beyond 3.5, or triangles that "
+        "are turned over, cover another, or borders that cross",
+        "cuts": "what said where to cut",
+        "points": "vertices on the map",
+        "width": {"Description": "of the map", "Units": "mm"},
+        "height": {"Description": "of the map", "Units": "mm"},
+        "raw.relative_error": "mean of |d - δ|/δ over pairs of points, d on the map and δ on the cut surface",
+        "best_scale.relative_error": "the same at the scale of the map that makes it least",
+        "triangles.equal_area_p95": "95th percentile of |log2(area on the map / on the surface)|, total area kept",
+    }
+    return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
+
+
+# ------------------------------------------------------------------------------------------- means
+
+
+def _means(out: Path, rows: Sequence[Row], show: Callable[[Row, FlatMap], None]) -> list[Mean]:
+    """Return means over standard maps; every map, of which one is held at a time, is shown."""
+    sums: dict[tuple[str, str], Sums] = {}
+    ends = _ends(rows)
+    for row in rows:
+        shown = Shown.read(_results(out, row))
+        show(row, shown.flat_map)
+        if shown.record["map"]["frame"] != "standard":
+            continue
+        for name in (*shown.record["overlays"], "curvature"):
+            if name in shown.values:
+                own = sums.setdefault((name, row.letter), Sums(*ends[row.letter]))
+                own.add(shown.flat_map, shown.values[name])
+    return [of.result(name, letter) for (name, letter), of in sorted(sums.items()) if of.maps > 1]
+
+
+def _results(out: Path, row: Row) -> Results:
+    session = row.session.removeprefix("_")
+    return Results.in_bids(out / row.name / session / "anat", row.name + row.session, row.letter)
+
+
+def _ends(rows: Sequence[Row]) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
+    """Return the least and greatest (u, v) of all maps of each side."""
+    found: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
+    for letter in ("L", "R"):
+        own = [row.record["map"] for row in rows if row.letter == letter and row.record is not None]
+        if own:
+            low = np.min([of["low"] for of in own], axis=0)
+            high = np.max([of["high"] for of in own], axis=0)
+            found[letter] = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+    return found

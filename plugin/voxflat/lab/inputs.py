@@ -1,0 +1,368 @@
+"""What a hemisphere is made of: found in a FreeSurfer directory, in derivatives of sMRIPrep, or as a segmentation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+from voxflat.errors import InputError
+
+__all__ = ["GEOMETRIES", "HEMISPHERES", "Hemisphere", "Parameters", "Participant", "found_in", "participants"]
+
+HEMISPHERES = {"lh": ("L", "left"), "rh": ("R", "right")}
+"""FreeSurfer's name of a hemisphere, with BIDS's and that of the side."""
+
+GEOMETRIES = ("midthickness", "white", "pial")
+"""On which surface distances may be measured."""
+
+_NEEDED = {"midthickness": ("white", "pial"), "white": ("white",), "pial": ("pial",)}
+_USUAL_OVERLAY = "thickness"
+_VOLUME_ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
+_FILLED = {"lh": 255, "rh": 127}  # labels of mri/filled.mgz, the white matter of each hemisphere
+_NOBODY = re.compile(r"fsaverage|[lr]h\.EC_average|.*\.(long|base)\b")  # what recon-all leaves beside subjects
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What is to be made of each hemisphere.
+
+    Parameters
+    ----------
+    cuts : str
+        "standard", "automatic", or a file of cuts or of a template, in whose name ``{hemi}`` stands for lh or rh, or L
+        or R.
+    geometry : {"midthickness", "white", "pial"}
+        On which surface distances are measured.
+    volume : bool
+        Whether to start from the white matter in voxels instead.
+    overlays : tuple of str
+        Names, such as ``thickness`` for ``surf/lh.thickness``, or files, in whose names ``{hemi}`` and ``{subject}``
+        are filled in. By default thickness, where it is there.
+    seed : int
+        Of every random choice.
+    """
+
+    cuts: str = "standard"
+    geometry: str = "midthickness"
+    volume: bool = False
+    overlays: tuple[str, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Hemisphere:
+    """One hemisphere, and the files that it is made of.
+
+    Parameters
+    ----------
+    hemi : {"lh", "rh"}
+        Which one.
+    files : dict of str to Path
+        By what they are: ``white``, ``pial``, ``sphere``, ``cortex`` or ``areas``, ``volume``, ``cuts``.
+    overlays : dict of str to Path
+        Values to be shown on the map, by their names.
+    label : int or None
+        Which label of the volume it is.
+    """
+
+    hemi: str
+    files: dict[str, Path]
+    overlays: dict[str, Path] = field(default_factory=dict)
+    label: int | None = None
+
+    @property
+    def letter(self) -> str:
+        """As BIDS has it: L or R."""
+        return HEMISPHERES[self.hemi][0]
+
+    @property
+    def side(self) -> str:
+        """As people have it: "left" or "right"."""
+        return HEMISPHERES[self.hemi][1]
+
+    @property
+    def everything(self) -> dict[str, Path]:
+        """All files, overlays among them."""
+        return {**self.files, **{f"overlay {name}": path for name, path in self.overlays.items()}}
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A participant of a study, or one session.
+
+    Parameters
+    ----------
+    label : str
+        Without ``sub-``.
+    session : str or None
+        Without ``ses-``.
+    folder : Path or None
+        Where the files are: FreeSurfer's directory of the subject, or ``anat`` of derivatives; None where there is
+        none.
+    """
+
+    label: str
+    session: str | None
+    folder: Path | None
+
+    @property
+    def name(self) -> str:
+        """As file names begin: ``sub-01``, ``sub-01_ses-02``."""
+        return f"sub-{self.label}" + (f"_ses-{self.session}" if self.session else "")
+
+
+# ------------------------------------------------------------------------------------- hemispheres
+
+
+def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
+    """Find the files of a hemisphere.
+
+    Parameters
+    ----------
+    folder : Path
+        FreeSurfer's directory of a subject, or a folder of derivatives such as ``sub-01/anat``.
+    hemi : {"lh", "rh"}
+        Which one.
+    parameters : Parameters
+        What is to be made of it.
+
+    Returns
+    -------
+    Hemisphere
+
+    Raises
+    ------
+    InputError
+        If something is missing, or there are several; the message names it and says what to do.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
+    find = _FreeSurfer(folder, hemi) if (folder / "surf").is_dir() or (folder / "mri").is_dir() else _Bids(folder, hemi)
+    files: dict[str, Path | None] = {}
+    if parameters.volume:
+        files["volume"] = find.needed("volume")
+    else:
+        files |= {name: find.needed(name) for name in _NEEDED[parameters.geometry]}
+        files |= {"sphere": find.one("sphere"), "cortex": find.one("cortex")}
+        if files["cortex"] is None:
+            files["areas"] = find.one("areas")
+    if parameters.cuts not in ("standard", "automatic"):
+        files["cuts"] = _given(find, parameters.cuts, "the file of cuts")
+    overlays: dict[str, Path] = {}
+    usual = find.one(_USUAL_OVERLAY) if not parameters.overlays and not parameters.volume else None
+    if usual is not None:
+        overlays[_USUAL_OVERLAY] = usual
+    for text in parameters.overlays:
+        name = _name_of(text)
+        if name in overlays:
+            raise InputError(f"two overlays have the name {name}: rename the file of one ({text})")
+        overlays[name] = find.one(text) or _given(find, text, "the overlay")
+    label = _FILLED[hemi] if isinstance(find, _FreeSurfer) and parameters.volume else None
+    return Hemisphere(hemi, {name: path for name, path in files.items() if path is not None}, overlays, label)
+
+
+def _given(find: _FreeSurfer | _Bids, text: str, what: str) -> Path:
+    """Return a file that the user named, for this hemisphere and subject."""
+    named = find.filled(text)
+    for path in (find.folder / named, Path(named)):
+        if path.is_file():
+            return path
+    raise InputError(f"{what} {text}: there is no file {find.folder / named}, nor {named}")
+
+
+def _name_of(overlay: str) -> str:
+    """Return the name of an overlay: of ``lh.thickness``, ``sub-01_hemi-L_thickness.shape.gii`` it is thickness."""
+    name = Path(overlay).name.replace("{hemi}", "lh").replace("{subject}", "sub")
+    name = re.sub(r"^[lr]h\.", "", name).split("_")[-1]
+    name = re.sub(r"\.(nii|func|shape|label)?\.?(gz|gii|nii|mgz|mgh|npy|txt|annot)$", "", name)
+    return re.sub(r"[^A-Za-z0-9]", "", name) or "overlay"
+
+
+class _FreeSurfer:
+    """Finds files in the directory of a subject as recon-all leaves it."""
+
+    _PLACES: ClassVar[dict[str, str]] = {
+        "white": "surf/{hemi}.white",
+        "pial": "surf/{hemi}.pial",
+        "sphere": "surf/{hemi}.sphere.reg",
+        "cortex": "label/{hemi}.cortex.label",
+        "areas": "label/{hemi}.aparc.annot",
+        "volume": "mri/filled.mgz",
+    }
+
+    def __init__(self, folder: Path, hemi: str) -> None:
+        self.folder, self.hemi = folder, hemi
+
+    def filled(self, text: str) -> str:
+        return text.replace("{hemi}", self.hemi).replace("{subject}", self.folder.name)
+
+    def one(self, name: str) -> Path | None:
+        path = self.folder / self.filled(self._PLACES.get(name, f"surf/{{hemi}}.{name}"))
+        return path if path.is_file() else None
+
+    def needed(self, name: str) -> Path:
+        found = self.one(name)
+        if found is None:
+            place = self.folder / self.filled(self._PLACES[name])
+            raise InputError(f"{place}: there is no such file; has recon-all finished for {self.folder.name}?")
+        return found
+
+
+class _Bids:
+    """Finds files of derivatives by their entities, as sMRIPrep and fMRIPrep name them."""
+
+    # in each row the first pattern that is there counts; they are of what follows hemi-L in a name
+    _PATTERNS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "white": (r"_white\.surf\.gii", r"_smoothwm\.surf\.gii"),
+        "pial": (r"_pial\.surf\.gii",),
+        "sphere": (
+            r"_space-fsaverage_desc-reg_sphere\.surf\.gii",
+            r"_space-fsLR_desc-(reg|msmsulc)_sphere\.surf\.gii",
+            r"_desc-reg_sphere\.surf\.gii",
+        ),
+        "cortex": (r"_desc-cortex_mask\.label\.gii",),
+        "areas": (),
+        "volume": (r"_label-WM(_desc-[A-Za-z0-9]+)?_(mask|probseg)\.nii(\.gz)?",),
+    }
+
+    def __init__(self, folder: Path, hemi: str) -> None:
+        self.folder, self.hemi = folder, hemi
+        self.letter = HEMISPHERES[hemi][0]
+        names = [path.name for path in sorted(folder.iterdir()) if path.is_file()] if folder.is_dir() else []
+        found = next((match[0] for name in names if (match := re.match(r"sub-[A-Za-z0-9]+", name))), folder.name)
+        self.names, self.subject = names, found
+
+    def filled(self, text: str) -> str:
+        return text.replace("{hemi}", self.letter).replace("{subject}", self.subject)
+
+    def one(self, name: str) -> Path | None:
+        usual = (rf"_{re.escape(name)}\.(shape|func)\.gii",)
+        for pattern in self._PATTERNS.get(name, usual):
+            found = [
+                own
+                for own in self.names
+                if re.fullmatch(rf"sub-[A-Za-z0-9]+(_(ses|acq|rec|run)-[A-Za-z0-9]+)*_hemi-{self.letter}{pattern}", own)
+            ]
+            if len(found) > 1:
+                raise InputError(
+                    f"{self.folder} has {len(found)} files for {name} of hemisphere {self.letter} "
+                    f"({', '.join(found)}): leave one there"
+                )
+            if found:
+                return self.folder / found[0]
+        return None
+
+    def needed(self, name: str) -> Path:
+        found = self.one(name)
+        if found is None:
+            looked = {
+                "volume": f"*_hemi-{self.letter}_label-WM_mask.nii.gz or ..._probseg.nii.gz",
+            }.get(name, f"*_hemi-{self.letter}_{name}.surf.gii")
+            raise InputError(f"{self.folder}: there is no {looked}; has sMRIPrep finished for {self.subject}?")
+        return found
+
+
+# ------------------------------------------------------------------------------------ participants
+
+
+def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
+    """Find the participants of a study.
+
+    Parameters
+    ----------
+    folder : Path
+        FreeSurfer's directory of subjects, derivatives, or a data set of BIDS with either in ``derivatives`` or
+        ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer.
+    labels : sequence of str
+        Those that are wanted, with or without ``sub-``; all by default.
+
+    Returns
+    -------
+    list of Participant
+        By their names. One that was asked for, or that the data set has, and for whom there are no files, has no
+        folder.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such directory")
+    own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir()]
+    found: list[Participant] = []
+    for place in _places(folder):
+        found = list(_in(place))
+        if found:
+            break
+    if not found:
+        raise InputError(
+            f"{folder}: no participant has FreeSurfer's surf/, anat/*.surf.gii or a white-matter mask there, in "
+            "derivatives/ or sourcedata/freesurfer/; name the directory that has"
+        )
+    by_name: dict[str, Participant] = {}
+    for one in found:
+        if one.name in by_name:
+            raise InputError(f"{by_name[one.name].folder} and {one.folder} are both {one.name}: rename one of them")
+        by_name[one.name] = one
+    known = {one.label for one in found}
+    wanted = [label.removeprefix("sub-") for label in labels]
+    missing = wanted or [path.name.removeprefix("sub-") for path in own if _label(path.name) is not None]
+    for label in missing:
+        if label.partition("_ses-")[0] not in known:
+            by_name[f"sub-{label}"] = Participant(label, None, None)
+    chosen = [one for _, one in sorted(by_name.items()) if not wanted or one.label in wanted]
+    return chosen
+
+
+def _places(folder: Path) -> Iterator[Path]:
+    """Go through the directories in which participants may lie."""
+    below = folder / "derivatives"
+    named = [below / name for name in ("smriprep", "fmriprep", "freesurfer")]
+    others = sorted(path for path in below.glob("*") if path.is_dir() and path not in named)
+    for place in (folder, *named, *others):
+        yield place
+        yield place / "sourcedata" / "freesurfer"
+
+
+def _in(place: Path) -> Iterator[Participant]:
+    """Go through the participants of a directory, if any of them has something to be flattened."""
+    folders = [path for path in sorted(place.glob("*")) if path.is_dir() and not _NOBODY.match(path.name)]
+    if any((path / "surf").is_dir() or (path / "mri").is_dir() for path in folders):
+        for path in folders:
+            told = _label(path.name)
+            if told is not None and (path.name.startswith("sub-") or (path / "surf").is_dir()):
+                yield Participant(*told, path)
+        return
+    subjects = [path for path in folders if path.name.startswith("sub-")]
+    anatomies = [anat for path in subjects for anat in (*path.glob("anat"), *path.glob("ses-*/anat"))]
+    if any(_is_input(file.name) for anat in anatomies for file in anat.iterdir()):
+        for path in subjects:
+            sessions = [ses for ses in sorted(path.glob("ses-*")) if any(map(_is_input, _names(ses / "anat")))]
+            for ses in sessions:
+                yield Participant(path.name.removeprefix("sub-"), ses.name.removeprefix("ses-"), ses / "anat")
+            if not sessions:
+                yield Participant(path.name.removeprefix("sub-"), None, path / "anat")
+
+
+def _names(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()] if folder.is_dir() else []
+
+
+def _is_input(name: str) -> bool:
+    """Tell whether something can be flattened: a surface in space, or white matter."""
+    return name.endswith(("_white.surf.gii", "_smoothwm.surf.gii", "_pial.surf.gii")) or (
+        "_label-WM_" in name and name.endswith(_VOLUME_ENDINGS)
+    )
+
+
+def _label(name: str) -> tuple[str, str | None] | None:
+    """Return label and session of a directory's name; other names than BIDS's lose what a label cannot have."""
+    match = re.fullmatch(r"sub-([A-Za-z0-9]+)(?:_ses-([A-Za-z0-9]+))?", name)
+    if match:
+        return match[1], match[2]
+    label = re.sub(r"[^A-Za-z0-9]", "", name.removeprefix("sub-"))
+    return (label, None) if label else None

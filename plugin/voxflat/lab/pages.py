@@ -1,0 +1,346 @@
+"""What pages are made of: values as layers with colours, pictures, a scene to be turned, and templates filled in."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib import colormaps
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from voxflat.figures.colours import AREAS, ERRORS, top
+from voxflat.figures.flat_maps import folds, painted
+from voxflat.lab.results import MEASURES
+from voxflat.maps.colours import WINDOW
+from voxflat.maps.flat_map import FlatMap
+
+__all__ = ["Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
+
+_MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
+_POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
+_NOTHING = 65_535  # in place of a value
+_WIDTH = 620  # pixels of a picture
+_BAR = 12  # colours of a bar
+_SHADE = 0.45  # how much of an overlay's light the folds take
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Values at the points of a map, and how they are shown.
+
+    Parameters
+    ----------
+    name : str
+        As of its file.
+    title : str
+        What it is, for readers.
+    unit : str
+        Of the values that are shown.
+    values : ndarray of float64, shape (N,)
+        NaN where there is none.
+    colour_map : str
+        Of matplotlib.
+    limits : tuple of 2 floats
+        The ends of the colours.
+    """
+
+    name: str
+    title: str
+    unit: str
+    values: NDArray[np.float64]
+    colour_map: str
+    limits: tuple[float, float]
+
+    def __repr__(self) -> str:
+        low, high = self.limits
+        return f"<Layer {self.name}: {len(self.values)} values, {low:.3g} to {high:.3g} {self.unit}>"
+
+
+def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
+    """Return the layers of several maps, whose colours mean the same.
+
+    Parameters
+    ----------
+    maps : sequence of dict of str to ndarray of float64, shape (N,)
+        Measures (`subject.MEASURES`) and overlays by their names, of each map.
+
+    Returns
+    -------
+    list of list of Layer
+        Of each map, overlays first.
+    """
+    names = list(dict.fromkeys(name for values in maps for name in values))
+    known = ("curvature", "distanceerror", "areachange", "sulcaldepth")
+    names.sort(key=lambda name: known.index(name) if name in known else -1)
+    looks = {name: _look(name, np.concatenate([values[name] for values in maps if name in values])) for name in names}
+    return [
+        [
+            Layer(name, title, unit, factor * values[name], colour_map, limits)
+            for name, (title, unit, factor, colour_map, limits) in looks.items()
+            if name in values
+        ]
+        for values in maps
+    ]
+
+
+def _look(name: str, values: NDArray[np.float64]) -> tuple[str, str, float, str, tuple[float, float]]:
+    """Return title, unit, factor, colour map and limits."""
+    if name == "curvature":
+        return "Folds (mean curvature)", "1/mm", 1.0, "gray", (-0.06, 0.06)
+    if name == "distanceerror":
+        return "Distance error", "%", 100.0, ERRORS, (0.0, 100 * top(values))
+    if name == "areachange":
+        most = top(np.abs(values))
+        return "Area change, log2(map / surface)", "", 1.0, AREAS, (-most, most)
+    if name == "sulcaldepth":
+        most = top(np.abs(values))
+        return "Sulcal depth", "mm", 1.0, "cividis", (-most, most)
+    defined = values[np.isfinite(values)]
+    low, high = np.percentile(defined, WINDOW).tolist() if len(defined) else (0.0, 1.0)
+    if low < 0 < high:
+        low, high = -max(-low, high), max(-low, high)
+    unit = "mm" if name == "thickness" else ""
+    limits = (low, high) if low < high else (low - 0.5, low + 0.5)
+    return name[:1].upper() + name[1:], unit, 1.0, "RdBu_r" if low < 0 < high else "viridis", limits
+
+
+# --------------------------------------------------------------------------------------- pictures
+
+
+def pictures(
+    flat_map: FlatMap, layers: Sequence[Layer | None], pixel_size: float | None = None
+) -> list[dict[str, Any]]:
+    """Draw layers over the folds of a map.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    layers : sequence of Layer or None
+        What to show; None is the folds alone.
+    pixel_size : float, optional
+        Side of a pixel, mm; by default so that a picture is 620 pixels wide.
+
+    Returns
+    -------
+    list of dict
+        Of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
+        ``mm``, the width in mm.
+    """
+    width = float(np.ptp(flat_map.uv[:, 0]))
+    raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
+    under = folds(flat_map, raster)
+    shade = 1 - _SHADE + _SHADE * (under[..., :1] / under[..., :1].max())
+    drawn = []
+    for layer in layers:
+        pixels = under
+        if layer is not None:
+            over = painted(raster.interpolate(layer.values), layer.colour_map, layer.limits)
+            if layer.name not in MEASURES:  # sulci shine through
+                over[..., :3] = np.round(over[..., :3] * shade)
+            pixels = np.where(over[..., 3:] > 0, over, under)
+        drawn.append(png(pixels, raster.shape[1] * raster.pixel_size))
+    return drawn
+
+
+def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
+    """Return pixels (H, W, 4) that are so many mm wide as a PNG in a page, as `pictures` does."""
+    held = io.BytesIO()
+    image = Image.fromarray(pixels)
+    image.quantize(colors=255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(held, "PNG")
+    source = "data:image/png;base64," + base64.b64encode(held.getvalue()).decode()
+    return {"source": source, "width": pixels.shape[1], "height": pixels.shape[0], "mm": mm}
+
+
+def colour_bar(layer: Layer) -> dict[str, Any]:
+    """Return a layer's colours for a page: ``gradient`` as CSS has it, and the ends."""
+    colours = colormaps[layer.colour_map](np.linspace(0, 1, _BAR), bytes=True)[:, :3]
+    listed = ", ".join(f"rgb({r} {g} {b})" for r, g, b in colours.tolist())
+    low, high = (f"{value:.3g}" for value in layer.limits)
+    return {"gradient": f"linear-gradient(to right, {listed})", "low": low, "high": high, "unit": layer.unit}
+
+
+# ------------------------------------------------------------------------------------------ scenes
+
+
+def scene(flat_map: FlatMap, layers: Sequence[Layer], cuts: Mapping[str, NDArray[np.int64]]) -> str:
+    """Return a map and its surface for the viewer of a page.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    layers : sequence of Layer
+        What can be shown on it.
+    cuts : dict of str to ndarray of int64, shape (k,)
+        Points of the map along each cut.
+
+    Returns
+    -------
+    str
+        JSON: numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in
+        base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest.
+    """
+    rows = np.unique(flat_map.ids, axis=0, return_inverse=True)[1].ravel()  # both sides of a cut have one
+    chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
+    places = flat_map.points[chosen]
+    parts: list[bytes] = []
+    arrays: list[dict[str, Any]] = []
+
+    def add(name: str, values: NDArray[np.float64]) -> None:
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        step = (high - low) / (_NOTHING - 1) or 1.0
+        coded = np.where(np.isnan(values), _NOTHING, np.round((np.nan_to_num(values) - low) / step))
+        parts.append(coded.astype("<u2").tobytes())
+        arrays.append({"name": name, "low": low, "step": step, "length": int(values.size)})
+
+    add("uv", flat_map.uv[chosen])
+    add("folded", places)
+    add("smooth", _smoothed(places, faces, rows[chosen]))
+    for layer in layers:
+        values = layer.values[chosen]
+        add(layer.name, values if np.isfinite(values).any() else np.zeros(len(chosen)))
+    near = _nearest_points(flat_map, chosen)
+    lines = {name: _without_repeats(near[points]) for name, points in cuts.items()}
+    parts.append(faces.astype("<u4").tobytes())
+    told = [
+        {
+            **{"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits},
+            "colours": colormaps[layer.colour_map](np.linspace(0, 1, 64), bytes=True)[:, :3].ravel().tolist(),
+        }
+        for layer in layers
+    ]
+    ids = flat_map.ids[chosen]
+    content = {
+        "points": len(chosen),
+        "of": len(flat_map),
+        "triangles": len(faces),
+        "arrays": arrays,
+        "layers": told,
+        "cuts": lines,
+        "ids": ids.tolist() if ids.ndim == 1 else [],
+        "data": base64.b64encode(zlib.compress(b"".join(parts), 9)).decode(),
+    }
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")  # it stands within HTML
+
+
+def thinned(
+    uv: NDArray[np.float64], faces: NDArray[Any], ids: NDArray[np.int64], most: int = _MOST_POINTS
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Take fewer points of a map, for the eye: one in each cell of a grid over the plane, and all along cuts.
+
+    Parameters
+    ----------
+    uv : ndarray of float64, shape (N, 2)
+        Places, mm.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+    ids : ndarray of int64, shape (N,)
+        The vertex that each point is; the two sides of a cut share one.
+    most : int
+        About how many points are left.
+
+    Returns
+    -------
+    points : ndarray of int64, shape (k,)
+        Those that are left; at the border those of the border.
+    faces : ndarray of int64, shape (G, 3)
+        Triangles of them.
+    """
+    used = np.unique(faces)
+    if len(used) <= most:
+        row = np.zeros(len(uv), dtype=np.int64)
+        row[used] = np.arange(len(used))
+        return used, row[faces]
+    a, b, c = (uv[faces[:, corner]] for corner in range(3))
+    ab, ac = b - a, c - a
+    area = float(np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]).sum() / 2)
+    size = np.sqrt(area / most)
+    cell = np.unique(np.floor((uv - uv.min(axis=0)) / size).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    is_single = np.bincount(ids)[ids] == 1  # sides of cuts stay whole, so that they still belong together
+    within = ends[(cell[ends[:, 0]] == cell[ends[:, 1]]) & is_single[ends].all(axis=1)]
+    shape = (len(uv), len(uv))
+    _, group = connected_components(coo_matrix((np.ones(len(within)), within.T), shape), directed=False)
+    pairs, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    is_inner = np.ones(len(uv), dtype=bool)
+    is_inner[pairs[counts == 1]] = False
+    order = used[np.lexsort((used, is_inner[used], group[used]))]
+    first = np.flatnonzero(np.diff(group[order], prepend=-1))
+    chosen, row = order[first], np.zeros(group.max() + 1, dtype=np.int64)
+    row[group[chosen]] = np.arange(len(chosen))
+    left = row[group[faces.astype(np.int64)]]
+    left = left[(left[:, 0] != left[:, 1]) & (left[:, 1] != left[:, 2]) & (left[:, 2] != left[:, 0])]
+    _, once = np.unique(np.sort(left, axis=1), axis=0, return_index=True)
+    return chosen, left[np.sort(once)]
+
+
+def _smoothed(points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return places of a surface without its folds, each moved to the middle of those around; cuts stay closed.
+
+    The border that is left, around the medial wall, stays where it is.
+    """
+    _, first, one = np.unique(ids, return_index=True, return_inverse=True)
+    moved, corners = points[first], one.ravel()[faces]
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    links = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), 2 * (len(moved),))
+    mean = diags(1 / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)) @ links
+    is_free = np.ones((len(moved), 1), dtype=bool)
+    is_free[edges[counts == 1]] = False
+    for _ in range(max(10, len(moved) // _POINTS_A_STEP)):
+        moved = np.where(is_free, 0.5 * moved + 0.5 * (mean @ moved), moved)
+    return np.asarray(moved[one.ravel()])
+
+
+def _nearest_points(flat_map: FlatMap, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each point of a map the nearest of those that are left."""
+    return np.asarray(cKDTree(flat_map.points[chosen]).query(flat_map.points)[1], dtype=np.int64)
+
+
+def _without_repeats(points: NDArray[np.int64]) -> list[int]:
+    return list(points[np.flatnonzero(np.diff(points, prepend=-1))].tolist())
+
+
+# --------------------------------------------------------------------------------------- templates
+
+
+def filled(template: str, **content: Any) -> str:
+    """Fill in a template of the package.
+
+    Parameters
+    ----------
+    template : str
+        Its name, such as ``subject.html``.
+    **content
+        What it speaks of.
+
+    Returns
+    -------
+    str
+        A page that needs no other file.
+    """
+    return _environment().get_template(template).render(**content)
+
+
+@lru_cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("voxflat.lab", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )

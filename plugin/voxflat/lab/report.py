@@ -1,0 +1,128 @@
+"""The report on a subject: one page of HTML that needs no other file and no network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from voxflat._core import __version__
+from voxflat.lab.freshness import page_key
+from voxflat.lab.inputs import HEMISPHERES
+from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
+from voxflat.lab.results import FIGURES, Shown, figure_of
+
+__all__ = ["REFERENCES", "citation", "subject_page"]
+
+REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
+    "standard": {
+        "fsaverage5's white surface, these cuts": (
+            (10.78, 12.42, 12.22, 0.1363, 13.59, 0.121, 0.374, 0, 0),
+            (9.94, 11.93, 11.86, 0.1247, 13.00, 0.116, 0.384, 0, 0),
+        ),
+        "FreeSurfer's own map of it": (
+            (11.37, 13.69, 16.00, 0.1455, 18.36, 0.269, 0.914, 0, 0),
+            (11.09, 14.06, 15.83, 0.1352, 18.18, 0.275, 0.779, 0, 0),
+        ),
+    },
+    "automatic": {
+        "fsaverage5's white surface, automatic cuts": (
+            (4.88, 7.96, 8.58, 0.0528, 8.87, 0.079, 0.283, 0, 0),
+            (5.11, 7.69, 8.47, 0.0580, 9.08, 0.078, 0.295, 0, 0),
+        ),
+    },
+}
+"""By what said where to cut: maps of fsaverage5, left and right, in the order of `FIGURES`
+(docs/benchmarks/standard.md)."""
+
+
+def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
+    """Return the report on a subject.
+
+    Parameters
+    ----------
+    name : str
+        The subject's.
+    shown : dict of str to Shown
+        By hemisphere, "lh" and "rh".
+    failures : dict of str to str
+        Why a hemisphere has no map.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    hemispheres = []
+    together = layers_of([one.values for one in shown.values()])
+    for (hemi, one), layers in zip(shown.items(), together, strict=True):
+        by_name = {layer.name: layer for layer in layers}
+        chosen = [by_name[key] for key in (*one.record["overlays"], "distanceerror", "areachange") if key in by_name]
+        folds, *drawn = pictures(one.flat_map, [None, *chosen])
+        shown_layers = zip(drawn, chosen, strict=True)
+        hemispheres.append(
+            {
+                "hemi": hemi,
+                "side": HEMISPHERES[hemi][1],
+                "record": one.record,
+                "folds": folds,
+                "pictures": [{**one, "layer": layer, "bar": colour_bar(layer)} for one, layer in shown_layers],
+                "layers": [{"layer": layer, "bar": colour_bar(layer)} for layer in layers],
+                "scene": scene(one.flat_map, layers, one.cuts),
+                "cuts": list(one.cuts),
+                "figures": _figures(one.record, hemi),
+                "references": list(REFERENCES.get(one.record["map"]["cuts_by"], {})),
+            }
+        )
+    return filled(
+        "subject.html",
+        name=name,
+        key=page_key([one.record for one in shown.values()], failures),
+        hemispheres=hemispheres,
+        failures={HEMISPHERES[hemi][1]: reason for hemi, reason in failures.items()},
+        citation=citation([one.record for one in shown.values()]),
+        version=__version__,
+    )
+
+
+def _figures(record: Mapping[str, Any], hemi: str) -> list[dict[str, Any]]:
+    """Return the rows of the table of figures."""
+    side = list(HEMISPHERES).index(hemi)
+    references = REFERENCES.get(record["map"]["cuts_by"], {})
+    rows = []
+    for n, (place, (title, factor, unit)) in enumerate(FIGURES.items()):
+        value, error = figure_of(record, place), figure_of(record, f"standard_error.{place}")
+        shown = None if value is None else factor * value
+        others = [of[side][n] for of in references.values()]
+        digits = 0 if place.endswith(("flipped", "covering")) else 2 if unit else 3
+        rows.append(
+            {
+                "title": title,
+                "unit": unit,
+                "value": "–" if shown is None else f"{shown:.{digits}f}",
+                "error": "" if error is None else f" ± {factor * error:.{digits}f}",
+                "others": [f"{other:.{digits}f}" for other in others],
+                "is_bad": place.endswith(("flipped", "covering")) and bool(value),
+            }
+        )
+    return rows
+
+
+def citation(records: Sequence[Mapping[str, Any]]) -> str:
+    """Return a paragraph on what was done, for a methods section."""
+    if not records:
+        return ""
+    record = records[0]
+    told, of_surface = record["parameters"], record["surface"]
+    by = record["map"]["cuts_by"]
+    cuts = {
+        "standard": f"along standard lines ({', '.join(record['map']['cut_names'])}) traced by the registered sphere",
+        "automatic": "where that relieved the map most",
+    }.get(by, f"as {by} says")
+    on = "the surface of white matter in voxels" if told["volume"] else f"the {told['geometry']} surface"
+    figures = record["figures"]
+    return (
+        f"Cortical hemispheres were flattened with voxflat {record['voxflat']}, which keeps geodesic distances over "
+        f"{on} ({of_surface['vertices']:,} vertices). Surfaces were cut {cuts}. Maps were judged by the distances from "
+        f"{figures['sources']} random sources ({figures['reference']}): relative errors are means of |d − δ|/δ over "
+        "all pairs, d on the map and δ on the cut surface."
+    )

@@ -1,0 +1,204 @@
+"""The results of a hemisphere: where they go, what is told of them, and how they are read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.overlays import read_overlay
+from voxflat.maps.flat_map import FlatMap, load
+
+__all__ = ["FIGURES", "MEASURES", "Results", "Shown", "figure_of", "read_record"]
+
+MEASURES = {
+    "distanceerror": "mean relative error of the distances from each place, as a fraction",
+    "areachange": "log2 of the area on the map over that on the surface",
+    "curvature": "mean curvature, 1/mm, positive on gyri",
+    "sulcaldepth": "sulcal depth, mm, positive in sulci",
+}
+"""What is told of every place of a map, by the names of the files."""
+
+FIGURES: dict[str, tuple[str, float, str]] = {
+    "best_scale.relative_error": ("Distance error", 100, "%"),
+    "best_scale.relative_error_30mm": ("Distance error up to 30 mm", 100, "%"),
+    "best_scale.relative_error_10mm": ("Distance error up to 10 mm", 100, "%"),
+    "best_scale.stress_1": ("Stress-1", 1, ""),
+    "triangles.edge": ("Change of edges", 100, "%"),
+    "triangles.equal_area_median": ("Area change, |log2|: median", 1, ""),
+    "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),
+    "triangles.flipped": ("Triangles turned over", 1, ""),
+    "triangles.covering": ("Triangles that cover another", 1, ""),
+}
+"""Figures of a page: their place in a record, what they are called, a factor, the unit."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """The files of one hemisphere.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    prefix : str
+        How their names begin.
+    of_freesurfer : bool
+        Whether they are named as FreeSurfer's, ``lh.voxflat.flat.surf.gii``, or as those of BIDS,
+        ``sub-01_hemi-L_desc-voxflat_flat.surf.gii``.
+    """
+
+    folder: Path
+    prefix: str
+    of_freesurfer: bool
+
+    @classmethod
+    def in_freesurfer(cls, folder: Path, hemi: str) -> Results:
+        """Return those of a hemisphere in FreeSurfer's directory of a subject."""
+        return cls(folder / "surf", f"{hemi}.voxflat", True)
+
+    @classmethod
+    def in_bids(cls, folder: Path, name: str, letter: str) -> Results:
+        """Return those of a hemisphere of a participant, ``sub-01`` or ``sub-01_ses-02``, in a folder ``anat``."""
+        return cls(folder, f"{name}_hemi-{letter}_desc-voxflat", False)
+
+    def _named(self, name: str) -> Path:
+        return self.folder / f"{self.prefix}{'.' if self.of_freesurfer else '_'}{name}"
+
+    @property
+    def record(self) -> Path:
+        """What made them, with figures, as JSON; it is written last, so that where it is there, all are."""
+        return self._named("flat.json")
+
+    @property
+    def failure(self) -> Path:
+        """Why there are none."""
+        return self._named("failure.json")
+
+    @property
+    def map(self) -> Path:
+        """All of the map."""
+        return self._named("flat.npz")
+
+    @property
+    def surface(self) -> Path:
+        """The map as a flat surface."""
+        return self._named("flat.surf.gii")
+
+    @property
+    def patch(self) -> Path:
+        """The map as FreeSurfer's patch."""
+        return self._named("flat.patch.3d")
+
+    def values(self, name: str) -> Path:
+        """Return where a measure or an overlay goes."""
+        return self._named(f"{name}.shape.gii")
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Read the record of a hemisphere's results.
+
+    Parameters
+    ----------
+    path : Path
+        `Results.record`.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    """
+    try:
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        is_whole = all(name in record for name in ("voxflat", "format", "parameters", "inputs", "outputs", "figures"))
+    except (ValueError, TypeError):
+        is_whole = False
+    if not is_whole:
+        raise InputError(f"{path} is no record of voxflat, or damaged: delete it")
+    return record
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The results of a hemisphere, as they were written.
+
+    Parameters
+    ----------
+    results : Results
+        Where they are.
+    record : dict
+        What the record says.
+    flat_map : FlatMap
+        The map.
+    values : dict of str to ndarray of float64, shape (N,)
+        Measures and overlays at the points of the map.
+    """
+
+    results: Results
+    record: dict[str, Any]
+    flat_map: FlatMap
+    values: dict[str, NDArray[np.float64]]
+
+    @classmethod
+    def read(cls, results: Results) -> Shown:
+        """Read results.
+
+        Parameters
+        ----------
+        results : Results
+            Where they are.
+
+        Returns
+        -------
+        Shown
+
+        Raises
+        ------
+        InputError, OSError
+            If they are damaged, or not there.
+        """
+        record, flat_map = read_record(results.record), load(results.map)
+        names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]
+        structure = flat_map.metadata.get("structure")
+        values = {}
+        for name in names:
+            path = results.values(name)
+            with naming(path, REMEDY):
+                count = len(flat_map) if flat_map.is_voxels else flat_map.metadata["vertices"]
+                found = read_overlay(path, count, structure=structure).astype(np.float64)
+            values[name] = found if flat_map.is_voxels else found[flat_map.ids]
+        return cls(results, record, flat_map, values)
+
+    @property
+    def cuts(self) -> dict[str, NDArray[np.int64]]:
+        """Points of the map along each cut, by its name."""
+        metadata = self.flat_map.metadata
+        rows = {_key(of): row for row, of in enumerate(self.flat_map.ids.tolist())}
+        given = zip(metadata["cut_names"], metadata["cuts"], strict=True)
+        named = [(name or f"cut {n}", line) for n, (name, line) in enumerate(given, 1)]
+        named += [(f"automatic {n}", cut["ids"]) for n, cut in enumerate(metadata["automatic_cuts"], 1)]
+        found = {name: [rows[_key(of)] for of in line if _key(of) in rows] for name, line in named}
+        return {name: np.array(points, dtype=np.int64) for name, points in found.items() if len(points) > 1}
+
+
+def _key(of: Any) -> Any:
+    return tuple(of) if isinstance(of, list) else of
+
+
+def figure_of(record: Mapping[str, Any], place: str) -> float | None:
+    """Return a figure of a record by its place, such as ``best_scale.stress_1``; None where it is undefined."""
+    value: Any = record["figures"]
+    for key in place.split("."):
+        value = None if value is None else value.get(key)
+    return None if value is None else float(value)

@@ -1,0 +1,270 @@
+"""Participants, one after the other: what is missing or stale is made, and one that fails never stops the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from voxflat._core import __version__
+from voxflat.errors import Cancelled, InputError, told
+from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
+from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
+from voxflat.lab.results import Results, Shown, read_record
+from voxflat.lab.subject import make
+
+__all__ = ["NO_FILES", "Outcome", "describe", "freesurfer", "pages_of", "plan", "results_of", "study"]
+
+BIDS_VERSION = "1.10.0"
+
+NO_FILES = "there is neither a directory of FreeSurfer nor a surface of this participant"
+
+_IGNORED = """\
+# BIDS has no flat surfaces (*_flat.surf.gii), no measures of maps at vertices, and no pages of a whole study
+*.surf.gii
+*.shape.gii
+*_flat.json
+*_flat.npz
+*_failure.json
+*.html
+group_*
+"""
+
+Report = Callable[["Outcome"], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a hemisphere.
+
+    Parameters
+    ----------
+    name : str
+        The participant's: ``sub-01``, ``sub-01_ses-02``, or FreeSurfer's name of the subject.
+    hemi : {"lh", "rh"}
+        Which hemisphere.
+    state : {"made", "done", "failed", "missing", "stale"}
+        "done" was up to date; "missing" and "stale" are to be made, in a plan.
+    reason : str
+        Why it failed, or is to be made.
+    record : dict or None
+        Of what was made.
+    """
+
+    name: str
+    hemi: str
+    state: str
+    reason: str = ""
+    record: dict[str, Any] | None = None
+
+    @property
+    def letter(self) -> str:
+        """As BIDS has it: L or R."""
+        return HEMISPHERES[self.hemi][0]
+
+
+def freesurfer(
+    folder: Path, hemis: Sequence[str], parameters: Parameters, *, tell: Report | None = None, **how: Any
+) -> list[Outcome]:
+    """Flatten the hemispheres of a subject of FreeSurfer, into its own directory.
+
+    Parameters
+    ----------
+    folder : Path
+        FreeSurfer's directory of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``.
+    hemis : sequence of {"lh", "rh"}
+        Which.
+    parameters : Parameters
+        What is made of each.
+    tell : callable, optional
+        Takes the outcome of each.
+    **how
+        ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`.
+
+    Returns
+    -------
+    list of Outcome
+
+    Raises
+    ------
+    InputError
+        If there is no such directory.
+    Cancelled
+        If `progress` returned False.
+    """
+    if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
+        raise InputError(f"{folder}: there is no surf/ in it: give the directory that recon-all made for a subject")
+
+    def results(hemi: str) -> Results:
+        return Results.in_freesurfer(folder, hemi)
+
+    name = folder.resolve().name
+    return list(_each(name, folder, hemis, parameters, results, folder / "voxflat.html", tell or _nothing, how))
+
+
+def study(
+    source: Path,
+    out: Path,
+    hemis: Sequence[str],
+    parameters: Parameters,
+    *,
+    labels: Sequence[str] = (),
+    tell: Report | None = None,
+    **how: Any,
+) -> list[Outcome]:
+    """Flatten the hemispheres of participants, into derivatives of BIDS.
+
+    Parameters
+    ----------
+    source : Path
+        As in `participants`.
+    out : Path
+        A directory; made if it is missing.
+    hemis, parameters, tell, **how
+        As in `freesurfer`.
+    labels : sequence of str
+        Participants; all by default.
+
+    Returns
+    -------
+    list of Outcome
+
+    Raises
+    ------
+    InputError
+        If there are no participants, or `out` is that of another program.
+    OSError
+        If nothing can be written to `out`.
+    Cancelled
+        If `progress` returned False.
+    """
+    everybody = participants(source, labels)
+    describe(source, out)
+    outcomes: list[Outcome] = []
+    for one in everybody:
+        results = results_of(one, out)
+        outcomes += _each(one.name, one.folder, hemis, parameters, results, pages_of(one, out), tell or _nothing, how)
+    return outcomes
+
+
+def plan(
+    source: Path, out: Path, hemis: Sequence[str], parameters: Parameters, labels: Sequence[str] = ()
+) -> Iterator[Outcome]:
+    """Say what `study` would do: nothing is written.
+
+    Parameters
+    ----------
+    source, out, hemis, parameters, labels
+        As in `study`.
+
+    Yields
+    ------
+    Outcome
+        "done", "missing", "stale", or "failed" where files are not there.
+    """
+    for one in participants(source, labels):
+        for hemi in hemis:
+            try:
+                wanted = request(_found(one.folder, hemi, parameters), parameters)
+                yield Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
+            except (InputError, OSError) as error:
+                yield Outcome(one.name, hemi, "failed", told(error))
+
+
+def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
+    """Return where the results of a participant go, by hemisphere."""
+    folder = out / f"sub-{one.label}" / (f"ses-{one.session}" if one.session else "") / "anat"
+    return lambda hemi: Results.in_bids(folder, one.name, HEMISPHERES[hemi][0])
+
+
+def pages_of(one: Participant, out: Path) -> Path:
+    """Return where the report on a participant goes."""
+    return out / f"{one.name}.html"
+
+
+def describe(source: Path, out: Path) -> None:
+    """Write what BIDS asks for in a directory of derivatives.
+
+    Parameters
+    ----------
+    source : Path
+        What they are derived from.
+    out : Path
+        The directory; made if it is missing.
+
+    Raises
+    ------
+    InputError
+        If there is a description of another program's.
+    """
+    path = out / "dataset_description.json"
+    if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):
+        raise InputError(f"{out} holds derivatives of another program ({path}): give another directory")
+    if out.resolve() == source.resolve():
+        raise InputError(f"{out} holds the inputs: give another directory, such as {out / 'derivatives' / 'voxflat'}")
+    content = {
+        "Name": "voxflat: flat maps of the cortex",
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "derivative",
+        "GeneratedBy": [{"Name": "voxflat", "Version": __version__}],
+        "SourceDatasets": [{"URL": source.resolve().as_uri()}],
+    }
+    write_json(path, content)
+    write_text(out / ".bidsignore", _IGNORED)
+
+
+def _found(folder: Path | None, hemi: str, parameters: Parameters) -> Any:
+    if folder is None:
+        raise InputError(NO_FILES)
+    return found_in(folder, hemi, parameters)
+
+
+def _nothing(_: Outcome) -> None:
+    pass
+
+
+def _each(
+    name: str,
+    folder: Path | None,
+    hemis: Sequence[str],
+    parameters: Parameters,
+    results: Callable[[str], Results],
+    page: Path,
+    tell: Report,
+    how: dict[str, Any],
+) -> Iterator[Outcome]:
+    """Make what is missing or stale of a participant, and the report."""
+    outcomes = []
+    for hemi in hemis:
+        outcome = _one(name, folder, hemi, parameters, results(hemi), how)
+        tell(outcome)
+        outcomes.append(outcome)
+        yield outcome
+    there = {one.hemi: results(one.hemi) for one in outcomes if one.state != "failed"}
+    failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
+    key = page_key([read_record(of.record) for of in there.values()], failures)
+    if there and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
+        from voxflat.lab.report import subject_page  # brings in matplotlib
+
+        write_text(page, subject_page(name, {hemi: Shown.read(of) for hemi, of in there.items()}, failures))
+
+
+def _one(
+    name: str, folder: Path | None, hemi: str, parameters: Parameters, results: Results, how: dict[str, Any]
+) -> Outcome:
+    """Make a hemisphere, unless it is up to date; whatever goes wrong is its own."""
+    try:
+        hemisphere = _found(folder, hemi, parameters)
+        now, _ = state(results, request(hemisphere, parameters))
+        if now == "done":
+            return Outcome(name, hemi, "done")
+        return Outcome(name, hemi, "made", record=make(hemisphere, parameters, results, **how))
+    except Cancelled:
+        raise
+    except Exception as error:
+        reason = told(error)
+        with suppress(OSError):  # what cannot be written is told all the same
+            write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
+        return Outcome(name, hemi, "failed", reason)

@@ -1,0 +1,134 @@
+"""The page of a study: its table, what stands out, all maps at one scale, and means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat._core import __version__
+from voxflat.figures.flat_maps import painted
+from voxflat.lab.comparison import Mean, Row
+from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
+from voxflat.lab.results import FIGURES, figure_of
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.raster import FlatImage
+
+__all__ = ["map_picture", "study_page"]
+
+_SHOWN = 0.9  # pixels of the page a mm of a map
+_AT_FULL = 60  # maps that are drawn with a pixel a mm; more have larger pixels, so that the page stays small
+_DOTS = (240.0, 26.0)  # pixels of a row of dots
+
+
+def study_page(rows: Sequence[Row], means: Sequence[Mean], maps: Sequence[Mapping[str, Any]], key: str) -> str:
+    """Return the page of a study.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        All hemispheres.
+    means : sequence of Mean
+        Over standard maps.
+    maps : sequence of dict
+        `map_picture` of each.
+    key : str
+        What it is made of, in short.
+
+    Returns
+    -------
+    str
+        HTML that needs no other file but the subjects' reports, which it links to.
+    """
+    there = [row for row in rows if row.record is not None]
+    table = []
+    for row in rows:
+        cells = [] if row.record is None else [_cell(row, place) for place in FIGURES]
+        table.append({"row": row, "cells": cells})
+    parameters = {_told(row.record["parameters"]) for row in there if row.record is not None}
+    versions = {row.record["voxflat"] for row in there if row.record is not None}
+    return filled(
+        "study.html",
+        key=key,
+        version=__version__,
+        table=table,
+        titles=[(title, unit) for title, _, unit in FIGURES.values()],
+        missing=[row for row in rows if row.record is None],
+        outliers=[row for row in there if row.outliers],
+        names=FIGURES,
+        pictures=[[of for of in maps if of["row"].letter == letter] for letter in ("L", "R")],
+        means=[_mean(one) for one in means],
+        dots=[_dots(there, place) for place in FIGURES],
+        parameters=sorted(parameters),
+        versions=sorted(versions),
+        maps=len(there),
+        participants=len({row.name + row.session for row in rows}),
+    )
+
+
+def map_picture(row: Row, flat_map: FlatMap, of: int) -> dict[str, Any]:
+    """Return the folds of a map as a picture at the scale that all of so many have on the page."""
+    (drawn,) = pictures(flat_map, [None], pixel_size=max(1.0, float(np.sqrt(of / _AT_FULL))))
+    return {**drawn, "row": row, "shown": round(_SHOWN * drawn["mm"])}
+
+
+def _cell(row: Row, place: str) -> dict[str, Any]:
+    _, factor, unit = FIGURES[place]
+    value = figure_of(row.record or {}, place)
+    digits = 0 if place.endswith(("flipped", "covering")) else 1 if unit else 3
+    text = "–" if value is None else f"{factor * value:.{digits}f}"
+    return {"text": text, "is_outlier": place in row.outliers}
+
+
+def _told(parameters: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in parameters.items() if name not in ("hemi", "seed") and value)
+
+
+def _mean(one: Mean) -> dict[str, Any]:
+    """Return mean and standard deviation of one thing as pictures."""
+    look = layers_of([{one.name: one.mean.data[np.isfinite(one.mean.data)]}])[0][0]
+    spread = one.deviation.data[np.isfinite(one.deviation.data)]
+    high = float(np.percentile(spread, 99)) if len(spread) else 1.0
+    of_deviation = Layer(one.name, look.title, look.unit, spread, "viridis", (0.0, high or 1.0))
+    return {
+        "title": look.title,
+        "side": {"L": "left", "R": "right"}[one.letter],
+        "most": int(one.count.max()),
+        "images": [
+            {**_drawn(image, layer), "bar": colour_bar(layer), "what": what}
+            for what, image, layer in (
+                ("mean", one.mean, look),
+                ("standard deviation", one.deviation, of_deviation),
+            )
+        ],
+    }
+
+
+def _drawn(image: FlatImage, layer: Layer) -> dict[str, Any]:
+    pixels: NDArray[np.uint8] = painted(image.data, layer.colour_map, layer.limits)
+    pixels[..., 3] = 255 * np.isfinite(image.data)
+    return png(pixels, image.data.shape[1] * image.pixel_size)
+
+
+def _dots(rows: Sequence[Row], place: str) -> dict[str, Any]:
+    """Return how a figure is spread over hemispheres, as places of dots."""
+    title, factor, unit = FIGURES[place]
+    width, height = _DOTS
+    found = [(row, figure_of(row.record or {}, place)) for row in rows]
+    values = [factor * value for _, value in found if value is not None]
+    low, high = (min(values), max(values)) if values else (0.0, 0.0)
+    span = high - low or 1.0
+    dots = [
+        {
+            "x": round(6 + (width - 12) * (factor * value - low) / span, 1),
+            "y": round(height * (0.3 if row.letter == "L" else 0.7), 1),
+            "is_outlier": place in row.outliers,
+            "text": f"{row.name}{row.session} {row.letter}: {factor * value:.4g}{' ' + unit if unit else ''}",
+        }
+        for row, value in found
+        if value is not None
+    ]
+    median = f"{np.median(values):.3g}" if values else "–"
+    return {"title": title, "unit": unit, "low": f"{low:.3g}", "median": median, "high": f"{high:.3g}", "dots": dots}

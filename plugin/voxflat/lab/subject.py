@@ -1,0 +1,277 @@
+"""One hemisphere, from its files to a flat map, measures, and a record of how they came to be."""
+
+from __future__ import annotations
+
+import logging
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress, log
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, atomic_path, contents, naming
+from voxflat.io.freesurfer import read_annot
+from voxflat.io.gifti import value_bytes
+from voxflat.io.overlays import read_overlay
+from voxflat.lab.freshness import request, write_json
+from voxflat.lab.inputs import Hemisphere, Parameters
+from voxflat.lab.results import MEASURES, Results, read_record
+from voxflat.maps.depth import ON_SURFACE, Depths
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.sampling import sample_mean
+from voxflat.methods.flatten import flatten
+from voxflat.surfaces.lips import one_point_a_vertex
+from voxflat.surfaces.making import surface
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["make"]
+
+_LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
+_PROBABLE = 0.5  # of white matter
+_NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # in aparc.annot
+
+
+def make(
+    hemisphere: Hemisphere,
+    parameters: Parameters,
+    results: Results,
+    *,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Flatten a hemisphere and write the map, its measures and the record.
+
+    Parameters
+    ----------
+    hemisphere : Hemisphere
+        Its files.
+    parameters : Parameters
+        What to make of them.
+    results : Results
+        Where everything goes.
+    threads, memory_limit, progress
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    dict
+        The record, as it was written.
+
+    Raises
+    ------
+    InputError
+        If the files cannot be used; the message names them and the remedy.
+    OSError
+        If something cannot be read or written.
+    Cancelled
+        If `progress` returned False.
+    """
+    clock = _Clock()
+    with clock("reading and checksums"):
+        wanted = request(hemisphere, parameters)
+        common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        whole = _surface(hemisphere, parameters, common)
+        patch = _patch(hemisphere, parameters, whole)
+    with clock("flattening and judging"):
+        cuts = str(hemisphere.files.get("cuts", parameters.cuts))
+        sphere = hemisphere.files.get("sphere")
+        flat_map = flatten(whole, cuts=cuts, sphere=sphere, seed=parameters.seed, **patch, **common)
+    with clock("overlays"), _noting() as doubts:
+        values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
+    with clock("writing"), _noting() as notes:
+        written = _write(flat_map, values, results)
+    record = {
+        **wanted,
+        "hemi": hemisphere.letter,
+        "overlays": sorted(hemisphere.overlays),
+        "outputs": {path.name: path.stat().st_size for path in written},
+        **_told(whole, flat_map, doubts),
+        "notes": notes,
+        "seconds": clock.seconds,
+    }
+    write_json(results.record, record)
+    results.failure.unlink(missing_ok=True)
+    return record
+
+
+class _Clock:
+    """How long each step took."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, step: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[step] = round(time.perf_counter() - start, 2)
+
+
+@contextmanager
+def _noting() -> Iterator[list[str]]:
+    """Hold what is said of files, such as that they lack triangles at cuts, for the record."""
+    notes: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: notes.append(record.getMessage())  # type: ignore[method-assign]
+    log.addHandler(handler)
+    try:
+        yield notes
+    finally:
+        log.removeHandler(handler)
+
+
+# ------------------------------------------------------------------------------------ to the map
+
+
+def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, Any]) -> Surface:
+    """Return the surface on which distances are measured."""
+    files = hemisphere.files
+    if parameters.volume:
+        threshold = _PROBABLE if "_probseg." in files["volume"].name else None
+        return surface(files["volume"], label=hemisphere.label, threshold=threshold, repair="voxels", **common)
+    if parameters.geometry == "midthickness":
+        return surface(files["white"], pial=files["pial"], **common)
+    return surface(files[parameters.geometry], **common)
+
+
+def _patch(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> dict[str, Any]:
+    """Return what is to be flattened: the cortex, where a file says which it is."""
+    if "cortex" in hemisphere.files:
+        return {"keep": hemisphere.files["cortex"]}
+    if "areas" in hemisphere.files:
+        return {"drop": _beside_cortex(hemisphere.files["areas"], whole.count)}
+    is_known = whole.thickness is not None
+    return {"drop": "medial wall"} if is_known and parameters.cuts == "automatic" else {}  # templates have their own
+
+
+def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:
+    """Return which vertices a parcellation of the cortex leaves out."""
+    with naming(annotation, REMEDY):
+        labels, names = read_annot(annotation, contents(annotation))
+    if len(labels) != count:
+        raise InputError(f"{annotation} has {len(labels)} labels, the surface {count} vertices: is it of this one?")
+    others = [n for n, name in enumerate(names) if name.lower() in _NO_CORTEX]
+    is_beside = (labels < 0) | np.isin(labels, others)
+    if is_beside.all():
+        raise InputError(f"{annotation}: no vertex has a label of the cortex")
+    return np.asarray(is_beside)
+
+
+def _measures(flat_map: FlatMap) -> dict[str, NDArray[np.float64]]:
+    """Return what is told of every point of the map."""
+    triangles = flat_map.distortion.triangles
+    found = {
+        "distanceerror": flat_map.distortion.per_point,
+        "areachange": None if triangles is None else triangles.areal,
+        "curvature": flat_map.curvature,
+        "sulcaldepth": flat_map.sulcal_depth,
+    }
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np.float64]]:
+    """Return the overlays at every point of the map; volumes in the middle of the cortex, where that is known."""
+    sampler = flat_map._triangles.on_surface
+    in_cortex = flat_map.white_points is not None and flat_map.pial_points is not None
+    depths = Depths.of(0.0, 0.5, "equivolume") if in_cortex else ON_SURFACE
+    found = {}
+    for name, path in hemisphere.overlays.items():
+        if name in MEASURES:
+            raise InputError(f"the overlay {path} has the name of a measure, {name}: rename it")
+        if path.name.lower().endswith(_LABELS):
+            raise InputError(f"the overlay {path} has labels, not values: voxflat figure MAP --parcels shows those")
+        if sampler.is_overlay(path):
+            values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
+            if values.ndim > 1:
+                raise InputError(f"{path} has {values.shape[1]} maps: give a file with one")
+            found[name] = values[flat_map.ids].astype(np.float64)
+        else:
+            places = [flat_map.space.to_scanner(points) for points in sampler.at(depths)]
+            found[name] = sample_mean(sampler.placed(path), places)
+            if found[name].ndim > 1:
+                raise InputError(f"{path} has colours or several volumes: give one of values")
+        if not np.isfinite(found[name]).any():
+            raise InputError(f"the overlay {path} has no value anywhere on the map: does it belong to this subject?")
+    return found
+
+
+# ------------------------------------------------------------------------------------ to the files
+
+
+def _write(flat_map: FlatMap, values: dict[str, NDArray[np.float64]], results: Results) -> list[Path]:
+    """Write the map and what is told of its points; return the files."""
+    results.folder.mkdir(parents=True, exist_ok=True)
+    before = _written_before(results)
+    results.record.unlink(missing_ok=True)  # from here on they are not those that it tells of
+    written = [results.map, results.surface]
+    if results.of_freesurfer and not flat_map.is_voxels:
+        written.append(results.patch)
+    for path in written:
+        flat_map.save(path)
+    structure = flat_map.metadata.get("structure")
+    rows = None if flat_map.is_voxels else one_point_a_vertex(flat_map.ids, flat_map.faces)
+    for name, at_points in values.items():
+        at_vertices = at_points
+        if rows is not None:  # as the flat surface has them
+            at_vertices = np.full(flat_map.metadata["vertices"], np.nan)
+            at_vertices[flat_map.ids[rows]] = at_points[rows]
+        with atomic_path(results.values(name)) as temporary:
+            temporary.write_bytes(value_bytes({name: at_vertices}, structure, flat_map.provenance))
+        written.append(results.values(name))
+    for path in before - set(written):  # overlays that nobody asked for this time
+        path.unlink(missing_ok=True)
+    return written
+
+
+def _written_before(results: Results) -> set[Path]:
+    """Return the files of a result that is made anew."""
+    try:
+        names = read_record(results.record)["outputs"]
+    except (InputError, OSError):
+        return set()
+    return {results.folder / name for name in names if Path(name).name == name and name.startswith(results.prefix)}
+
+
+def _told(whole: Surface, flat_map: FlatMap, doubts: list[str]) -> dict[str, Any]:
+    """Return what the record says of surface and map."""
+    topology, metadata = whole.core.topology(), flat_map.metadata
+    first = topology["components"][0]
+    width, height = np.ptp(flat_map.uv, axis=0).tolist()
+    mended = {name: len(places) for name, places in metadata.get("mended", {}).items() if np.ndim(places)}
+    return {
+        "surface": {
+            "vertices": len(whole),
+            "triangles": len(whole.faces),
+            "components": len(topology["components"]),
+            "euler": int(first["euler"]),
+            "boundaries": len(topology["loops"]),
+            "handles_cut": len(metadata.get("handles_cut", [])),
+            "voxels_changed": int(np.count_nonzero(whole.changed_voxels())) if whole.is_voxels else 0,
+            "mended": mended,
+            "measured_on": metadata.get("measured_on", "the surface itself"),
+            "space": metadata["space"]["name"],
+        },
+        "map": {
+            "points": metadata["points"],
+            "width": width,
+            "height": height,
+            "low": flat_map.uv.min(axis=0).tolist(),
+            "high": flat_map.uv.max(axis=0).tolist(),
+            "frame": metadata.get("frame"),
+            "cuts_by": os.path.basename(str(metadata["cuts_by"])),
+            "cut_names": [name for name in metadata["cut_names"] if name],
+            "automatic_cuts": len(metadata["automatic_cuts"]),
+        },
+        "figures": flat_map.distortion.figures(),
+        "warnings": [*metadata["warnings"], *doubts],
+        "versions": {**metadata["versions"], "system": platform.system()},
+        "provenance": flat_map.provenance,
+    }

@@ -1,0 +1,27 @@
+"""Subjects of small real hemispheres, as FreeSurfer leaves them, and one that has been flattened."""
+
+import pytest
+import studies
+from lab_runs import VERTICES, run
+
+pytest.importorskip("nilearn")
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A subject that was flattened with a volume, whose value is z, and curv as overlays; what the command said."""
+    folder = tmp_path_factory.mktemp("subjects") / "sub-01"
+    for hemi in ("lh", "rh"):
+        studies.write_freesurfer(folder, hemi, studies.hemisphere(hemi, VERTICES), studies.C_RAS)
+    studies.write_z(folder / "mri" / "z.mgz")
+    result = run("freesurfer", folder, "--overlay", "thickness", "mri/z.mgz")
+    assert result.exit_code == 0, result.output
+    return folder, result
+
+
+@pytest.fixture
+def subject(tmp_path):
+    """A subject that nobody has flattened yet, the left hemisphere alone."""
+    folder = tmp_path / "sub-02"
+    studies.write_freesurfer(folder, "lh", studies.hemisphere("lh", VERTICES), studies.C_RAS)
+    return folder

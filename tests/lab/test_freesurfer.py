@@ -1,0 +1,305 @@
+"""`voxflat freesurfer`: files that other programs read, results that are up to date or made anew, reasons for none."""
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import studies
+from freesurfer_rule import read_patch
+from lab_runs import VERTICES, console_of, everything, run
+
+import voxflat
+from voxflat.lab.report import REFERENCES
+from voxflat.lab.results import FIGURES
+
+nib = pytest.importorskip("nibabel")
+
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
+
+def values(folder, name):
+    return nib.load(folder / "surf" / f"lh.voxflat.{name}.shape.gii").agg_data()
+
+
+@pytest.fixture(scope="module")
+def flat_map(made):
+    return voxflat.load(made[0] / "surf" / "lh.voxflat.flat.npz")
+
+
+# ------------------------------------------------------------------------------------------------ files
+
+
+def test_what_is_written(made):
+    folder, result = made
+    wanted = {f"{h}.voxflat.flat.{end}" for h in ("lh", "rh") for end in ("patch.3d", "surf.gii", "npz", "json")}
+    measures = ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z")
+    wanted |= {f"{h}.voxflat.{name}.shape.gii" for h in ("lh", "rh") for name in measures}
+    assert {path.name for path in (folder / "surf").glob("*voxflat*")} == wanted
+    assert re.search(r"sub-01 lh: \d+ points, error \d+\.\d %", result.stdout)
+    assert f"report: {folder}/voxflat.html" in result.stdout
+
+
+def test_the_record_says_what_made_it(made, flat_map):
+    folder, _ = made
+    record = json.loads((folder / "surf" / "lh.voxflat.flat.json").read_text())
+    for file in record["inputs"].values():
+        assert file["sha256"] == hashlib.sha256(Path(file["path"]).read_bytes()).hexdigest()
+    assert set(record["inputs"]) == {"white", "pial", "sphere", "cortex", "overlay thickness", "overlay z"}
+    assert record["figures"] == flat_map.distortion.figures()
+    assert record["map"]["cut_names"] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
+    assert (record["surface"]["vertices"], record["surface"]["euler"]) == (VERTICES, 2)
+    assert "left out" in " ".join(record["notes"])  # triangles at the cuts, of surface and patch
+    for name, size in record["outputs"].items():
+        assert (folder / "surf" / name).stat().st_size == size
+
+
+def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
+    record = json.loads((made[0] / "surf" / "lh.voxflat.flat.json").read_text())
+    watched = {file["sha256"] for file in record["inputs"].values()}
+    provenance = flat_map.provenance
+    read = {*provenance["files"].values(), *provenance["parameters"]["surface"]["files"].values()}
+    assert read <= watched
+    assert len(read) == 4
+
+
+def test_the_cortex_label_says_what_is_flattened(flat_map):
+    of = studies.hemisphere("lh", VERTICES)
+    assert of["cortex"][flat_map.ids].all()
+    assert len(np.unique(flat_map.ids)) > 0.97 * of["cortex"].sum()  # the largest piece of whole triangles
+
+
+def test_measures_lie_at_the_vertices_and_nothing_lies_elsewhere(made, flat_map):
+    folder, _ = made
+    on_map = np.unique(flat_map.ids)
+    for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness"):
+        found = values(folder, name)
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found)), on_map)
+    of_points, found = flat_map.distortion.per_point.astype(np.float32), values(folder, "distanceerror")
+    for vertex in on_map.tolist():  # on one of the sides of a cut
+        assert found[vertex] in of_points[flat_map.ids == vertex]
+    thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")
+    np.testing.assert_array_equal(values(folder, "thickness")[on_map], thickness[on_map])
+
+
+def test_a_volume_is_sampled_where_it_lies_in_the_middle_of_the_cortex(made, flat_map):
+    of, on_map = studies.hemisphere("lh", VERTICES), np.unique(flat_map.ids)
+    white, pial = (of[name][:, 2] + studies.C_RAS[2] for name in ("white", "pial"))
+    share = (values(made[0], "z") - white)[on_map] / (pial - white)[on_map]
+    is_telling = np.abs(pial - white)[on_map] > 1
+    # equivolume: between 0.3 and 0.7 of the way, by how the surface bends
+    assert is_telling.sum() > 200
+    assert (np.abs(share[is_telling] - 0.5) < 0.25).mean() > 0.97
+
+
+def test_the_patch_is_the_map_by_freesurfers_rule_and_turned_by_pycortexs(made, flat_map):
+    folder, _ = made
+    _, faces = nib.freesurfer.read_geometry(folder / "surf" / "lh.smoothwm")
+    listed, _, triangles = read_patch(folder / "surf" / "lh.voxflat.flat.patch.3d", faces)
+    of_map = {tuple(sorted(triangle)) for triangle in flat_map.ids[flat_map.faces].tolist()}
+    assert {tuple(sorted(triangle)) for triangle in triangles} <= of_map
+    assert len(triangles) > 0.8 * len(of_map)
+    for vertex, place in listed.items():  # on one of the sides of a cut
+        assert np.abs(flat_map.uv[flat_map.ids == vertex] - place[:2]).max(axis=1).min() < 1e-3
+    points = pycortex_flat(folder, "lh", "voxflat")  # u is y of the file, v is −x: turned by a right angle, no mirror
+    some = np.array(sorted(listed))
+    places = np.array([listed[vertex] for vertex in some.tolist()])
+    np.testing.assert_allclose(points[some, 0], places[:, 1], atol=1e-4)
+    np.testing.assert_allclose(points[some, 1], -places[:, 0], atol=1e-4)
+
+
+def pycortex_flat(folder, hemi, patch):
+    """Read as cortex.freesurfer.import_flat does: surf/?h.{patch}.flat.patch.3d over the vertices of ?h.smoothwm."""
+    points, _ = nib.freesurfer.read_geometry(folder / "surf" / f"{hemi}.smoothwm")
+    data = (folder / "surf" / f"{hemi}.{patch}.flat.patch.3d").read_bytes()
+    count = int.from_bytes(data[4:8], "big")
+    entries = np.frombuffer(data[8:], [("vert", ">i4"), ("x", ">f4"), ("y", ">f4"), ("z", ">f4")])
+    assert len(entries) == count
+    for sign in (1, -1):
+        own = entries[sign * entries["vert"] > 0]
+        points[sign * own["vert"] - 1] = np.stack([own["x"], own["y"], own["z"]], axis=1)
+    flat = points[:, [1, 0, 2]]
+    flat[:, 1] = -flat[:, 1]
+    return flat
+
+
+def test_nilearn_draws_the_flat_surface_with_an_overlay(made):
+    from nilearn.plotting import plot_surf
+
+    surf = made[0] / "surf"
+    figure = plot_surf(surf / "lh.voxflat.flat.surf.gii", values(made[0], "thickness"), view=(90, 270))
+    figure.canvas.draw()
+    picture = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+
+
+@pytest.mark.skipif(shutil.which("wb_command") is None, reason="Connectome Workbench is not installed")
+@pytest.mark.parametrize("name", ["flat.surf.gii", "distanceerror.shape.gii"])
+def test_workbench_takes_them(made, name):
+    path = made[0] / "surf" / f"lh.voxflat.{name}"
+    done = subprocess.run(["wb_command", "-file-information", path], capture_output=True, text=True, check=True)
+    assert re.search(rf"Number of Vertices: +{VERTICES}\b", done.stdout)
+    assert re.search(r"Structure: +CortexLeft", done.stdout)
+
+
+# ------------------------------------------------------------------------------- up to date, or made anew
+
+
+def test_what_is_up_to_date_is_left_alone(made):
+    folder, _ = made
+    before = everything(folder)
+    again = run("freesurfer", folder, "--overlay", "thickness", "--overlay", "mri/z.mgz")
+    assert (again.exit_code, again.stdout.count("up to date")) == (0, 2)
+    assert everything(folder) == before
+
+
+def test_another_parameter_makes_it_anew_and_the_first_one_as_it_was(subject):
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    first = everything(subject / "surf")
+    curv = run("freesurfer", subject, "--hemi", "lh", "--overlay", "curv", "--json")
+    (told,) = json.loads(curv.stdout)["hemispheres"]
+    assert (told["state"], "lh.voxflat.curv.shape.gii" in told["outputs"]) == ("made", True)
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    made_again = everything(subject / "surf")
+    assert set(first) == set(made_again)  # the overlay of the second call is gone
+    unequal = [name for name in first if first[name][0] != made_again[name][0]]
+    assert unequal == ["lh.voxflat.flat.json"]  # which tells the seconds
+    assert "up to date" in run("freesurfer", subject, "--hemi", "lh").stdout
+
+
+def test_ctrl_c_leaves_nothing_that_looks_finished(subject, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("voxflat.lab.subject.value_bytes", interrupted)
+        assert run("freesurfer", subject, "--hemi", "lh").exit_code == 130
+    left = {path.name for path in (subject / "surf").iterdir()}
+    assert not any(name.startswith(".") or name.endswith(("flat.json", "failure.json")) for name in left)
+    assert not (subject / "voxflat.html").exists()
+    assert "points" in run("freesurfer", subject, "--hemi", "lh").stdout
+
+
+# ------------------------------------------------------------------------------------------ what is made
+
+
+@pytest.mark.parametrize("geometry", ["white", "pial"])
+def test_the_geometry_is_what_distances_are_measured_on(subject, geometry):
+    assert run("freesurfer", subject, "--hemi", "lh", "--geometry", geometry).exit_code == 0
+    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
+    wanted = studies.hemisphere("lh", VERTICES)[geometry][flat.ids]
+    np.testing.assert_allclose(flat.points, wanted, atol=1e-3)
+
+
+def test_without_a_label_the_parcellation_says_what_cortex_is_and_without_both_the_template(subject):
+    of = studies.hemisphere("lh", VERTICES)
+    (subject / "label" / "lh.cortex.label").unlink()
+    areas = np.where(of["cortex"], 1 + (of["white"][:, 2] > 0), 0)
+    table = np.array([[25, 5, 25, 0, 0], [100, 9, 9, 0, 0], [9, 100, 9, 0, 0]])
+    path = subject / "label" / "lh.aparc.annot"
+    nib.freesurfer.write_annot(path, areas, table, ["unknown", "low", "high"], fill_ctab=True)
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
+    assert of["cortex"][flat.ids].all()
+    path.unlink()
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    flat = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz")
+    assert not of["cortex"][flat.ids].all()
+    assert 0.85 < len(np.unique(flat.ids)) / VERTICES < 0.99
+
+
+def test_cuts_of_a_file(subject):
+    made = run("cut", subject / "surf" / "lh.white", "--cuts", "standard", "-o", subject / "lh.mine.json")
+    assert made.exit_code == 0, made.output
+    assert run("freesurfer", subject, "--hemi", "lh", "--cuts", "{hemi}.mine.json").exit_code == 0
+    record = json.loads((subject / "surf" / "lh.voxflat.flat.json").read_text())
+    assert record["inputs"]["cuts"]["path"].endswith("lh.mine.json")
+    told = (subject / "lh.mine.json").read_text()
+    cuts = voxflat.load(subject / "surf" / "lh.voxflat.flat.npz").metadata["cuts"]
+    assert len(cuts) == 5
+    assert all(json.dumps(cut)[1:-1].replace(" ", "") in re.sub(r"\s", "", told) for cut in cuts)
+
+
+# ------------------------------------------------------------------------------------------------ reasons
+
+
+def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
+    result = run("freesurfer", subject)
+    assert result.exit_code == 1
+    assert re.search(
+        r"sub-02 rh: error: \S+/surf/rh\.white: there is no such file; has recon-all finished", result.stderr
+    )
+    assert "sub-02 lh: " in result.stdout
+    assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
+    assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--overlay", "zstat"], r"the overlay zstat: there is no file \S+sub-02/zstat, nor zstat"),
+        (["--overlay", "surf/{hemi}.curv", "curv"], "two overlays have the name curv"),
+        (["--cuts", "{hemi}.mine.json"], r"the file of cuts \{hemi\}\.mine\.json: there is no file \S+/lh\.mine\.json"),
+        (["--volume"], r"mri/filled\.mgz: there is no such file"),
+        (["--overlay", "label/{hemi}.cortex.label"], "has labels, not values: voxflat figure MAP --parcels"),
+    ],
+)
+def test_what_was_asked_for_and_is_not_there_is_said(subject, arguments, told):
+    result = run("freesurfer", subject, "--hemi", "lh", *arguments)
+    assert result.exit_code == 1
+    assert re.search(told, result.stderr)
+    assert not list((subject / "surf").glob("*voxflat.flat*"))
+
+
+def test_what_is_no_directory_of_freesurfer_is_refused(tmp_path):
+    result = run("freesurfer", tmp_path)
+    assert result.exit_code == 1
+    assert "there is no surf/ in it" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+# ----------------------------------------------------------------------------------------------- report
+
+
+def test_the_report_holds_everything_and_needs_no_network(made):
+    folder, _ = made
+    page = (folder / "voxflat.html").read_text()
+    assert len(page) < 5e6
+    assert re.findall(r"""(?:src|href)=["'](?!data:|#)""", page) == []
+    assert re.findall(r"""url\(|@import|https?://(?!www\.w3\.org)""", page) == []
+    record = json.loads((folder / "surf" / "lh.voxflat.flat.json").read_text())
+    assert f"{100 * record['figures']['best_scale']['relative_error']:.2f}" in page
+    for text in (*record["warnings"], *record["notes"], record["versions"]["numpy"], "flattened with voxflat"):
+        assert text.replace("'", "&#39;") in page
+    assert page.count('<script type="application/json">') == 2
+    assert page.count("<img ") == 2 * 5  # folds, two overlays, errors, areas
+
+
+def test_references_are_those_of_the_benchmark():
+    text = (Path(__file__).parents[2] / "docs/benchmarks/standard.md").read_text()
+    rows = {
+        "fsaverage5's white surface, these cuts": "standard",
+        "FreeSurfer's own map of it": "the shipped map itself",
+        "fsaverage5's white surface, automatic cuts": "automatic, as long as it pays",
+    }
+    for references in REFERENCES.values():
+        for name, of_sides in references.items():
+            for side, told in zip(("left", "right"), of_sides, strict=True):
+                (row,) = re.findall(rf"^\| fsaverage5 white {side} \| {rows[name]} \|(.*)\|$", text, re.MULTILINE)
+                cells = [cell.strip() for cell in row.split("|")]
+                cells = [*cells[4:7], *cells[8:10], *cells[10].split(", "), *cells[11:]]
+                assert [float(cell) for cell in cells] == list(told)
+                assert len(told) == len(FIGURES)
+
+
+@pytest.mark.parametrize("look", [["--window-size=1280,900"], ["--window-size=390,840", "--force-dark-mode"]])
+def test_chromium_draws_the_report_and_says_nothing(made, look):
+    said, page = console_of(made[0] / "voxflat.html", *look)
+    assert said == []
+    assert 'class="viewer card"' in page
+    assert '<p class="note">This browser' not in page
+    assert not re.search(r'class="viewer card"[^>]*hidden', page)  # they are shown once they are drawn

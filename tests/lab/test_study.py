@@ -1,0 +1,350 @@
+"""`voxflat bids`: twenty participants of whom three are broken, a rerun, a change, the table and the page of all."""
+
+import csv
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+import studies
+from lab_runs import VERTICES, everything, run
+from matplotlib.tri import LinearTriInterpolator, Triangulation
+
+import voxflat
+from voxflat.lab.comparison import Sums, outliers
+from voxflat.lab.inputs import Parameters, found_in, participants
+
+nib = pytest.importorskip("nibabel")
+pytest.importorskip("nilearn")
+
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
+BROKEN = {
+    "05": r"there is no \*_hemi-L_pial\.surf\.gii",
+    "11": r"_white\.surf\.gii: .*is the file complete",
+    "17": r"has 641 vertices",
+}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study, what was made of it, and what the command said."""
+    root = tmp_path_factory.mktemp("study")
+    of = studies.hemisphere("lh", VERTICES)
+    for n in range(1, 21):
+        anat = root / "bids" / "derivatives" / "smriprep" / f"sub-{n:02}" / "anat"
+        studies.write_derivatives(anat, f"sub-{n:02}", "lh", studies.warped(of, n))
+    below = root / "bids" / "derivatives" / "smriprep"
+    (below / "sub-05" / "anat" / "sub-05_hemi-L_pial.surf.gii").unlink()
+    white = below / "sub-11" / "anat" / "sub-11_hemi-L_white.surf.gii"
+    white.write_bytes(white.read_bytes()[:5000])
+    sphere = next((below / "sub-17" / "anat").glob("*sphere.surf.gii"))
+    points, faces = nib.load(sphere).agg_data()
+    is_left = (faces != 641).all(axis=1)
+    arrays = [nib.gifti.GiftiDataArray(points[:-1], "NIFTI_INTENT_POINTSET")]
+    arrays += [nib.gifti.GiftiDataArray(faces[is_left], "NIFTI_INTENT_TRIANGLE")]
+    nib.save(nib.gifti.GiftiImage(darrays=arrays), sphere)
+    result = run("bids", root / "bids", root / "out", "participant", "--hemi", "L")
+    return root, result
+
+
+@pytest.fixture(scope="module")
+def compared(study):
+    root, _ = study
+    return run("bids", root / "bids", root / "out", "group", "--json")
+
+
+# ------------------------------------------------------------------------------------------ participants
+
+
+def test_three_fail_by_name_and_never_stop_the_others(study):
+    root, result = study
+    assert result.exit_code == 3
+    assert "20 participants: 17 made, 0 up to date, 3 failed" in result.stdout
+    assert len(list((root / "out").glob("sub-*/anat/*_flat.surf.gii"))) == 17
+    assert len(list((root / "out").glob("sub-*.html"))) == 17
+    lines = result.stderr.splitlines()
+    assert len(lines) == 3
+    for (label, reason), line in zip(BROKEN.items(), lines, strict=True):
+        assert re.match(rf"voxflat: sub-{label} lh: error: ", line)
+        assert re.search(reason, line)
+        assert not list((root / "out" / f"sub-{label}").rglob("*flat*surf*"))
+        (failure,) = (root / "out" / f"sub-{label}").rglob("*_failure.json")
+        assert json.loads(failure.read_text())["reason"] in line
+
+
+def test_a_rerun_computes_nothing_and_writes_nothing(study, monkeypatch):
+    root, _ = study
+    made = []
+
+    def make(hemisphere, *_, **__):
+        made.append(next(iter(hemisphere.files.values())).name[:6])
+        raise voxflat.InputError("not again")
+
+    monkeypatch.setattr("voxflat.lab.study.make", make)
+    monkeypatch.setattr("voxflat.lab.report.subject_page", make)
+    before = everything(root / "out")
+    failures = {name: content for name, content in before.items() if name.endswith("failure.json")}
+    again = run("bids", root / "bids", root / "out", "participant", "--hemi", "L")
+    assert (again.exit_code, "0 made, 17 up to date, 3 failed" in again.stdout) == (3, True)
+    assert made == ["sub-11", "sub-17"]  # whose files are there, and are tried again
+    monkeypatch.undo()
+    for name, (content, _) in failures.items():
+        (root / "out" / name).write_bytes(content)
+    again = run("bids", root / "bids", root / "out", "participant", "--hemi", "L")
+    assert again.exit_code == 3
+    now = everything(root / "out")
+    assert {name: of for name, of in now.items() if name not in failures} == {
+        name: of for name, of in before.items() if name not in failures
+    }
+    assert {name: of[0] for name, of in now.items()} == {name: of[0] for name, of in before.items()}
+
+
+def test_a_dry_run_says_what_would_be_done_and_a_change_of_one_redoes_one(study, tmp_path):
+    root, _ = study
+    shutil.copytree(root / "bids", tmp_path / "bids")
+    shutil.copytree(root / "out", tmp_path / "out")
+    changed = next((tmp_path / "bids").rglob("sub-07_hemi-L_thickness.shape.gii"))
+    image = nib.load(changed)
+    image.darrays[0].data += 0.5
+    nib.save(image, changed)
+    lost = tmp_path / "out" / "sub-09" / "anat" / "sub-09_hemi-L_desc-voxflat_curvature.shape.gii"
+    lost.unlink()
+    command = ["bids", tmp_path / "bids", tmp_path / "out", "participant", "--hemi", "L"]
+    before = everything(tmp_path / "out")
+    plan = [json.loads(line) for line in run(*command, "--dry-run").stdout.splitlines()]
+    assert everything(tmp_path / "out") == before
+    assert len(plan) == 20
+    stale = {one["participant"]: one["reason"] for one in plan if one["state"] == "stale"}
+    assert stale == {
+        "sub-07": "changed: overlay thickness",
+        "sub-09": f"{lost.name} is missing, or not as it was written",
+    }
+    assert [one["participant"] for one in plan if one["state"] == "failed"] == ["sub-05"]
+    run(*command, "--participant_label", "sub-07", "08")
+    now = everything(tmp_path / "out")
+    touched = {name[:6] for name in now.keys() - {"dataset_description.json"} if now[name] != before.get(name)}
+    assert touched == {"sub-07"}
+
+
+def test_another_parameter_makes_all_stale(study):
+    root, _ = study
+    command = ["bids", root / "bids", root / "out", "participant", "--hemi", "L", "--dry-run", "--geometry", "white"]
+    plan = [json.loads(line) for line in run(*command).stdout.splitlines()]
+    assert {one["state"] for one in plan if one["participant"] not in ("sub-05",)} == {"stale", "missing"}
+    assert next(one["reason"] for one in plan if one["state"] == "stale").startswith("geometry: 'midthickness' before")
+
+
+def test_names_are_those_of_bids_as_far_as_its_schema_goes(study, compared):
+    validator = pytest.importorskip("bidsschematools.validator")
+    root, _ = study
+    out = root / "out"
+    unmatched = validator.validate_bids(str(out), dummy_paths=False)["path_tracking"]
+    assert [str(path) for path in unmatched] == []
+    (out / ".bidsignore").rename(out / "ignored")
+    try:
+        assert len(validator.validate_bids(str(out), dummy_paths=False)["path_tracking"]) > 17
+    finally:
+        (out / "ignored").rename(out / ".bidsignore")
+    described = json.loads((out / "dataset_description.json").read_text())
+    assert described["DatasetType"] == "derivative"
+    assert described["GeneratedBy"] == [{"Name": "voxflat", "Version": voxflat.__version__}]
+
+
+def test_a_directory_of_another_program_is_left_alone(study, tmp_path):
+    root, _ = study
+    (tmp_path / "dataset_description.json").write_text('{"GeneratedBy": [{"Name": "fMRIPrep"}]}')
+    for out, told in ((tmp_path, "derivatives of another program"), (root / "bids", "holds the inputs")):
+        before = everything(out)
+        result = run("bids", root / "bids", out, "participant")
+        assert (result.exit_code, told in result.stderr) == (1, True)
+        assert everything(out) == before
+
+
+def test_who_was_asked_for_and_is_not_there_has_failed(study):
+    root, _ = study
+    result = run("bids", root / "bids", root / "out", "participant", "--hemi", "L", "--participant-label", "01", "99")
+    assert result.exit_code == 1
+    assert "sub-99 lh: error: there is neither" in result.stderr
+    shutil.rmtree(root / "out" / "sub-99")
+
+
+# ------------------------------------------------------------------------------------------ who is there
+
+
+def names(found):
+    return [(one.name, None if one.folder is None else one.folder.name) for one in found]
+
+
+def test_participants_are_found_where_programs_leave_them(tmp_path):
+    def file(*parts):
+        tmp_path.joinpath(*parts).parent.mkdir(parents=True, exist_ok=True)
+        tmp_path.joinpath(*parts).write_bytes(b"")
+
+    for name in ("bert", "sub-02_ses-a", "sub-02_ses-a.long.sub-02", "fsaverage"):
+        file("subjects", name, "surf", "lh.white")
+    (tmp_path / "subjects" / "sub-03").mkdir()
+    found = participants(tmp_path / "subjects")
+    assert names(found) == [("sub-02_ses-a", "sub-02_ses-a"), ("sub-03", "sub-03"), ("sub-bert", "bert")]
+    file("raw", "sub-1", "anat", "sub-1_T1w.nii.gz")
+    file("raw", "sub-2", "anat", "sub-2_T1w.nii.gz")
+    file("raw", "derivatives", "fmriprep", "sub-1", "ses-b", "anat", "sub-1_ses-b_hemi-R_white.surf.gii")
+    file("raw", "derivatives", "freesurfer", "sub-2", "surf", "lh.white")
+    assert names(participants(tmp_path / "raw")) == [("sub-1_ses-b", "anat"), ("sub-2", None)]
+    assert names(participants(tmp_path / "raw", ["sub-1"])) == [("sub-1_ses-b", "anat")]
+    file("clash", "sub-1", "surf", "lh.white")
+    file("clash", "1", "surf", "lh.white")
+    with pytest.raises(voxflat.InputError, match="are both sub-1: rename one"):
+        participants(tmp_path / "clash")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(voxflat.InputError, match="no participant has"):
+        participants(tmp_path / "empty")
+
+
+def test_white_matter_in_voxels_and_cuts_that_suit_it(tmp_path):
+    i, j, k = np.indices((16, 16, 16)) - 7.5
+    filled = np.where(i**2 + j**2 + k**2 < 6**2, 127, 0).astype(np.uint8)
+    filled[7, 7, 7] = 0  # which the repair fills
+    filled[0, 0, 0] = 255  # of the other hemisphere
+    mri = tmp_path / "subjects" / "sub-1" / "mri"
+    mri.mkdir(parents=True)
+    nib.save(nib.MGHImage(filled, np.diag([2.0, 2, 2, 1])), mri / "filled.mgz")
+    nib.save(nib.MGHImage(i.astype(np.float32), np.diag([2.0, 2, 2, 1])), mri / "i.mgz")
+    command = ["bids", tmp_path / "subjects", tmp_path / "out", "participant", "--volume", "--hemi", "R"]
+    result = run(*command, "--cuts", "auto", "--overlay", "mri/i.mgz")
+    assert result.exit_code == 0, result.output
+    made = tmp_path / "out" / "sub-1" / "anat"
+    flat = voxflat.load(made / "sub-1_hemi-R_desc-voxflat_flat.npz")
+    values = nib.load(made / "sub-1_hemi-R_desc-voxflat_i.shape.gii").agg_data()
+    np.testing.assert_allclose(values, flat.points[:, 0] / 2 - 7.5, atol=1e-3)
+    record = json.loads((made / "sub-1_hemi-R_desc-voxflat_flat.json").read_text())
+    assert record["surface"]["voxels_changed"] == 1
+    assert record["map"]["cuts_by"] == "automatic"
+    page = (tmp_path / "out" / "sub-1.html").read_text()
+    assert 'class="viewer card"' in page
+    assert "automatic cuts</th>" in page  # what they did elsewhere
+
+
+def test_white_matter_is_found_by_its_name(tmp_path):
+    for name in ("sub-1_hemi-R_label-WM_probseg.nii.gz", "sub-1_hemi-L_label-WM_mask.nii.gz", "sub-1_T1w.nii.gz"):
+        (tmp_path / name).write_bytes(b"")
+    found = found_in(tmp_path, "rh", Parameters(volume=True))
+    assert found.files == {"volume": tmp_path / "sub-1_hemi-R_label-WM_probseg.nii.gz"}
+    (tmp_path / "sub-1_run-2_hemi-R_label-WM_probseg.nii.gz").write_bytes(b"")
+    with pytest.raises(voxflat.InputError, match="has 2 files for volume of hemisphere R"):
+        found_in(tmp_path, "rh", Parameters(volume=True))
+
+
+# ---------------------------------------------------------------------------------------------- the study
+
+
+def test_the_table_has_everybody_and_every_figure(study, compared):
+    root, _ = study
+    assert compared.exit_code == 0, compared.output
+    with (root / "out" / "group_desc-voxflat_measures.tsv").open() as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    assert [row["participant_id"] for row in rows] == [f"sub-{n:02}" for n in range(1, 21)]
+    for row in rows:
+        label = row["participant_id"].removeprefix("sub-")
+        if label in BROKEN:
+            assert (row["status"], row["raw.relative_error"]) == ("missing", "n/a")
+            assert re.search(BROKEN[label], row["reason"])
+            continue
+        path = root / "out" / f"sub-{label}" / "anat" / f"sub-{label}_hemi-L_desc-voxflat_flat.json"
+        figures = json.loads(path.read_text())["figures"]
+        for of in ("raw", "best_scale", "triangles"):
+            for name, value in figures[of].items():
+                assert float(row[f"{of}.{name}"]) == pytest.approx(value, rel=1e-5)
+        assert (row["reason"], row["cuts"]) == ("n/a", "standard")
+    assert set(json.loads(compared.stdout)["missing"]) == {f"sub-{label} L" for label in BROKEN}
+
+
+def test_means_are_those_of_the_maps_pixel_by_pixel(study, compared):
+    root, _ = study
+    out = root / "out"
+    mean, spread = (nib.load(out / f"group_hemi-L_stat-{of}_desc-voxflat_thickness.nii.gz") for of in ("mean", "std"))
+    stack = []
+    for path in sorted(out.rglob("*_flat.npz")):
+        flat = voxflat.load(path)
+        values = nib.load(str(path).replace("_flat.npz", "_thickness.shape.gii")).agg_data()[flat.ids]
+        stack.append(LinearTriInterpolator(Triangulation(*flat.uv.T, flat.faces.astype(int)), values))
+    rows, columns = np.meshgrid(*(np.arange(0, size, 7) for size in mean.shape[:2]), indexing="ij")
+    places = np.stack([rows, columns, 0 * rows, 1 + 0 * rows], axis=-1) @ mean.affine.T
+    values = np.ma.filled(np.ma.stack([one(places[..., 0], places[..., 1]) for one in stack]), np.nan)
+    count = np.isfinite(values).sum(axis=0)
+    assert len(stack) == 17
+    found, scattered = (np.asarray(of.dataobj)[..., 0][rows, columns] for of in (mean, spread))
+    is_inner = count == 17
+    assert is_inner.sum() > 500
+    np.testing.assert_allclose(found[is_inner], values[:, is_inner].mean(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(scattered[is_inner], values[:, is_inner].std(axis=0, ddof=1), rtol=1e-3)
+    assert np.isnan(found[count < 8]).all()
+
+
+def test_what_stands_out():
+    usual = np.array([1.0, 1.1, 0.9, 1.05, 0.95, np.nan])
+    assert not outliers(usual).any()
+    np.testing.assert_array_equal(outliers(np.append(usual, 3.0)), [False] * 6 + [True])
+    assert not outliers(np.array([1.0, 1.0, 9.0])).any()  # of three nobody can say
+    assert not outliers(np.ones(9)).any()
+
+
+def test_a_broken_map_stands_out_in_table_and_page(study, compared, tmp_path):
+    root, _ = study
+    shutil.copytree(root / "out", tmp_path / "out")
+    path = tmp_path / "out" / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.json"
+    record = json.loads(path.read_text())
+    record["figures"]["triangles"]["flipped"] = 4
+    record["figures"]["best_scale"]["relative_error"] = 0.31
+    record["inputs"]["white"]["sha256"] = "0" * 64
+    path.write_text(json.dumps(record))
+    told = json.loads(run("bids", root / "bids", tmp_path / "out", "group", "--json").stdout)
+    assert {"triangles.flipped", "best_scale.relative_error"} <= set(told["outliers"]["sub-02 L"])
+    page = (tmp_path / "out" / "group.html").read_text()
+    assert '<td class="n bad">31.0</td>' in page
+    assert '<td class="n bad">4</td>' in page
+
+
+def test_a_study_that_is_up_to_date_is_left_alone(study, compared):
+    root, _ = study
+    before = everything(root / "out")
+    again = run("bids", root / "bids", root / "out", "group")
+    assert (again.exit_code, again.stdout.splitlines()[-1]) == (0, "up to date")
+    assert everything(root / "out") == before
+
+
+def test_sums_forget_no_map_where_another_has_no_value():
+    flat = voxflat.flatten(np.ones((12, 9, 1), int), sources=20)
+    sums = Sums(tuple(flat.uv.min(axis=0)), tuple(flat.uv.max(axis=0)))
+    values = np.stack([flat.uv[:, 0], np.where(flat.uv[:, 1] > 0, np.nan, 3.0), flat.uv[:, 0] + 6])
+    for one in values:
+        sums.add(flat, one)
+    found = sums.result("u", "L")
+    at = np.isfinite(found.mean.data) & (found.count == 2)
+    u = sums.places[..., 0]
+    np.testing.assert_allclose(found.mean.data[at], u[at] + 3, atol=1e-9)
+    np.testing.assert_allclose(found.deviation.data[at], np.sqrt(18), atol=1e-9)
+
+
+def test_the_page_of_the_study(study, compared):
+    root, _ = study
+    page = (root / "out" / "group.html").read_text()
+    assert len(page) < 5e6
+    assert page.count("no map.</strong>") == 3
+    links = set(re.findall(r"""href=["']([^"'#d][^"']*)["']""", page))
+    assert links == {f"sub-{n:02}.html" for n in range(1, 21) if f"{n:02}" not in BROKEN}
+    assert all((root / "out" / link).is_file() for link in links)
+    assert len(re.findall(r"<figure style=", page)) == 17
+    sizes = re.findall(r"width: (\d+)px\">\s*<a[^>]*><img[^>]* width=\"(\d+)\"", page)
+    scales = {round(int(shown) / int(width), 2) for shown, width in sizes}
+    assert len(sizes) == 17
+    assert max(scales) - min(scales) <= 0.01  # one scale
+
+
+def test_nobody_has_a_map(tmp_path):
+    studies.write_freesurfer(tmp_path / "subjects" / "sub-1", "lh", studies.hemisphere("lh", VERTICES))
+    result = run("bids", tmp_path / "subjects", tmp_path / "out", "group")
+    assert result.exit_code == 1
+    assert "no participant has a map there: run voxflat bids" in result.stderr
+    assert run("bids", tmp_path / "subjects", tmp_path / "out", "group", "--dry-run").exit_code == 2
