@@ -34,7 +34,8 @@ def subject(tmp_path_factory):
     space = Space("tkRAS", VolumeGeometry.conformed(CENTRE))
     for name, lift in (("lh.white", 0), ("lh.pial", 2), ("rh.white", 5)):
         write_mesh(surf / name, Mesh(points + np.array([0, 0, lift]), faces, space=space))
-    nib.freesurfer.write_morph_data(surf / "lh.thickness", values.astype(np.float32))
+    for name in ("lh.thickness", "lh.area.pial"):
+        nib.freesurfer.write_morph_data(surf / name, values.astype(np.float32))
     nib.save(nib.MGHImage(values.astype(np.float32)[:, None, None], np.eye(4)), surf / "lh.smooth.mgh")
     colours = np.array([[25, 5, 25, 0, 0], [220, 20, 20, 0, 0], [20, 220, 20, 0, 0]])
     labels = (np.arange(len(points)) % 3).astype(np.int32)
@@ -67,7 +68,7 @@ def test_freesurfer_files_open_on_their_surface(subject, opened, messages):
     assert [str(unit) for unit in white.units] == ["millimeter"] * 3
     assert_allclose(white.vertices, points + CENTRE, atol=1e-5)
     viewer.layers.clear()
-    for name in ("lh.thickness", "lh.smooth.mgh"):
+    for name in ("lh.thickness", "lh.smooth.mgh", "lh.area.pial"):
         layer = last_of(subject / "surf" / name)
         assert layer.name == name
         assert_allclose(layer.vertices, points + CENTRE, atol=1e-5)  # the white one of this side

@@ -91,7 +91,7 @@ def _reader_of(path: Path) -> _Read | None:
         return values.patch_layers
     if formats.by_name(path) is not None:
         return values.gifti_layers if ".gii" in name else surfaces.surface_layers
-    if name.endswith(values.VALUE_ENDINGS):
+    if not values.VALUES.isdisjoint(name.split(".")):
         return values.value_layers if start.startswith(b"\xff\xff\xff") or _is_old(path, start) else None
     return surfaces.surface_layers if start[:3] in (b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff") else None
 

@@ -19,11 +19,11 @@ from voxflat.io.patches import patch_faces, read_patch
 from voxflat.io.structures import refuse_other_side
 from voxflat.maps.colours import label_colours
 
-__all__ = ["VALUE_ENDINGS", "gifti_layers", "patch_layers", "value_layers"]
+__all__ = ["VALUES", "gifti_layers", "patch_layers", "value_layers"]
 
 _FOLDS = ("curv", "sulc")
-VALUE_ENDINGS = (".avg_curv", ".thickness", ".area", ".volume", *(f".{name}" for name in _FOLDS))
-"""How the names of FreeSurfer's files of values end, some of them before ``.pial`` or ``.mid``."""
+VALUES = frozenset(("avg_curv", "thickness", "area", "volume", *_FOLDS))
+"""Words in the names of FreeSurfer's files of values, some of them before ``pial`` or ``mid``."""
 
 _UNLABELLED = (0.82, 0.82, 0.82)  # as in pictures of labels
 
