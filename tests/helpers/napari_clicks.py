@@ -2,7 +2,7 @@
 
 from napari_window import PATIENCE
 from qtpy.QtCore import QPoint, Qt, QTimer
-from qtpy.QtWidgets import QApplication, QFileDialog, QLineEdit
+from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit
 
 
 class Hand:
@@ -46,14 +46,19 @@ class Hand:
         self._qtbot.mouseClick(view.viewport(), Qt.MouseButton.LeftButton, pos=place)
         self._qtbot.waitUntil(lambda: box.currentIndex() == row)
 
-    def answer(self, path):
-        """Name a file in the dialog that the next step opens."""
+    def answer(self, path, kind=None):
+        """Name a file, and its kind by how that begins, in the dialog that the next step opens."""
 
         def type_name():
             dialog = QApplication.activeModalWidget()
             if not isinstance(dialog, QFileDialog):
                 QTimer.singleShot(50, type_name)
                 return
+            if kind is not None:
+                kinds = dialog.findChild(QComboBox, "fileTypeCombo")
+                row = next(row for row in range(kinds.count()) if kinds.itemText(row).startswith(kind))
+                kinds.setCurrentIndex(row)
+                kinds.activated.emit(row)
             edit = dialog.findChild(QLineEdit, "fileNameEdit")
             edit.setText(str(path))
             self._qtbot.keyClick(edit, Qt.Key.Key_Return)

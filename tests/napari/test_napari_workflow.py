@@ -1,6 +1,6 @@
 """From files to a trusted map and back, in the real window, with menus and clicks only.
 
-With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex is run, too.
+With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex runs, too.
 """
 
 import nibabel as nib
@@ -152,7 +152,7 @@ def test_a_freesurfer_directory(window, subject, pictures, qtbot, tmp_path):
     heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))
     viewer.layers.selection = {heat}
     saved = tmp_path / "mine.voxflat"
-    hand.answer(saved)
+    hand.answer(saved, kind="voxflat flat map")
     hand.menu("File", "Save Selected Layers")
     hand.wait(saved.is_file)
     viewer.layers.clear()
@@ -171,7 +171,7 @@ def test_values_on_a_gifti_surface(window, pictures, qtbot, tmp_path):
     hand.menu("Layers", "Measure", "Check surface (voxflat)")
     checking = dock(viewer, "Check surface")
     hand.press(checking.start)
-    hand.wait(lambda: checking.table.rowCount() > 0)
+    hand.wait(lambda: bool(checking.table.toPlainText()))
     hand.picture(pictures / "napari_check.png")
     viewer.window.remove_dock_widget(checking)
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")

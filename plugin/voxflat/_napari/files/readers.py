@@ -132,6 +132,7 @@ def _told(read: _Read) -> Callable[[str], list[LayerData]]:
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
     from napari.layers import Surface
+    from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.dock import open_flat_map
     from voxflat._napari.workbench import Workbench
@@ -142,6 +143,8 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
     if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
         viewer.dims.ndisplay = 3
+        if not viewer.layers:
+            QTimer.singleShot(0, viewer.reset_view)  # when the layer is there
 
 
 def _ask(title: str, kinds: str) -> None:
