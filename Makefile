@@ -125,7 +125,7 @@ gallery: setup $(T1PREP) ## the pictures of docs/gallery.md
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
-	xvfb-run -a -s '-screen 0 1600x1000x24' $(RUN) python docs/gallery/napari_window.py
+	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
 
