@@ -12,6 +12,7 @@ import napari
 from qtpy.QtWidgets import QApplication
 
 from voxflat import demo
+from voxflat._napari.map_viewer.dock import open_flat_map
 
 PICTURE = Path(__file__).parents[1] / "pictures" / "napari.png"
 
@@ -38,6 +39,9 @@ def main() -> None:
         wait(0.1)
     if widget.results.flat_map is None:
         raise SystemExit(widget.status.text())
+    dock = open_flat_map(viewer)
+    while not dock.is_drawn:
+        wait(0.1)
     wait(1)
     PICTURE.parent.mkdir(exist_ok=True)
     viewer.screenshot(PICTURE, canvas_only=False, flash=False)
