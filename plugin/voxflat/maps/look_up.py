@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,6 +61,7 @@ class TriangleFinder:
         self,
         places: ArrayLike,
         points: NDArray[np.float64],
+        faces: NDArray[Any],
         *,
         torn: NDArray[np.bool_] | None = None,
         piece_ids: NDArray[np.int64] | None = None,
@@ -70,8 +72,10 @@ class TriangleFinder:
         ----------
         places : array_like, shape (..., 2)
             (u, v), mm.
-        points : ndarray, shape (F, 3, 3)
-            The corners in space.
+        points : ndarray, shape (N, 3)
+            Places in space.
+        faces : ndarray of int, shape (F, 3)
+            Which of them are the triangles' corners.
         torn : ndarray of bool, shape (F,), optional
             Triangles that stand for their nearest corner.
         piece_ids : ndarray of int64, shape (F,), optional
@@ -93,7 +97,7 @@ class TriangleFinder:
         if torn is not None and (at := (triangles >= 0) & torn[triangles]).any():
             apart = np.linalg.norm(self.corners[triangles[at]] - wanted.reshape(-1, 1, 2)[at], axis=2)
             weights[at] = np.eye(3)[apart.argmin(axis=1)]
-        found = np.einsum("pc,pcx->px", weights, points[triangles])  # NaN where there is none
+        found = np.einsum("pc,pcx->px", weights, points[faces[triangles]])  # NaN where there is none
         pieces = np.where(triangles < 0, -1, 0 if piece_ids is None else piece_ids[triangles])
         shape = wanted.shape[:-1]
         return Places(

@@ -134,15 +134,18 @@ class Planar(ABC):
             If the places have another shape.
         """
         of = self._triangles
-        return self._finder.look_up(places, of.on_surface.points[of.faces], torn=of.torn, piece_ids=of.piece_ids)
+        return self._finder.look_up(places, of.on_surface.points, of.faces, torn=of.torn, piece_ids=of.piece_ids)
 
     @cached_property
     def _nearest_finder(self) -> _core.NearestFinder:
+        points = np.ascontiguousarray(self._triangles.on_surface.points, dtype=np.float64)
+        return _core.NearestFinder(points, np.ascontiguousarray(self._whole_faces, dtype=np.uint32))
+
+    @cached_property
+    def _whole_faces(self) -> NDArray[np.uint32]:
+        """The triangles that are not torn."""
         of = self._triangles
-        return _core.NearestFinder(
-            np.ascontiguousarray(of.on_surface.points, dtype=np.float64),
-            np.ascontiguousarray(of.faces[~of.torn], dtype=np.uint32),
-        )
+        return of.faces[~of.torn] if of.torn.any() else of.faces
 
     def points_to_map(
         self, points: ArrayLike, limit: float = LIMIT, *, space: str = "surface"
@@ -185,7 +188,7 @@ class Planar(ABC):
                 log.warning("points may lie beside the surface: %s", of.on_surface.space.doubt)
             wanted = of.on_surface.space.from_scanner(wanted)
         triangles, weights, distance = self._nearest_finder.find(np.ascontiguousarray(wanted.reshape(-1, 3)), limit)
-        uv = np.einsum("pc,pcx->px", weights, of.uv[of.faces[~of.torn][triangles]])  # NaN where there is none
+        uv = np.einsum("pc,pcx->px", weights, of.uv[self._whole_faces[triangles]])  # NaN where there is none
         return uv.reshape(*wanted.shape[:-1], 2), distance.reshape(wanted.shape[:-1])
 
     @property

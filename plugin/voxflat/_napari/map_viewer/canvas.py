@@ -26,7 +26,7 @@ _MARGIN = 0.03  # of the map, around it
 _CLICK = 4  # pixels; what moves farther is no click
 _STEP = 1.2  # zoom of one notch of the wheel
 _CLOSEST = 80.0  # pixels a mm
-_RIM, _LINE = QColor(64, 64, 64), QColor("#ffd23f")
+_RIM, _LINE, _HALO = QColor(64, 64, 64), QColor("#ffd23f"), QColor(0, 0, 0, 190)
 
 
 class MapCanvas(QGraphicsView):
@@ -64,7 +64,9 @@ class MapCanvas(QGraphicsView):
         pen.setCosmetic(True)
         self._rim.setPen(pen)
         self._rim.setZValue(2)
-        self.lines = self._path_item(QPen(_LINE, 2.0))
+        self._halo, self.lines = (
+            self._path_item(QPen(colour, width)) for colour, width in ((_HALO, 4.5), (_LINE, 2.0))
+        )
         self.ring = RingItem()
         for item in (self._rim, self.ring):
             self._scene.addItem(item)
@@ -149,7 +151,8 @@ class MapCanvas(QGraphicsView):
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
             path.addEllipse(QPointF(u, -v), radius, radius)
-        self.lines.setPath(path)
+        for item in (self._halo, self.lines):
+            item.setPath(path)
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
         """Mark a place.

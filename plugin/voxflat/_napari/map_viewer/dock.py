@@ -259,7 +259,7 @@ class FlatMapDock(QWidget):
         content = self.contents.content
         has_depth = isinstance(content, Image | Labels)
         self._depth_row.setVisible(has_depth)
-        names = ("colormap", "contrast_limits", "gamma", "data", "set_data") if content is not None else ()
+        names = ("colormap", "contrast_limits", "gamma", "data") if content is not None else ()
         events = getattr(content, "events", None)
         self._looks = [getattr(events, name) for name in names if hasattr(events, name)]
         for event in self._looks:

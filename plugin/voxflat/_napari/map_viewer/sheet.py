@@ -19,7 +19,7 @@ from voxflat.maps.lines import outline
 from voxflat.maps.plane import LIMIT, Planar
 
 _PIXELS = 1e6  # of the map's bounding box: about as many as a large dock has
-_FINER = 8  # than the run's own pixels: of small maps more cannot be seen
+_FINER = 4  # than the run's own pixels: of small maps more cannot be seen
 _EVEN = 168  # the grey of a page, whose pieces know no folds
 _NEAR = 0.8  # of the spacing: so far beside a ray a point may lie to be met
 
