@@ -208,7 +208,10 @@ def scene(flat_map: FlatMap, layers: Sequence[Layer], cuts: Mapping[str, NDArray
 
     add("uv", flat_map.uv[chosen])
     add("folded", places)
-    add("smooth", _smoothed(places, faces, rows[chosen]))
+    of_whole, counts = _edges(rows[flat_map.faces[~flat_map.torn]])
+    is_rim = np.zeros(rows.max() + 1, dtype=bool)
+    is_rim[of_whole[counts == 1]] = True  # around the medial wall
+    add("smooth", _smoothed(places, faces, rows[chosen], is_rim[rows[chosen]]))
     for layer in layers:
         values = layer.values[chosen]
         add(layer.name, values if np.isfinite(values).any() else np.zeros(len(chosen)))
@@ -269,12 +272,11 @@ def thinned(
     area = float(np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]).sum() / 2)
     size = np.sqrt(area / most)
     cell = np.unique(np.floor((uv - uv.min(axis=0)) / size).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    pairs, counts = _edges(faces)
     is_single = np.bincount(ids)[ids] == 1  # sides of cuts stay whole, so that they still belong together
-    within = ends[(cell[ends[:, 0]] == cell[ends[:, 1]]) & is_single[ends].all(axis=1)]
+    within = pairs[(cell[pairs[:, 0]] == cell[pairs[:, 1]]) & is_single[pairs].all(axis=1)]
     shape = (len(uv), len(uv))
     _, group = connected_components(coo_matrix((np.ones(len(within)), within.T), shape), directed=False)
-    pairs, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
     is_inner = np.ones(len(uv), dtype=bool)
     is_inner[pairs[counts == 1]] = False
     order = used[np.lexsort((used, is_inner[used], group[used]))]
@@ -287,19 +289,26 @@ def thinned(
     return chosen, left[np.sort(once)]
 
 
-def _smoothed(points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return places of a surface without its folds, each moved to the middle of those around; cuts stay closed.
+def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the edges of triangles, shape (E, 2), and how many triangles have each."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    return edges, counts
 
-    The border that is left, around the medial wall, stays where it is.
+
+def _smoothed(
+    points: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64], is_rim: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return places of a surface without its folds, each moved to the middle of those around.
+
+    Cuts stay closed: points of one vertex move together. The rim stays where it is.
     """
     _, first, one = np.unique(ids, return_index=True, return_inverse=True)
     moved, corners = points[first], one.ravel()[faces]
-    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    edges, _ = _edges(corners)
     links = csr_matrix((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), 2 * (len(moved),))
     mean = diags(1 / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)) @ links
-    is_free = np.ones((len(moved), 1), dtype=bool)
-    is_free[edges[counts == 1]] = False
+    is_free = ~is_rim[first, None]
     for _ in range(max(10, len(moved) // _POINTS_A_STEP)):
         moved = np.where(is_free, 0.5 * moved + 0.5 * (mean @ moved), moved)
     return np.asarray(moved[one.ravel()])

@@ -1,0 +1,67 @@
+"""The commands and the Python of docs/freesurfer.md, as they stand there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import studies
+from lab_runs import VERTICES, run
+
+pytest.importorskip("nilearn")
+
+pytestmark = pytest.mark.slow  # what it makes takes seconds
+
+PAGE = (Path(__file__).parents[2] / "docs" / "freesurfer.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """The directory of a user who has a subject and a study, after all commands; what each of them said."""
+    folder = tmp_path_factory.mktemp("lab")
+    places = [folder / "sub-01", *(folder / "study" / "sourcedata" / "freesurfer" / f"sub-0{n}" for n in (1, 2))]
+    for hemi in ("lh", "rh"):
+        for seed, place in enumerate(places):
+            studies.write_freesurfer(place, hemi, studies.warped(studies.hemisphere(hemi, VERTICES), seed))
+    said = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE):
+            said[command] = run(*shlex.split(command))
+    return folder, said
+
+
+def test_the_commands_run(lab):
+    _, said = lab
+    assert len(said) == 7
+    for command, result in said.items():
+        assert result.exit_code == 0, f"{command}\n{result.output}"
+    assert "2 participants: 2 made" in said["bids study maps participant"].stdout
+    assert (
+        "2 participants: 0 made, 2 up to date" in said["bids study maps participant --participant-label 01 02"].stdout
+    )
+    assert "4 maps, 0 missing" in said["bids study maps group"].stdout
+
+
+def test_the_files_that_the_page_names_are_there(lab):
+    folder, _ = lab
+    for name in re.findall(r"^\| `([^`]+)`", PAGE, re.MULTILINE):
+        assert list(folder.glob(f"sub-01/{name}")), name
+    measures = re.search(r"at the vertices: (.*?), and every overlay", PAGE)[1]
+    for name in re.findall(r"`([a-z]+)` \(", measures):
+        assert (folder / "sub-01" / "surf" / f"lh.voxflat.{name}.shape.gii").is_file()
+    for name in ("sub-01.html", "group.html", "dataset_description.json", ".bidsignore"):
+        assert f"`{name}`" in PAGE
+        assert (folder / "maps" / name).is_file()
+
+
+def test_nilearn_draws_the_flat_surface_with_an_overlay(lab, monkeypatch):
+    folder, _ = lab
+    monkeypatch.chdir(folder)
+    code = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
+    names = {}
+    exec(code.replace("plotting.plot_surf(", "figure = plotting.plot_surf("), names)
+    names["figure"].canvas.draw()
+    picture = np.asarray(names["figure"].canvas.buffer_rgba())[..., :3]
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50

@@ -1,0 +1,119 @@
+"""What pages are made of: fewer points for the eye, and numbers that are those of the files."""
+
+import base64
+import json
+import re
+import zlib
+
+import numpy as np
+import pytest
+from lab_runs import console_of
+
+import voxflat
+from voxflat.lab.pages import layers_of, scene, thinned
+from voxflat.lab.results import Results, Shown
+
+nib = pytest.importorskip("nibabel")
+
+pytestmark = pytest.mark.slow  # what its fixtures make takes seconds
+
+
+@pytest.fixture(scope="module")
+def shown(made):
+    return Shown.read(Results.in_freesurfer(made[0], "lh"))
+
+
+def decoded(text):
+    content = json.loads(text)
+    data, found = zlib.decompress(base64.b64decode(content["data"])), {}
+    at = 0
+    for array in content["arrays"]:
+        coded = np.frombuffer(data, "<u2", array["length"], at)
+        found[array["name"]] = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
+        at += 2 * array["length"]
+    faces = np.frombuffer(data, "<u4", offset=at).reshape(-1, 3)
+    assert len(faces) == content["triangles"]
+    return content, found, faces
+
+
+@pytest.mark.parametrize("most", [60, 200, 10_000])
+def test_fewer_points_keep_the_outline_the_cuts_and_the_area(shown, most):
+    flat = shown.flat_map
+    ids = np.unique(flat.ids, return_inverse=True)[1]
+    points, faces = thinned(flat.uv, flat.faces, ids, most)
+    assert len(points) == len(np.unique(points))
+    assert set(np.unique(faces)) == set(range(len(points)))
+    doubled = np.flatnonzero(np.bincount(ids)[ids] > 1)
+    assert np.isin(doubled, points).all()
+    assert len(points) <= len(doubled) + 2.5 * most  # cells at the border hold little of the map
+
+    def areas(corners):
+        a, b, c = (flat.uv[corners[:, n]] for n in range(3))
+        (x, y), (u, v) = (b - a).T, (c - a).T
+        return (x * v - y * u) / 2
+
+    kept = areas(points[faces])
+    assert kept.sum() == pytest.approx(areas(flat.faces.astype(int)).sum(), rel=0.15 if most == 60 else 0.06)
+    if most == 10_000:
+        assert len(faces) == len(flat.faces)
+
+
+def test_a_scene_holds_the_values_of_the_files(shown):
+    layers = layers_of([shown.values])[0]
+    content, found, faces = decoded(scene(shown.flat_map, layers, shown.cuts))
+    flat = shown.flat_map
+    assert content["points"] == len(np.unique(flat.faces))
+    np.testing.assert_allclose(found["uv"].reshape(-1, 2), flat.uv, atol=0.01)
+    np.testing.assert_allclose(found["folded"].reshape(-1, 3), flat.points, atol=0.01)
+    np.testing.assert_array_equal(faces, flat.faces)
+    by_name = {layer.name: layer for layer in layers}
+    assert list(by_name)[:2] == ["thickness", "z"]
+    for name, factor in (("thickness", 1), ("distanceerror", 100), ("areachange", 1)):
+        wanted = factor * shown.values[name]
+        np.testing.assert_allclose(found[name], wanted, atol=1e-4 * np.ptp(wanted))
+    assert list(content["cuts"]) == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
+    for line, cut in zip(content["cuts"].values(), flat.metadata["cuts"], strict=True):
+        np.testing.assert_array_equal(np.array(content["ids"])[line], cut)
+
+
+def test_cuts_stay_closed_where_the_surface_is_shown_smooth(shown):
+    _, found, _ = decoded(scene(shown.flat_map, layers_of([shown.values])[0], {}))
+    smooth, ids = found["smooth"].reshape(-1, 3), shown.flat_map.ids
+    apart = [np.ptp(smooth[ids == vertex], axis=0).max() for vertex in np.unique(ids)]
+    assert max(apart) < 0.01
+    moved = np.linalg.norm(smooth - shown.flat_map.points, axis=1)
+    assert np.median(moved) > 1
+    assert (moved < 0.02).any()  # the rim
+
+
+def test_text_of_users_cannot_end_a_script(shown):
+    hostile = {"</script><b>": next(iter(shown.cuts.values()))}
+    text = scene(shown.flat_map, layers_of([shown.values])[0], hostile)
+    assert "<" not in text
+    assert list(json.loads(text)["cuts"]) == list(hostile)
+
+
+def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
+    folder, _ = made
+    across, down = 0.35, 0.4  # of the canvas
+    move = f"""<script>setTimeout(() => {{
+      const canvas = document.querySelector("canvas.flat"), box = canvas.getBoundingClientRect();
+      const at = {{ clientX: box.left + {across} * box.width, clientY: box.top + {down} * box.height }};
+      canvas.dispatchEvent(new PointerEvent("pointermove", at));
+    }}, 4000);</script>"""
+    page = tmp_path / "page.html"
+    page.write_text((folder / "voxflat.html").read_text().replace("</body>", f"{move}</body>"))
+    said, drawn = console_of(page, "--window-size=1280,900")
+    assert said == []
+    told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. Thickness: (\S+) mm · Z: (\S+) · ", drawn)
+    vertex = int(told[1])
+    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+    low, high = flat.uv.min(axis=0), flat.uv.max(axis=0)
+    size = max((high - low) / [1.2, 1.0]) / 0.96  # mm that the canvas is high; it is 1.2 times as wide
+    wanted = (low + high) / 2 + size * np.array([1.2 * (across - 0.5), 0.5 - down])
+    apart = np.linalg.norm(flat.uv - wanted, axis=1)
+    assert np.linalg.norm(flat.uv[flat.ids == vertex][0] - wanted) < apart.min() + 1
+    place = [float(part) for part in told[2].split(",")]
+    np.testing.assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
+    thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")[vertex]
+    assert float(told[3]) == pytest.approx(thickness, rel=0.006)
