@@ -96,7 +96,7 @@ def point_at(hand, flat, row):
     hand.wait(told)
 
 
-def test_a_freesurfer_directory(window, subject, pictures, qtbot, tmp_path):
+def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     viewer, hand = window(SMALL, "dark")
     open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
@@ -117,7 +117,7 @@ def test_a_freesurfer_directory(window, subject, pictures, qtbot, tmp_path):
     hand.picture(pictures / "napari_thickness.png")
     hand.choose(flat.contents, "Areas")
     hand.wait(lambda: flat.is_drawn)
-    hand.picture(pictures / "napari_areas.png")
+    hand.picture(tmp_path / "napari_areas.png")
 
     # the script does the same without a window
     widget.parentWidget().raise_()
@@ -162,7 +162,7 @@ def test_a_freesurfer_directory(window, subject, pictures, qtbot, tmp_path):
     hand.wait(lambda: again.is_drawn)
 
 
-def test_values_on_a_gifti_surface(window, pictures, qtbot, tmp_path):
+def test_a_gifti_surface(window, tmp_path):
     viewer, hand = window(LARGE, "light")
     points, faces = surface_of("white_left")
     path = tmp_path / "lh.midthickness.surf.gii"
@@ -172,19 +172,19 @@ def test_values_on_a_gifti_surface(window, pictures, qtbot, tmp_path):
     checking = dock(viewer, "Check surface")
     hand.press(checking.start)
     hand.wait(lambda: bool(checking.table.toPlainText()))
-    hand.picture(pictures / "napari_check.png")
+    hand.picture(tmp_path / "napari_check.png")
     viewer.window.remove_dock_widget(checking)
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
     assert "automatic cuts" in widget.form.plan.text()
     flat = flatten(hand, viewer)
     point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
-    hand.picture(pictures / "napari_light.png")
+    hand.picture(tmp_path / "napari_light.png")
     hand.menu("Layers", "Measure", "Measure map (voxflat)")
-    hand.picture(pictures / "napari_measure.png")
+    hand.picture(tmp_path / "napari_measure.png")
 
 
-def test_the_demo_cortex(window, pictures, request, qtbot):
+def test_the_demo_cortex(window, pictures, request):
     if request.config.getoption("pictures") is None:
         pytest.skip("a hemisphere takes a minute and a half: make pictures runs it")
     viewer, hand = window(LARGE, "dark")

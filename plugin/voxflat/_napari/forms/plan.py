@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
 _PAUSE = 300  # ms without a change before they are
-_SECONDS = {"closed": 5e-4, "open": 2.5e-4}  # a point, on two cores (make bench-napari, docs/decisions/0027)
+_SECONDS = {"closed": 5e-4, "open": 2.5e-4}  # a point, on two cores (docs/decisions/0027)
 _BYTES = 6500.0  # a point
 _PARTS = {
     "whole": "The whole surface",
