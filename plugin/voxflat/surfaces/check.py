@@ -111,13 +111,18 @@ class Check:
         verdict = "can" if self.can_flatten else "cannot"
         return f"<Check of {self.path or 'an array'}: {self.kind}, {size}{verdict} be flattened>"
 
-    def table(self) -> str:
-        """Return the findings as a table of text."""
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the findings, a name and what was found each, without the advice."""
         rows = [("input", self.path or "array"), *self._contents()]
         rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
         if self.surface_points is not None:
             rows += self._surface()
         rows.append(("can be flattened", "yes" if self.can_flatten else "no"))
+        return rows
+
+    def table(self) -> str:
+        """Return the findings as a table of text."""
+        rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2
         text = [f"{name:{width}}{value}" for name, value in rows]
         return "\n".join(text + [f"- {advice}" for advice in self.advice])

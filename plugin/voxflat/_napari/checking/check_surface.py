@@ -98,7 +98,8 @@ class CheckSurface(Findings):
         self.form.release()
 
     def _show(self, found: Check) -> None:
-        self.table.setPlainText(found.table())
+        rows = dict(found.rows())
+        self.tell_rows([("input", self._origin["layer"]), *list(rows.items())[1:]], found.advice)
         name = f"places to look at in {self._origin['layer']}"
         if name in self._viewer.layers:
             self._viewer.layers.remove(name)

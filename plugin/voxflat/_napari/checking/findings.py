@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any
 
 from napari.utils.notifications import show_error
 from qtpy.QtCore import QEvent
 from qtpy.QtGui import QFontDatabase
-from qtpy.QtWidgets import QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
 from voxflat._napari.worker import JobWorker, Work
 from voxflat.errors import Cancelled
@@ -31,9 +32,8 @@ class Findings(QWidget):
         self._worker: JobWorker | None = None
         self.start = QPushButton(action)
         self.start.clicked.connect(self._on_start)
-        self.table = QPlainTextEdit()
+        self.table = QTextEdit()
         self.table.setReadOnly(True)
-        self.table.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         layout = QVBoxLayout(self)
         for part in (above, self.start, self.table):
             if part is not None:
@@ -45,6 +45,35 @@ class Findings(QWidget):
 
     def release(self) -> None:
         """Stop following the viewer."""
+
+    def tell_text(self, text: str) -> None:
+        """Show a table of text, column below column.
+
+        Parameters
+        ----------
+        text : str
+            The table.
+        """
+        self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+        self.table.setPlainText(text)
+
+    def tell_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
+        """Show what was found, row by row, in lines as wide as the dock.
+
+        Parameters
+        ----------
+        rows : sequence of tuple of str
+            Names and what was found.
+        advice : sequence of str
+            What to know and what to do.
+        """
+        cells = "".join(
+            f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"
+            f"<td style='padding:2px 0'><b>{escape(value)}</b></td></tr>"
+            for name, value in rows
+        )
+        told = "".join(f"<li>{escape(line)}</li>" for line in advice)
+        self.table.setHtml(f"<table>{cells}</table><ul style='margin-left:-24px'>{told}</ul>")
 
     def _on_start(self) -> None:
         if self._worker is None:
@@ -74,7 +103,7 @@ class Findings(QWidget):
 
     def _fail(self, error: Exception) -> None:
         message = " ".join((str(error) or type(error).__name__).split())
-        self.table.setPlainText(message)
+        self.tell_text(message)
         show_error(message)
 
     def event(self, event: Any) -> bool:

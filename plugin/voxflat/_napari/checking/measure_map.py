@@ -51,9 +51,9 @@ class MeasureMap(Findings):
         if "patch_file" in about:
             self._work(_MeasureIt(about["surface_file"], about["patch_file"]), self._show)
         elif flat_map is not None:
-            self.table.setPlainText(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
+            self.tell_text(f"{flat_map.metadata['napari']['layer']}\n\n{table(flat_map)}")
         else:
-            self.table.setPlainText("No flat map: flatten, open one, or select a flat patch.")
+            self.tell_text("No flat map: flatten, open one, or select a flat patch.")
 
     def _show(self, found: Distortion) -> None:
-        self.table.setPlainText(found.table())
+        self.tell_text(found.table())
