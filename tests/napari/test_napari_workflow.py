@@ -9,6 +9,7 @@ import pytest
 from mesh_files import fsaverage5
 from napari_window import wait_for_threads, wait_until_drawn
 from numpy.testing import assert_array_equal
+from scipy.spatial import ConvexHull
 
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
@@ -21,6 +22,7 @@ from qtpy.QtWidgets import QApplication  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
+FSAVERAGE4 = 2562  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
 
 
@@ -46,20 +48,34 @@ def window(make_napari_viewer, qtbot):
 
 
 @pytest.fixture
-def subject(tmp_path):
-    """fsaverage5's left hemisphere in a folder as FreeSurfer makes it."""
+def hemisphere(request):
+    """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of fsaverage4's."""
+
+    def read(name):
+        points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
+        if request.config.getoption("pictures") is not None:
+            return points, faces
+        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:FSAVERAGE4]
+        faces = ConvexHull(sphere).simplices
+        a, b, c = np.moveaxis(sphere[faces], 1, 0)
+        turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+        faces[turned] = faces[turned, ::-1]
+        return points[:FSAVERAGE4], faces
+
+    return read
+
+
+@pytest.fixture
+def subject(tmp_path, hemisphere):
+    """A left hemisphere in a folder as FreeSurfer makes it."""
     surf = tmp_path / "subject" / "surf"
     surf.mkdir(parents=True)
     for name, ours in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere.reg")):
-        points, faces = surface_of(f"{name}_left")
+        points, faces = hemisphere(name)
         nib.freesurfer.write_geometry(surf / f"lh.{ours}", points, faces)
-    between = np.linalg.norm(surface_of("pial_left")[0] - surface_of("white_left")[0], axis=1)
+    between = np.linalg.norm(hemisphere("pial")[0] - hemisphere("white")[0], axis=1)
     nib.freesurfer.write_morph_data(surf / "lh.thickness", between.astype(np.float32))
     return surf
-
-
-def surface_of(name):
-    return nib.load(fsaverage5(name)).agg_data(("pointset", "triangle"))
 
 
 def dock(viewer, name):
@@ -162,9 +178,9 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     hand.wait(lambda: again.is_drawn)
 
 
-def test_a_gifti_surface(window, tmp_path):
+def test_a_gifti_surface(window, hemisphere, tmp_path):
     viewer, hand = window(LARGE, "light")
-    points, faces = surface_of("white_left")
+    points, faces = hemisphere("white")
     path = tmp_path / "lh.midthickness.surf.gii"
     voxflat.io.write_mesh(path, voxflat.io.Mesh(points, faces))
     open_files(hand, viewer, path)
