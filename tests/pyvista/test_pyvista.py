@@ -1,3 +1,4 @@
+import inspect
 import json
 import os
 import subprocess
@@ -10,7 +11,8 @@ pv = pytest.importorskip("pyvista")
 
 import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
-from voxflat._pyvista import to_polydata, to_surface_polydata  # noqa: E402
+from voxflat._pyvista import VoxflatAccessor, to_polydata, to_surface_polydata  # noqa: E402
+from voxflat._pyvista.options import FlattenOptions, PlaceOptions  # noqa: E402
 
 SHAPE = (20, 26, 10)
 PLACES = {
@@ -189,7 +191,22 @@ def test_colours_are_sampled_onto_the_map(flat_map):
 def test_a_mesh_is_flattened_with_all_its_arrays():
     mesh = bumpy()
     mesh["distortion"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
-    flat, flat_map = mesh.voxflat(sources=60), mesh.voxflat.flatten(sources=60)
+    mesh.cell_data["area"] = mesh.compute_cell_sizes()["Area"]
+    mesh.cell_data["torn"] = np.arange(mesh.n_cells)  # and of this one
+    mesh.field_data["subject"] = ["bert"]
+    before = mesh.copy()
+    with pytest.warns(UserWarning, match="'(distortion|torn)' of its own: the mesh's is called 'mesh_"):
+        flat = mesh.voxflat(sources=60)
+    flat_map = mesh.voxflat.flatten(sources=60)
+    assert mesh == before  # it stays as it is
+    np.testing.assert_array_equal(flat.point_data["mesh_distortion"], 7)
+    assert flat.field_data["subject"].tolist() == ["bert"]
+    in_space = flat.copy()
+    in_space.points = flat["surface_points"]
+    np.testing.assert_allclose(in_space.compute_cell_sizes()["Area"], flat.cell_data["area"], rtol=1e-5)
+    cells = flat.cell_data["mesh_torn"]
+    same = np.sort(flat["vertex_ids"][flat.regular_faces], axis=1) == np.sort(mesh.regular_faces[cells], axis=1)
+    assert same.all()
     ids = flat.point_data["vertex_ids"]
     np.testing.assert_array_equal(np.sort(ids), np.arange(mesh.n_points))
     assert set(flat.point_data) >= set(mesh.point_data)
@@ -261,10 +278,10 @@ def test_polydata_that_are_no_surface_are_refused_with_a_remedy():
     for bad, message in ((pv.PolyData(mesh.points), "no faces"), (pv.PolyData(), "no faces|no points")):
         with pytest.raises(InputError, match=message):
             bad.voxflat()
-    with pytest.raises(InputError, match=r"has 1 lines beside its faces: remove them, mesh\.SetLines\(None\)"):
-        lines.voxflat()
-    lines.SetLines(None)
-    assert lines.voxflat(sources=10).n_points == lines.n_points
+    lines.cell_data["number"] = np.arange(lines.n_cells)  # of which the line's is the first
+    flat = lines.voxflat(sources=10)
+    assert flat.n_points == lines.n_points
+    assert sorted(flat.cell_data["number"]) == [*range(1, lines.n_cells)]
 
 
 def test_quadrilaterals_and_strips_become_triangles():
@@ -286,15 +303,121 @@ def test_what_means_nothing_for_a_mesh_is_refused():
             call()
 
 
-def test_other_datasets_are_refused_with_a_remedy():
-    ticks = np.arange(4.0)
-    grid = pv.RectilinearGrid(ticks, ticks, ticks)
-    for mesh in (grid, grid.cast_to_unstructured_grid(), grid.cast_to_structured_grid()):
-        message = rf"{type(mesh).__name__}: give PolyData, such as mesh\.extract_surface\(\).*an ImageData.*resample"
-        with pytest.raises(InputError, match=message):
-            mesh.voxflat()
-    skin = (bumpy().cast_to_unstructured_grid()).extract_surface().triangulate()
-    assert skin.voxflat(sources=10).n_points == skin.n_points
+def open_cylinder():
+    """A structured grid of quads, rolled up but for a slit."""
+    angle, height = np.meshgrid(np.linspace(0.3, 6.0, 24), np.linspace(0, 20, 12), indexing="ij")
+    return pv.StructuredGrid(10 * np.cos(angle), 10 * np.sin(angle), height)
+
+
+def datasets():
+    """One of each kind, whose surface is a disk or closed."""
+    ticks = np.arange(6.0)
+    block = pv.RectilinearGrid(ticks, ticks, ticks)
+    return {
+        "StructuredGrid": open_cylinder(),
+        "RectilinearGrid": block,
+        "UnstructuredGrid": block.cast_to_unstructured_grid(),
+        "StructuredGrid, solid": block.cast_to_structured_grid(),
+        "PolyData of quads": open_cylinder().extract_surface(algorithm="dataset_surface"),
+        "capped cylinder": pv.Cylinder(radius=5, height=20, resolution=24),
+    }
+
+
+@pytest.mark.parametrize("name", datasets())
+def test_any_dataset_is_flattened_with_its_data(name):
+    mesh = datasets()[name]
+    mesh.point_data["place"] = mesh.points.copy()
+    mesh.cell_data["centre"] = mesh.cell_centers().points
+    before = mesh.copy()
+    flat = mesh.voxflat(sources=20)
+    assert mesh == before
+    np.testing.assert_allclose(flat["place"], flat["surface_points"], atol=1e-5)
+    np.testing.assert_array_equal(flat["place"], mesh.points[flat["vertex_ids"]])
+    corners = flat["surface_points"][flat.regular_faces]
+    size = np.ptp(mesh.points, axis=0).max()
+    assert np.linalg.norm(corners.mean(axis=1) - flat.cell_data["centre"], axis=1).max() < size  # its own cell
+    ids = flat["vertex_ids"][flat.regular_faces]
+    if isinstance(mesh, pv.StructuredGrid) and mesh.dimensions[2] == 1:  # the triangle's corners are its cell's
+        cells = [set(mesh.get_cell(n).point_ids) for n in range(mesh.n_cells)]
+        number = {tuple(centre): n for n, centre in enumerate(mesh.cell_data["centre"].tolist())}
+        own = [number[tuple(centre)] for centre in flat.cell_data["centre"].tolist()]
+        assert all(set(row) <= cells[cell] for row, cell in zip(ids.tolist(), own, strict=True))
+    surface = mesh.voxflat.surface()
+    assert surface.is_all_triangles
+    np.testing.assert_allclose(surface.points, mesh.points[surface["vertex_ids"]])
+    assert mesh.voxflat.check().can_flatten
+
+
+def test_numbers_are_those_of_the_datasets_points():
+    grid = open_cylinder()
+    seed = 24 * 6 + 12
+    flat = grid.voxflat(seed_point=seed, radius=6.0, sources=np.array([seed, seed + 1, seed - 24]))
+    assert np.linalg.norm(flat["surface_points"] - grid.points[seed], axis=1).max() <= 6
+    keep = np.zeros(grid.n_points, dtype=bool)
+    keep[: 24 * 5] = True
+    grid.point_data["lower"] = keep
+    for region in (keep, "lower", np.flatnonzero(keep)):
+        assert grid.voxflat(keep=region, sources=10)["lower"].all()
+    solid = datasets()["RectilinearGrid"]
+    inside = int(solid.find_closest_point((2.5, 2.5, 2.5)))
+    with pytest.raises(InputError, match=f"seed_point: point {inside} is not on the surface of the RectilinearGrid"):
+        solid.voxflat(seed_point=inside, radius=2.0)
+    with pytest.raises(InputError, match="ImageData: make a surface of it first"):
+        pv.ImageData(dimensions=(3, 3, 3)).voxflat.geodesic(0)
+    with pytest.raises(InputError, match="UnstructuredGrid of 0 cells: it has no faces to flatten"):
+        pv.UnstructuredGrid().voxflat()
+
+
+def test_distances_and_paths_along_a_grid():
+    grid = open_cylinder()
+    measured = grid.voxflat.geodesic(0, method="exact")
+    assert isinstance(measured, pv.StructuredGrid)
+    assert "geodesic_distance" not in grid.point_data
+    angle, height = np.meshgrid(np.linspace(0.3, 6.0, 24), np.linspace(0, 20, 12), indexing="ij")
+    chord = 2 * 10 * np.sin((6.0 - 0.3) / 23 / 2)  # of one of its 23 strips, laid out flat
+    unrolled = np.hypot(23 * chord * (angle - 0.3) / (6.0 - 0.3), height).ravel(order="F")
+    np.testing.assert_allclose(measured["geodesic_distance"], unrolled, rtol=1e-5, atol=1e-4)
+    both = grid.voxflat.geodesic([0, grid.n_points - 1], method="exact")["geodesic_distance"]
+    np.testing.assert_allclose(both, np.minimum(unrolled, unrolled[::-1]), rtol=1e-5, atol=1e-4)
+    line = grid.voxflat.path(0, grid.n_points - 1)
+    along = np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
+    assert line.field_data["length"][0] == pytest.approx(unrolled[-1], rel=1e-5) == pytest.approx(along, rel=1e-5)
+    assert line["vertex_ids"][[0, -1]].tolist() == [0, grid.n_points - 1]
+
+
+def test_blocks_are_flattened_one_by_one(capsys):
+    blocks = pv.MultiBlock({"tube": open_cylinder(), "nothing": None, "more": pv.MultiBlock({"bumps": bumpy()})})
+    flat = blocks.voxflat(sources=10, progress_bar=True)
+    assert flat.keys() == ["tube", "nothing", "more"]
+    assert flat["nothing"] is None
+    assert flat["more"]["bumps"].n_points == bumpy().n_points
+    assert "100%" in capsys.readouterr().err
+    with pytest.raises(InputError, match="block 'points': PolyData of 4 cells: it has no faces"):
+        pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
+
+
+def test_patches_leave_the_mesh_as_it_is():
+    ball = pv.Icosphere(radius=20.0, nsub=2)
+    ball.cell_data["number"] = np.arange(ball.n_cells)
+    before = ball.copy()
+    page = ball.voxflat.patches(max_angle=15)
+    assert ball == before
+    assert page.active_scalars_name == "patch"
+    same = np.sort(page["vertex_ids"][page.regular_faces], axis=1) == np.sort(
+        ball.regular_faces[page["number"]], axis=1
+    )
+    assert same.all()
+
+
+def test_options_are_those_of_the_functions():
+    taken = inspect.signature(voxflat.flatten).parameters.keys() - {"surface", "spacing", "affine"}
+    assert FlattenOptions.__annotations__.keys() == taken
+    place = PlaceOptions.__annotations__.keys()
+    for function in (voxflat.check, voxflat.surface, voxflat.patches):
+        assert place <= inspect.signature(function).parameters.keys()
+    own = inspect.signature(VoxflatAccessor.patches).parameters
+    for name in ("max_angle", "bound", "count", "seeds", "seed"):
+        assert own[name].default == inspect.signature(voxflat.patches).parameters[name].default
 
 
 def test_a_wrong_name_lists_the_arrays():

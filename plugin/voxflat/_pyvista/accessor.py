@@ -1,0 +1,419 @@
+"""``mesh.voxflat``: the verbs of voxflat on datasets of PyVista."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat._pyvista.bars import shown
+from voxflat._pyvista.flat import to_page_polydata, to_polydata, to_surface_polydata
+from voxflat._pyvista.images import volume_of
+from voxflat._pyvista.skins import Skin
+from voxflat.arguments import Progress
+from voxflat.atlases.making import patches
+from voxflat.distances.geodesic import geodesic
+from voxflat.distances.path import path
+from voxflat.errors import InputError
+from voxflat.io.volumes import Volume
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.flatten import flatten
+from voxflat.surfaces.check import Check, check
+from voxflat.surfaces.making import surface
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from voxflat._pyvista.options import FlattenOptions, PlaceOptions
+
+_NUMBERED = ("seed_point", "polygon", "sources")  # options that may name points by their numbers
+_REGIONS = ("keep", "drop")
+
+
+class VoxflatAccessor:
+    """Flatten a mesh, or a surface of an image: ``mesh.voxflat(...)``.
+
+    Parameters
+    ----------
+    mesh : pyvista.DataSet
+        An ``ImageData`` with a label volume or intensities, as point data or as cell data; of any other dataset its
+        surface is taken, as ``extract_surface`` and ``triangulate`` do. In RAS+ mm. It stays as it is.
+
+    Examples
+    --------
+    >>> import pyvista as pv
+    >>> image = pv.ImageData(dimensions=(30, 40, 3))
+    >>> image["labels"] = (image.points[:, 2] == 1).astype("uint8")
+    >>> flat = image.voxflat()  # a flat map as PolyData, in mm
+    >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
+    >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
+    >>> flat = pv.Plane().voxflat()  # meshes, too: every array is carried over
+    >>> page = pv.Sphere().voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
+    >>> distances = pv.Sphere().voxflat.geodesic(0)  # along the surface, from a point
+    """
+
+    to_polydata = staticmethod(to_polydata)
+    to_surface_polydata = staticmethod(to_surface_polydata)
+    to_page_polydata = staticmethod(to_page_polydata)
+
+    def __init__(self, mesh: pv.DataSet) -> None:
+        self._mesh = mesh
+
+    def __call__(
+        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
+    ) -> pv.PolyData:
+        """Flatten the mesh, or a surface of the image, into the plane z = 0.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        progress_bar : bool
+            Show how far it is.
+        **options
+            ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in `flatten`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            As from `to_polydata`; of a mesh, the arrays of its points, its cells and its field are carried over, and
+            ``vertex_ids`` are numbers of its points. An array whose name the map has for its own gets ``mesh_`` before
+            it, with a warning.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`.
+        """
+        if self._is_image:
+            return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
+        skin = self._skin(scalars)
+        flat_map = self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
+        flat = to_polydata(flat_map)
+        flat.point_data["vertex_ids"] = skin.point_ids[flat_map.ids]
+        skin.carry(flat, flat_map.ids)
+        flat.set_active_scalars("distortion", preference="point")
+        return flat
+
+    def flatten(
+        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
+    ) -> FlatMap:
+        """Flatten the mesh, or a surface of the image.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        progress_bar : bool
+            Show how far it is.
+        **options
+            For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)``, of a mesh the
+            number of a point, and ``radius=45.0`` (mm) cut out a patch. ``keep`` and ``drop`` may be names of other
+            arrays of this dataset, or other images. These and all others are the keyword arguments of
+            `voxflat.flatten`. Voxel indices count from 0 at the image's first point or cell; `voxel_at` finds them
+            from coordinates.
+
+        Returns
+        -------
+        FlatMap
+            Its ids are those of `surface`, which is a mesh of triangles itself.
+
+        Raises
+        ------
+        InputError
+            If the dataset has no surface, the array is missing or has several components, or `voxflat.flatten` refuses
+            it; the message says what to do.
+        Cancelled
+            As in `voxflat.flatten`.
+        """
+        if self._is_image:
+            given: dict[str, Any] = {**options}
+            given |= {name: self._region(given[name]) for name in _REGIONS if name in given}
+            return self._flatten(self.volume(scalars), progress_bar, given)
+        skin = self._skin(scalars)
+        return self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
+
+    def surface(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> pv.PolyData:
+        """Return the surface that is flattened.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        **options
+            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            Of triangles. Point data ``vertex_ids``, numbers of the dataset's points, or ``voxel_ids`` (i, j, k).
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.surface`.
+        """
+        whole = surface(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
+        faces: Any = whole.faces.astype(np.int64)
+        mesh: pv.PolyData = pv.PolyData.from_regular_faces(whole.points, faces)
+        ids = whole.ids if self._is_image else self._skin(scalars).point_ids[whole.ids]
+        mesh.point_data["voxel_ids" if self._is_image else "vertex_ids"] = ids
+        return mesh
+
+    def check(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> Check:
+        """Say whether the surface can be flattened, and what to do.
+
+        Parameters
+        ----------
+        scalars, **options
+            As in `surface`.
+
+        Returns
+        -------
+        Check
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.check`.
+        """
+        return check(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
+
+    def geodesic(
+        self, sources: int | Sequence[int], *, method: str = "graph", progress_bar: bool = False
+    ) -> pv.DataSet:
+        """Measure distances along the surface of a mesh.
+
+        Parameters
+        ----------
+        sources : int or sequence of int
+            Numbers of points.
+        method : {"graph", "marching", "exact"}
+            What measures them, as ``geodesic`` of `voxflat.geodesic`.
+        progress_bar : bool
+            Show how far it is.
+
+        Returns
+        -------
+        pyvista.DataSet
+            A copy of the mesh with point data ``geodesic_distance`` (active): from the nearest source, in the mesh's
+            unit; NaN where no way leads, or no surface is.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.geodesic`.
+        """
+        skin = self._skin(None)
+        numbers = skin.points(np.atleast_1d(np.asarray(sources)), "sources")
+        with shown(progress_bar, None) as progress:
+            rows = geodesic(skin.mesh, numbers, geodesic=method, progress=progress)
+        nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
+        measured = self._mesh.copy(deep=False)
+        distances = np.full(self._mesh.n_points, np.nan)
+        distances[skin.point_ids[rows.ids]] = np.where(np.isfinite(nearest), nearest, np.nan)
+        measured.point_data["geodesic_distance"] = distances
+        measured.set_active_scalars("geodesic_distance", preference="point")
+        return measured
+
+    def path(self, a: int, b: int, *further: int, method: str = "exact") -> pv.PolyData:
+        """Find the shortest path over the surface of a mesh.
+
+        Parameters
+        ----------
+        a, b, *further : int
+            Numbers of points: the ends, and further stops after `b`.
+        method : {"exact", "graph", "marching", "edges"}
+            As ``geodesic`` of `voxflat.path`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A line. Point data ``vertex_ids`` (-1 where it crosses an edge); field data ``length``, in the mesh's unit.
+
+        Raises
+        ------
+        InputError
+            As in `voxflat.path`.
+        """
+        skin = self._skin(None)
+        stops = skin.points([a, b, *further], "stops").tolist()
+        found = path(skin.mesh, *stops, geodesic=method)
+        line: pv.PolyData = pv.MultipleLines(found.points)
+        line.point_data["vertex_ids"] = np.where(found.ids >= 0, skin.point_ids[found.ids], -1)
+        line.field_data["length"] = [found.length]
+        return line
+
+    def patches(
+        self,
+        max_angle: float | None = None,
+        *,
+        scalars: str | None = None,
+        bound: float | None = None,
+        count: int | None = None,
+        glue: float | None = None,
+        packing: str = "boxes",
+        seeds: str = "curvature",
+        seed: int = 0,
+        progress_bar: bool = False,
+        **options: Unpack[PlaceOptions],
+    ) -> pv.PolyData:
+        """Flatten the mesh, or a surface of the image, in patches with a certificate.
+
+        Parameters
+        ----------
+        max_angle : float, optional
+            Greatest inclination to a patch's plane, degrees; by default 10.
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        bound, count, seeds, seed
+            As in `voxflat.patches`.
+        glue : float, optional
+            Glue the patches within this bound on C, as `FlatAtlas.glue` does.
+        packing : {"boxes", "shapes"}
+            How the page is packed, as in `Atlas.page`.
+        progress_bar : bool
+            Show how far it is.
+        **options
+            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.patches`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The page, as from `to_page_polydata`, with ``patch``, ``piece``, ``isometric``, ``quasi_conformal`` and
+            ``areal`` of its triangles; of a mesh all arrays are carried over, as by a call of the accessor.
+            ``page.points = page["surface_points"]`` lays it back into space.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.patches`.
+        """
+        skin = None if self._is_image else self._skin(scalars)
+        given: dict[str, Any] = {**options, "bound": bound, "count": count, "seeds": seeds, "seed": seed}
+        with shown(progress_bar, given.pop("progress", None)) as progress:
+            source = self.volume(scalars) if skin is None else skin.mesh
+            atlas = patches(source, max_angle, progress=progress, **given)
+            glued = atlas if glue is None else atlas.glue(glue, threads=given.get("threads"), progress=progress)
+        page = to_page_polydata(glued, packing=packing)
+        if skin is not None:
+            ids = np.asarray(page.point_data["vertex_ids"], dtype=np.int64)
+            page.point_data["vertex_ids"] = skin.point_ids[ids]
+            skin.carry(page, ids)
+            page.set_active_scalars("patch", preference="cell")
+        return page
+
+    def volume(self, scalars: str | None = None) -> Volume:
+        """Return an array of the image as a volume with its affine, without a copy.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Name of the array; by default the active one, or the only one.
+
+        Returns
+        -------
+        Volume
+            For the functions of voxflat: ``voxflat.check(image.voxflat.volume())``,
+            ``flat_map.image(image.voxflat.volume("T1"))``. Colours, uint8 with 3 or 4 components, are a volume, too.
+
+        Raises
+        ------
+        InputError
+            If the dataset is no ``ImageData``, or the array is missing or has several components.
+        """
+        return volume_of(self._mesh, scalars)
+
+    def voxel_at(self, point: ArrayLike, scalars: str | None = None) -> tuple[int, int, int]:
+        """Find the voxel at a point, for use as a seed point.
+
+        Parameters
+        ----------
+        point : array_like, shape (3,)
+            RAS+ mm, as ``image.points`` are.
+        scalars : str, optional
+            Name of the array, which may be of points or of cells; by default the active one, or the only one.
+
+        Returns
+        -------
+        tuple of 3 ints
+            Indices of the voxel with the nearest centre.
+
+        Raises
+        ------
+        InputError
+            If the point lies outside the image.
+        """
+        volume = self.volume(scalars)
+        place = np.linalg.solve(volume.affine, [*np.asarray(point, dtype=np.float64), 1.0])[:3]
+        i, j, k = np.rint(place).astype(int).tolist()
+        if not all(0 <= index < size for index, size in zip((i, j, k), volume.data.shape, strict=False)):
+            raise InputError(
+                f"the point {np.asarray(point).tolist()} mm lies outside the image, {tuple(self._mesh.bounds)}"
+            )
+        return i, j, k
+
+    # ---------------------------------------------------------------------------------------- what is given
+
+    @property
+    def _is_image(self) -> bool:
+        return isinstance(self._mesh, pv.ImageData)
+
+    def _skin(self, scalars: str | None) -> Skin:
+        if self._is_image:
+            raise InputError("ImageData: make a surface of it first, image.voxflat.surface()")
+        if scalars is not None:
+            raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
+        return Skin.of(self._mesh)
+
+    def _flatten(self, source: object, progress_bar: bool, options: dict[str, Any]) -> FlatMap:
+        progress: Progress | None = options.pop("progress", None)
+        with shown(progress_bar, progress) as told:
+            found: FlatMap = flatten(source, progress=told, **options)
+        return found
+
+    def _of_skin(self, skin: Skin, options: FlattenOptions) -> dict[str, Any]:
+        """Return options with numbers of points, and masks of them, as the surface has them."""
+        given: dict[str, Any] = {**options}
+        for name in _REGIONS:
+            if name in given:
+                given[name] = self._mask_of(skin, self._region(given[name]), name)
+        if skin.is_dataset:
+            return given
+        for name in _NUMBERED:
+            numbers = given.get(name)
+            if numbers is None or (name == "sources" and np.ndim(numbers) == 0):  # how many
+                continue
+            found = skin.points(numbers, name)
+            given[name] = found if found.ndim else int(found)
+        if isinstance(given.get("cuts"), Sequence) and not isinstance(given["cuts"], str):
+            given["cuts"] = [skin.points(one, "cuts") for one in given["cuts"]]
+        return given
+
+    def _mask_of(self, skin: Skin, region: object, name: str) -> object:
+        """Return a region of a dataset's points as one of its surface's."""
+        if skin.is_dataset or not isinstance(region, np.ndarray):
+            return region
+        is_mask = region.dtype == bool and region.shape == (self._mesh.n_points,)
+        return region[skin.point_ids] if is_mask else skin.points(region, name)
+
+    def _region(self, region: object) -> object:
+        """Return a region as `voxflat.flatten` takes it."""
+        if isinstance(region, pv.DataSet):
+            return volume_of(region)
+        if not isinstance(region, str):
+            return region
+        names = self._mesh.array_names if self._is_image else self._mesh.point_data.keys()
+        if region in names:
+            if self._is_image:
+                return self.volume(region)
+            mask: NDArray[np.bool_] = np.asarray(self._mesh.point_data[region]) != 0
+            return mask
+        if not os.path.exists(region):
+            there = ", ".join(names) or "none"
+            raise InputError(f"{region!r} is neither an array of the points (there are: {there}) nor a file")
+        return region

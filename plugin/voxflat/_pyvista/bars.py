@@ -1,0 +1,45 @@
+"""Progress bars, as PyVista's own filters have them: ``progress_bar=True``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from voxflat.arguments import Progress
+
+
+@contextmanager
+def shown(wanted: bool, progress: Progress | None) -> Iterator[Progress | None]:
+    """Show a bar for each stage, beside what the caller is told.
+
+    Parameters
+    ----------
+    wanted : bool
+        Whether there are bars.
+    progress : callable or None
+        As in `voxflat.flatten`.
+
+    Yields
+    ------
+    callable or None
+        For `voxflat.flatten`.
+    """
+    if not wanted:
+        yield progress
+        return
+    from tqdm.auto import tqdm
+
+    bar = tqdm(total=1)
+
+    def told(stage: str, done: int, total: int) -> bool | None:
+        if bar.desc.removesuffix(": ") != stage:
+            bar.reset(total)
+            bar.set_description(stage)
+        bar.total, bar.n = total, done
+        bar.refresh()
+        return None if progress is None else progress(stage, done, total)
+
+    try:
+        yield told
+    finally:
+        bar.close()

@@ -1,0 +1,166 @@
+"""The surface of any dataset of PyVista, whose data find their way onto the map."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+
+_POINT, _CELL = "voxflat_point", "voxflat_cell"
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The triangles of a dataset's surface.
+
+    Parameters
+    ----------
+    dataset : pyvista.DataSet
+        What it is the surface of; it stays as it is.
+    mesh : pyvista.PolyData
+        Triangles alone.
+    point_ids, cell_ids : ndarray of int64
+        Which point of the dataset each point of the mesh is, and of which cell each triangle is part.
+    """
+
+    dataset: pv.DataSet
+    mesh: pv.PolyData
+    point_ids: NDArray[np.int64]
+    cell_ids: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, dataset: pv.DataSet) -> Skin:
+        """Take the surface of a dataset: of volume cells their outside; polygons and strips become triangles.
+
+        Parameters
+        ----------
+        dataset : pyvista.DataSet
+            Of any kind.
+
+        Returns
+        -------
+        Skin
+
+        Raises
+        ------
+        InputError
+            If it has no surface.
+        """
+        if (
+            isinstance(dataset, pv.PolyData)
+            and dataset.GetNumberOfPolys() == dataset.n_cells
+            and _is_triangles(dataset)
+        ):
+            return cls(dataset, dataset, np.arange(dataset.n_points), np.arange(dataset.n_cells))
+        numbered = dataset.copy(deep=False)
+        numbered.clear_data()
+        numbered.point_data[_POINT] = np.arange(dataset.n_points)
+        numbered.cell_data[_CELL] = np.arange(dataset.n_cells)
+        if isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines:  # come first, and are no surface
+            faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
+            numbered = numbered.extract_cells(faces)
+        if not isinstance(numbered, pv.PolyData):
+            numbered = numbered.extract_surface(algorithm="dataset_surface", pass_pointid=False, pass_cellid=False)
+        triangles = numbered.triangulate()
+        if not triangles.n_cells:
+            raise InputError(f"{type(dataset).__name__} of {dataset.n_cells} cells: it has no faces to flatten")
+        ids = triangles.point_data[_POINT], triangles.cell_data[_CELL]
+        point_ids, cell_ids = (np.asarray(array, dtype=np.int64) for array in ids)
+        mesh = pv.PolyData.from_regular_faces(triangles.points, triangles.regular_faces)
+        return cls(dataset, mesh, point_ids, cell_ids)
+
+    @property
+    def is_dataset(self) -> bool:
+        """Whether the surface is the dataset itself."""
+        return self.mesh is self.dataset
+
+    def points(self, numbers: object, name: str) -> NDArray[np.int64]:
+        """Return which points of the surface are meant by numbers of points of the dataset.
+
+        Parameters
+        ----------
+        numbers : array_like of int
+            Of points of the dataset.
+        name : str
+            What they are, for messages.
+
+        Returns
+        -------
+        ndarray of int64
+
+        Raises
+        ------
+        InputError
+            If one is not on the surface.
+        """
+        wanted = np.asarray(numbers)
+        if wanted.dtype.kind not in "iu":
+            raise InputError(f"{name} must be numbers of points, not {wanted.dtype}")
+        on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
+        on_surface[self.point_ids] = np.arange(len(self.point_ids))
+        inside = (wanted >= 0) & (wanted < len(on_surface))
+        found = np.where(inside, on_surface[np.where(inside, wanted, 0)], -1)
+        if (found < 0).any():
+            missing = int(wanted[found < 0].flat[0])
+            raise InputError(f"{name}: point {missing} is not on the surface of the {type(self.dataset).__name__}")
+        return found
+
+    def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
+        """Carry the data of the dataset over to a flat mesh.
+
+        An array whose name the flat mesh has for its own gets ``mesh_`` before it, and that is told.
+
+        Parameters
+        ----------
+        flat : pyvista.PolyData
+            The map or page; its point data get those of the points, its cell data those of the cells, its field data
+            those of the whole.
+        ids : ndarray of int64
+            Which point of the surface each of its points is.
+        """
+        of_points = self.point_ids[ids]
+        for name in self.dataset.point_data:
+            flat.point_data[_free(name, flat)] = self.dataset.point_data[name][of_points]
+        for name in self.dataset.field_data:
+            flat.field_data[_free(name, flat)] = self.dataset.field_data[name]
+        if not self.dataset.cell_data:
+            return
+        cells = self._cells(ids[flat.regular_faces])
+        if cells is None:
+            names = ", ".join(self.dataset.cell_data)
+            warnings.warn(f"the mesh was mended, so data of its cells are not carried over: {names}", stacklevel=4)
+            return
+        for name in self.dataset.cell_data:
+            flat.cell_data[_free(name, flat)] = self.dataset.cell_data[name][cells]
+
+    def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """Return the cell of each triangle of the surface, by its corners; None if one is no triangle of it."""
+        own = np.sort(np.asarray(self.mesh.regular_faces, dtype=np.int64), axis=1)
+        keys, which = np.unique(np.concatenate([own, np.sort(faces, axis=1)]), axis=0, return_inverse=True)
+        which = which.reshape(-1)
+        triangle = np.full(len(keys), -1, dtype=np.int64)
+        triangle[which[: len(own)]] = np.arange(len(own))
+        found = triangle[which[len(own) :]]
+        return None if (found < 0).any() else self.cell_ids[found]
+
+
+def _is_triangles(mesh: pv.PolyData) -> bool:
+    return bool(mesh.n_cells and mesh.is_all_triangles)
+
+
+def _free(name: str, flat: pv.PolyData) -> str:
+    """Return a name under which a flat mesh has nothing yet."""
+    taken = {*flat.point_data, *flat.cell_data, *flat.field_data}
+    if name not in taken:
+        return name
+    free = f"mesh_{name}"
+    while free in taken:
+        free = f"mesh_{free}"
+    warnings.warn(f"the map has an array {name!r} of its own: the mesh's is called {free!r} on it", stacklevel=5)
+    return free
