@@ -1,7 +1,7 @@
 """Directories as FreeSurfer and sMRIPrep leave them, of nilearn's fsaverage5 and warped variants of it: studies to try.
 
 The vertices of fsaverage5 are those of an icosahedron that was subdivided five times; the first 2,562 are those of the
-fourth time, the first 642 those of the third.
+fourth time, 642 of the third, 162 of the second.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SIDES = {"lh": ("left", "L"), "rh": ("right", "R")}
-SIZES = (10_242, 2562, 642)
+SIZES = (10_242, 2562, 642, 162)
 C_RAS = (3.0, -17.0, 22.0)
 THIN = 0.3  # mm: where white and pial surface are closer than this is the medial wall
 

@@ -259,6 +259,7 @@ def _one(
         hemisphere = _found(folder, hemi, parameters)
         now, _ = state(results, request(hemisphere, parameters))
         if now == "done":
+            results.failure.unlink(missing_ok=True)  # of a call with other parameters
             return Outcome(name, hemi, "done")
         return Outcome(name, hemi, "made", record=make(hemisphere, parameters, results, **how))
     except Cancelled:
