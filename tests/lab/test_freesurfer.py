@@ -1,6 +1,7 @@
 """`voxflat freesurfer`: files that other programs read, results that are up to date or made anew, reasons for none."""
 
 import hashlib
+import html
 import json
 import re
 import shutil
@@ -225,6 +226,17 @@ def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
+
+
+def test_an_earlier_report_does_not_outlive_a_failure(subject):
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    (subject / "surf" / "lh.white").write_bytes(b"")
+    failed = run("freesurfer", subject, "--hemi", "lh")
+    assert failed.exit_code == 1
+    page = (subject / "voxflat.html").read_text()
+    assert "The left hemisphere has no map" in page
+    assert failed.stderr.splitlines()[-1].partition(": error: ")[2] in html.unescape(page)
+    assert "<img" not in page
 
 
 @pytest.mark.parametrize(
