@@ -67,6 +67,15 @@ def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
     assert len(read) == 4
 
 
+def test_the_map_is_that_of_the_functions(made, flat_map):
+    surf = made[0] / "surf"
+    whole = voxflat.surface(surf / "lh.white", pial=surf / "lh.pial")
+    label = made[0] / "label" / "lh.cortex.label"
+    own = voxflat.flatten(whole, cuts="standard", sphere=surf / "lh.sphere.reg", keep=label)
+    np.testing.assert_array_equal(flat_map.uv, own.uv)
+    np.testing.assert_array_equal(flat_map.ids, own.ids)
+
+
 def test_the_cortex_label_says_what_is_flattened(flat_map):
     of = studies.hemisphere("lh", VERTICES)
     assert of["cortex"][flat_map.ids].all()
