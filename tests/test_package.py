@@ -55,7 +55,14 @@ def wheel(tmp_path_factory):
 def test_the_wheel_holds_what_users_need(wheel):
     assert "abi3" in wheel.name
     names = set(zipfile.ZipFile(wheel).namelist())
-    for name in ("napari.yaml", "py.typed", "_core.pyi", "_napari/__init__.py", "cli/__init__.py"):
+    for name in (
+        "napari.yaml",
+        "py.typed",
+        "_core.pyi",
+        "_napari/__init__.py",
+        "cli/__init__.py",
+        "lab/templates/viewer.js",
+    ):
         assert f"voxflat/{name}" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     points = next(name for name in names if name.endswith("entry_points.txt"))

@@ -1,7 +1,7 @@
 """Directories as FreeSurfer and sMRIPrep leave them, of nilearn's fsaverage5 and warped variants of it: studies to try.
 
 The vertices of fsaverage5 are those of an icosahedron that was subdivided five times; the first 2,562 are those of the
-fourth time, the first 642 those of the third.
+fourth time, 642 of the third, 162 of the second.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SIDES = {"lh": ("left", "L"), "rh": ("right", "R")}
-SIZES = (10_242, 2562, 642)
+SIZES = (10_242, 2562, 642, 162)
 C_RAS = (3.0, -17.0, 22.0)
 THIN = 0.3  # mm: where white and pial surface are closer than this is the medial wall
 
@@ -34,14 +34,14 @@ def hemisphere(hemi: str, vertices: int = SIZES[0]) -> Hemisphere:
     (white, faces), (pial, _), (sphere, _) = (arrays(name) for name in ("white", "pial", "sphere"))
     faces = faces.astype(np.int64)
     for size in SIZES[1 : 1 + SIZES.index(vertices)]:
-        faces = _before_subdivision(faces, size)
+        faces = before_subdivision(faces, size)
     found = {"white": white, "pial": pial, "sphere": sphere, "curv": arrays("curv"), "thickness": arrays("thick")}
     found = {name: np.asarray(values[:vertices], dtype=np.float64) for name, values in found.items()}
     return {**found, "faces": faces, "cortex": np.linalg.norm(found["pial"] - found["white"], axis=1) >= THIN}
 
 
-def _before_subdivision(faces: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return the triangles before the last subdivision: each holds one of three midpoints, of two corners each."""
+def before_subdivision(faces: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    """Return the triangles of the first vertices, before a subdivision: each holds three midpoints of two corners."""
     parents: dict[int, set[int]] = {}
     for edge in np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist():
         for middle, corner in (edge, edge[::-1]):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import nibabel as nib
 import numpy as np
+from studies import before_subdivision
 
 VERTICES = 2562
 C_RAS = (3.0, -17.0, 22.0)
@@ -21,22 +22,10 @@ def fsaverage5(name):
     return arrays[0].astype(np.float64), arrays[1].astype(np.int64)
 
 
-def coarse_faces(faces):
-    """Return the triangles before the last subdivision: each holds one of three midpoints, of two corners each."""
-    parents = {}
-    for edge in np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist():
-        for middle, corner in (edge, edge[::-1]):
-            if middle >= VERTICES > corner:
-                parents.setdefault(middle, set()).add(corner)
-    inner = faces[(faces >= VERTICES).all(axis=1)].tolist()
-    between = [[parents[middle] for middle in triangle] for triangle in inner]
-    return np.array([[*(a & c), *(a & b), *(b & c)] for a, b, c in between])
-
-
 def hemisphere():
     """Return points of the white and of the pial surface, shape (2562, 3), and triangles, shape (5120, 3)."""
     (white, faces), (pial, _) = fsaverage5("white_left"), fsaverage5("pial_left")
-    return white[:VERTICES], pial[:VERTICES], coarse_faces(faces)
+    return white[:VERTICES], pial[:VERTICES], before_subdivision(faces, VERTICES)
 
 
 def write(folder):

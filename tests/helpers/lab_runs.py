@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from voxflat import cli
 
-VERTICES = 642
+VERTICES, FEW = 642, 162
 
 
 def run(*arguments):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import studies
-from lab_runs import VERTICES, run
+from lab_runs import FEW, run
 
 pytest.importorskip("nilearn")
 
@@ -23,7 +23,7 @@ def lab(tmp_path_factory):
     places = [folder / "sub-01", *(folder / "study" / "sourcedata" / "freesurfer" / f"sub-0{n}" for n in (1, 2))]
     for hemi in ("lh", "rh"):
         for seed, place in enumerate(places):
-            studies.write_freesurfer(place, hemi, studies.warped(studies.hemisphere(hemi, VERTICES), seed))
+            studies.write_freesurfer(place, hemi, studies.warped(studies.hemisphere(hemi, FEW), seed))
     said = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -67,6 +67,15 @@ def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
     assert len(read) == 4
 
 
+def test_the_map_is_that_of_the_functions(made, flat_map):
+    surf = made[0] / "surf"
+    whole = voxflat.surface(surf / "lh.white", pial=surf / "lh.pial")
+    label = made[0] / "label" / "lh.cortex.label"
+    own = voxflat.flatten(whole, cuts="standard", sphere=surf / "lh.sphere.reg", keep=label)
+    np.testing.assert_array_equal(flat_map.uv, own.uv)
+    np.testing.assert_array_equal(flat_map.ids, own.ids)
+
+
 def test_the_cortex_label_says_what_is_flattened(flat_map):
     of = studies.hemisphere("lh", VERTICES)
     assert of["cortex"][flat_map.ids].all()
@@ -225,6 +234,18 @@ def test_a_missing_file_is_named_and_the_other_hemisphere_made(subject):
     assert "sub-02 lh: " in result.stdout
     assert "The right hemisphere has no map" in (subject / "voxflat.html").read_text()
     assert json.loads((subject / "surf" / "rh.voxflat.failure.json").read_text())["reason"] in result.stderr
+
+
+def test_an_earlier_report_does_not_outlive_a_failure(subject):
+    assert run("freesurfer", subject, "--hemi", "lh").exit_code == 0
+    (subject / "surf" / "lh.white").write_bytes(b"")
+    failed = run("freesurfer", subject, "--hemi", "lh")
+    assert failed.exit_code == 1
+    page = (subject / "voxflat.html").read_text()
+    assert "The left hemisphere has no map" in page
+    assert "lh.white holds no surface (0 bytes): make it again" in page
+    assert "lh.white holds no surface (0 bytes): make it again" in failed.stderr
+    assert "<img" not in page
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import anatomy
 import lab
 import numpy as np
 import pytest
+from studies import before_subdivision
 
 import voxflat
 from voxflat.errors import InputError
@@ -32,7 +33,7 @@ def rotation(seed):
 @pytest.fixture(scope="module")
 def hemispheres():
     """Points, registered sphere and triangles of both sides: fsaverage5's pial surfaces, a quarter of the vertices."""
-    faces = lab.coarse_faces(lab.fsaverage5("white_left")[1])
+    faces = before_subdivision(lab.fsaverage5("white_left")[1], lab.VERTICES)
     return {
         side: (*(lab.fsaverage5(f"{kind}_{side}")[0][: lab.VERTICES] for kind in ("pial", "sphere")), faces)
         for side in ("left", "right")

@@ -83,8 +83,7 @@ def command(
     if level == "group":
         _group(source, out, labels, as_json, quiet)
         return 0
-    with bars(quiet) as shown:
-        shown.hush()  # what is said of each map stands in its report
+    with bars(quiet, hushed=True) as shown:  # what is said of each map stands in its report
         tell = labs.teller(shown, is_told=not (as_json or quiet))
         outcomes = study(source, out, chosen, parameters, labels=labels, tell=tell, progress=shown.progress, **given)
     everybody = {one.name for one in outcomes}

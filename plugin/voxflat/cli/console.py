@@ -139,10 +139,6 @@ class Bars:
         self.hide()
         click.echo(text)
 
-    def hush(self) -> None:
-        """Leave out notes and warnings, which stand elsewhere."""
-        log.setLevel(logging.ERROR)
-
     def hide(self) -> None:
         """Take the bar away until it moves on."""
         self._bar.clear()
@@ -157,10 +153,10 @@ class _Notes(logging.Handler):
 
 
 @contextmanager
-def bars(quiet: bool = False) -> Iterator[Bars]:
-    """Show progress and notes while a command works; not where it is to be quiet."""
+def bars(quiet: bool = False, *, hushed: bool = False) -> Iterator[Bars]:
+    """Show progress and notes while a command works; not where it is to be quiet, and no notes that stand elsewhere."""
     shown = Bars(hidden=quiet or not sys.stderr.isatty())
-    notes = logging.NullHandler() if quiet else _Notes()
+    notes = logging.NullHandler() if quiet or hushed else _Notes()
     level = log.level
     log.addHandler(notes)
     log.setLevel(logging.INFO)

@@ -292,7 +292,7 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory")
-    own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir()]
+    own = [path for path in sorted(folder.glob("sub-*")) if path.is_dir() and not _NOBODY.match(path.name)]
     found: list[Participant] = []
     for place in _places(folder):
         found = list(_in(place))
@@ -310,12 +310,10 @@ def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
         by_name[one.name] = one
     known = {one.label for one in found}
     wanted = [label.removeprefix("sub-") for label in labels]
-    missing = wanted or [path.name.removeprefix("sub-") for path in own if _label(path.name) is not None]
-    for label in missing:
-        if label.partition("_ses-")[0] not in known:
+    for label in wanted or [named[0] for path in own if (named := _label(path.name)) is not None]:
+        if label not in known:
             by_name[f"sub-{label}"] = Participant(label, None, None)
-    chosen = [one for _, one in sorted(by_name.items()) if not wanted or one.label in wanted]
-    return chosen
+    return [one for _, one in sorted(by_name.items()) if not wanted or one.label in wanted]
 
 
 def _places(folder: Path) -> Iterator[Path]:

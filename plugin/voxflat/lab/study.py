@@ -245,7 +245,8 @@ def _each(
     there = {one.hemi: results(one.hemi) for one in outcomes if one.state != "failed"}
     failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
     key = page_key([read_record(of.record) for of in there.values()], failures)
-    if there and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
+    is_told = bool(there) or page.is_file()  # what an earlier call has written would say that all is well
+    if is_told and (any(one.state == "made" for one in outcomes) or not is_page_of(page, key)):
         from voxflat.lab.report import subject_page  # brings in matplotlib
 
         write_text(page, subject_page(name, {hemi: Shown.read(of) for hemi, of in there.items()}, failures))
@@ -259,6 +260,7 @@ def _one(
         hemisphere = _found(folder, hemi, parameters)
         now, _ = state(results, request(hemisphere, parameters))
         if now == "done":
+            results.failure.unlink(missing_ok=True)  # of a call with other parameters
             return Outcome(name, hemi, "done")
         return Outcome(name, hemi, "made", record=make(hemisphere, parameters, results, **how))
     except Cancelled:

@@ -19,6 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.freesurfer import read_annot
 from voxflat.io.gifti import value_bytes
+from voxflat.io.meshes import is_mesh_name
 from voxflat.io.overlays import read_overlay
 from voxflat.lab.freshness import request, write_json
 from voxflat.lab.inputs import Hemisphere, Parameters
@@ -137,6 +138,9 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
     if parameters.volume:
         threshold = _PROBABLE if "_probseg." in files["volume"].name else None
         return surface(files["volume"], label=hemisphere.label, threshold=threshold, repair="voxels", **common)
+    for name in ("white", "pial", "sphere"):
+        if name in files and not is_mesh_name(files[name]):
+            raise InputError(f"{files[name]} holds no surface ({files[name].stat().st_size} bytes): make it again")
     if parameters.geometry == "midthickness":
         return surface(files["white"], pial=files["pial"], **common)
     return surface(files[parameters.geometry], **common)
