@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
+from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from voxflat.errors import InputError
 
@@ -66,7 +67,10 @@ class Skin:
             faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
             numbered = numbered.extract_cells(faces)
         if not isinstance(numbered, pv.PolyData):
-            numbered = numbered.extract_surface(algorithm="dataset_surface", pass_pointid=False, pass_cellid=False)
+            outside = vtkDataSetSurfaceFilter()  # extract_surface has other arguments in each version of PyVista
+            outside.SetInputData(numbered)
+            outside.Update()
+            numbered = pv.wrap(outside.GetOutput())
         triangles = numbered.triangulate()
         if not triangles.n_cells:
             raise InputError(f"{type(dataset).__name__} of {dataset.n_cells} cells: it has no faces to flatten")
@@ -151,7 +155,7 @@ class Skin:
 
 
 def _is_triangles(mesh: pv.PolyData) -> bool:
-    return bool(mesh.n_cells and mesh.is_all_triangles)
+    return bool(mesh.n_cells and mesh.GetNumberOfPolys() == mesh.n_cells and mesh.is_all_triangles)
 
 
 def _free(name: str, flat: pv.PolyData) -> str:
