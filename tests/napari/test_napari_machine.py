@@ -43,7 +43,8 @@ from voxflat._napari.workbench import Workbench  # noqa: E402
 pytestmark = pytest.mark.slow  # many windows
 
 DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
-FEW, STEPS = 3, 25  # sequences in `make test`, and actions in each
+RUNS = DOCKS[:2]
+FEW, STEPS = (3, 16), 25  # sequences in `make test` and actions in each; actions in each of more
 NUMBER = st.integers(0, 10**6)
 SHARE = st.floats(0, 1)
 
@@ -113,9 +114,10 @@ class Window(RuleBasedStateMachine):
         if self.viewer.layers:
             self.viewer.layers.pop(number % len(self.viewer.layers))
 
-    @rule()
-    def delete_all(self):
-        self.viewer.layers.clear()
+    @rule(sure=st.sampled_from([False, False, True]))
+    def delete_all(self, sure):
+        if sure:
+            self.viewer.layers.clear()
 
     @rule(number=NUMBER, name=st.sampled_from(["a", "pial", "inflated", "<b>"]))
     def rename(self, number, name):
@@ -205,10 +207,9 @@ class Window(RuleBasedStateMachine):
         if table is not None and table.rowCount():
             table.setCurrentCell(number % table.rowCount(), 0)
 
-    @rule(name=st.sampled_from(["Flatten surface", "Flatten in patches"]))
+    @rule(name=st.sampled_from(RUNS))
     def run(self, name):
-        if name in self.docks:
-            self.docks[name].start.click()
+        self._ready_to_run(name).start.click()
 
     @precondition(lambda self: "Draw cuts" in self.docks)
     @rule(stops=st.lists(NUMBER, max_size=3))
@@ -219,12 +220,24 @@ class Window(RuleBasedStateMachine):
         for stop in stops:
             dock._do(lambda drawing, stop=stop: drawing.add_stop(stop % len(drawing.surface)))
 
-    @rule(name=st.sampled_from(["Flatten surface", "Flatten in patches"]), after=st.integers(0, 300))
+    @rule(name=st.sampled_from(RUNS))
+    def run_to_its_end(self, name):
+        self._ready_to_run(name).start.click()
+        self.be_patient()
+
+    @rule(name=st.sampled_from(RUNS), after=st.integers(0, 300))
     def run_and_cancel(self, name, after):
-        if name in self.docks:
-            self.docks[name].start.click()
-            self.qtbot.wait(after)
-            self.docks[name].stop.click()
+        dock = self._ready_to_run(name)
+        dock.start.click()
+        self.qtbot.wait(after)
+        dock.stop.click()
+
+    def _ready_to_run(self, name):
+        if not self.viewer.layers:
+            self.add("grid")
+        if name not in self.docks:
+            self.open(name)
+        return self.docks[name]
 
     @precondition(lambda self: "Flat map" in self.docks)
     @rule(across=SHARE, down=SHARE, clicks=st.integers(0, 2))
@@ -346,8 +359,8 @@ def test_any_sequence_of_actions(make_napari_viewer, qtbot, saved, request, monk
     run_state_machine_as_test(
         machine,
         settings=settings(
-            max_examples=sequences or FEW,
-            stateful_step_count=STEPS,
+            max_examples=sequences or FEW[0],
+            stateful_step_count=STEPS if sequences else FEW[1],
             deadline=None,
             phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes many windows
             suppress_health_check=[*HealthCheck],
