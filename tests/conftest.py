@@ -19,6 +19,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def pytest_addoption(parser):
     parser.addoption("--pictures", type=Path, help="keep the pictures that tests of napari's workflow take here")
+    parser.addoption("--sequences", type=int, help="try so many random sequences of actions in napari's window")
     parser.addoption("--folders", action="store_true", help="print at the end how long the tests of each folder took")
 
 

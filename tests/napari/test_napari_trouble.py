@@ -11,6 +11,7 @@ from napari_window import (
     cap,
     choose,
     choose_whole,
+    open_file,
     run,
     wait_for_threads,
     wait_until_drawn,
@@ -267,6 +268,18 @@ def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
     viewer.add_labels(cap())
     viewer.add_points([[3, 3, 3]])
     wait_until_drawn(viewer, qtbot)
+
+
+def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp_path):
+    """napari cannot add a hidden picture in colours then."""
+    points, faces, _ = bumps(9)
+    voxflat.patches((points, faces), count=2).save(tmp_path / "atlas.voxflat")
+    viewer, widget = open_widget(Surface((points, faces), name="grid"), name="Flatten in patches")
+    viewer.dims.ndisplay = 3
+    run(widget, qtbot)
+    open_file(viewer, qtbot, tmp_path / "atlas.voxflat")
+    pages = [viewer.layers[f"{name} patches"] for name in ("grid", "atlas")]
+    qtbot.waitUntil(lambda: not any(page.visible for page in pages), timeout=PATIENCE)
 
 
 def test_a_surface_is_chosen_anew_when_the_chosen_one_is_gone(open_widget):

@@ -88,15 +88,21 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
 
     there = weakref.ref(viewer)
 
-    def add(layers: list[LayerData]) -> None:
+    def add(layers: list[LayerData], place: int = 0) -> None:
+        """Add a layer, and come back for the next one when the window has lived."""
         from napari.layers import Layer
+        from qtpy.QtCore import QTimer
 
         shown = there()
         if shown is None or not any(layer.source.sample == _SAMPLE for layer in shown.layers):
             return  # closed meanwhile
-        for place, layer in enumerate(layers):
-            shown.layers.insert(place, Layer.create(*layer))
-        shown.layers.selection.active = shown.layers[len(layers) - 1]
+        first, *others = layers
+        place = min(place, len(shown.layers))
+        shown.layers.insert(place, Layer.create(*first))
+        if others:
+            QTimer.singleShot(0, lambda: add(others, place + 1))
+            return
+        shown.layers.selection.active = shown.layers[place]
         shown.reset_view()
         shown.dims.set_point(range(3), SEED_POINT)
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from psygnal import Signal
+from qtpy.QtCore import QTimer
 
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.listed import ListedLayers
@@ -149,6 +151,7 @@ class Workbench:
             layer = event.value.as_layer_data_tuple()
             (run.layers.layers if event.value.ndim == 2 else run.layers.in_space).append(layer)
             self._runs[run].take(event.value)
+            QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # what came in colours is not yet
             self.changed.emit()
 
     def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:

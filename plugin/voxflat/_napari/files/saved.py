@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
 from voxflat.atlases.certified import load_atlas
@@ -32,7 +32,7 @@ def map_layers_of(path: Path) -> list[LayerData]:
     """
     flat_map = load(path)
     flat_map.metadata.setdefault("napari", _origin(path))
-    return _hidden(map_layers(flat_map, path.stem).layers)
+    return [hidden(layer) for layer in map_layers(flat_map, path.stem).layers]
 
 
 def atlas_layers_of(path: Path) -> list[LayerData]:
@@ -56,12 +56,7 @@ def atlas_layers_of(path: Path) -> list[LayerData]:
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)
     drawn = page_layers(atlas)
-    return _hidden([*drawn.in_space, *drawn.layers])
-
-
-def _hidden(layers: list[LayerData]) -> list[LayerData]:
-    """Hide layers that the dock *Flat map* shows: they would lie across what the viewer shows."""
-    return [(data, {**keywords, "visible": False}, kind) for data, keywords, kind in layers]
+    return [hidden(layer) for layer in [*drawn.in_space, *drawn.layers]]
 
 
 def _origin(path: Path) -> dict[str, str]:

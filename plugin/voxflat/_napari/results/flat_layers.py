@@ -87,6 +87,15 @@ def description(flat_map: FlatMap | Atlas, meaning: str) -> dict[str, Any]:
     }
 
 
+def hidden(data: LayerData) -> LayerData:
+    """Hide a layer that the dock *Flat map* shows: it would lie across what the viewer shows.
+
+    A picture in colours is to be hidden once it is in the viewer: napari cannot add it hidden in 3D (ValueError).
+    """
+    values, keywords, kind = data
+    return values, {**keywords, "visible": bool(keywords.get("rgb", False))}, kind
+
+
 def limits(values: NDArray[Any]) -> tuple[float, float]:
     """Return contrast limits that show most values apart; napari's own would be NaN."""
     values = values.astype(np.float64)  # of a mesh they may be bool

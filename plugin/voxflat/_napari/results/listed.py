@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from napari.layers import Layer
 from qtpy.QtCore import QTimer
 
-from voxflat._napari.results.flat_layers import FlatLayers, LayerData
+from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -107,8 +107,7 @@ class ListedLayers:
         if taken is not None and taken in viewer.layers:
             _fill(taken, data)
             return
-        values, keywords, kind = data
-        layer = Layer.create(values, {**keywords, "visible": False}, kind)
+        layer = Layer.create(*hidden(data))
         self._layers.append(layer)
         self._steps.appendleft(partial(_insert, layer=layer))
 
@@ -127,6 +126,7 @@ def _insert(viewer: Viewer, layer: Layer) -> None:
     layers._activate_on_insert = False
     try:
         viewer.add_layer(layer)
+        layer.visible = False
     finally:
         layers._activate_on_insert = True
     if set(layers.selection) != before:  # where the switch is none

@@ -1,0 +1,143 @@
+"""What random use of napari's window leaves behind: cancels at random moments, 30 maps, 200 sequences of actions.
+
+Needs a display, or ``xvfb-run -s "-screen 0 1600x1000x24" python docs/benchmarks/napari_soak.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import ctypes
+import gc
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import napari
+import numpy as np
+import psutil
+from napari_stalls import live, sheet
+from qtpy.QtCore import QThreadPool
+from qtpy.QtWidgets import QApplication
+
+import voxflat
+from voxflat._napari.layers.sampled import Overlay
+from voxflat._napari.map_viewer.dock import open_flat_map
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.run import Run
+from voxflat._napari.workbench import Workbench
+
+_MACHINE = Path(__file__).parents[2] / "tests" / "napari" / "test_napari_machine.py"
+
+
+def megabytes() -> float:
+    """Return the memory that is taken once all that is free was given back to the system."""
+    for _ in range(3):
+        gc.collect()
+        live(0.05)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)
+    return psutil.Process().memory_info().rss / 1e6
+
+
+def left(viewer: napari.Viewer) -> dict[str, Any]:
+    """Return what might be left behind: threads, files, layers."""
+    ours = psutil.Process()
+    return {
+        "threads": sorted(thread.name for thread in threading.enumerate()),
+        "system's threads": ours.num_threads(),
+        "busy threads": QThreadPool.globalInstance().activeThreadCount(),
+        "open files": sorted(file.path for file in ours.open_files()),
+        "temporary files": sorted(os.listdir(tempfile.gettempdir())),
+        "layers": [layer.name for layer in viewer.layers],
+    }
+
+
+def cancels(times: int, points: int) -> None:
+    """Cancel at random moments, and tell what is left."""
+    viewer = napari.Viewer()
+    points_, faces, values = sheet(points)
+    viewer.add_surface((points_, faces, values), name="sheet", units="mm")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+
+    def run(seconds: float | None) -> float:
+        """Flatten, and cancel after so many seconds; return how long it went on after that, or in all."""
+        widget.start.click()
+        live(0 if seconds is None else seconds)
+        start = time.perf_counter()
+        if seconds is not None:
+            widget.stop.click()
+        while not (widget.start.isEnabled() and Workbench.of(viewer).is_settled):
+            live(0.005)
+        return time.perf_counter() - start
+
+    run(None)
+    whole = run(None)  # the first also opens the map's dock
+    for run_of in Workbench.of(viewer).runs:
+        Workbench.of(viewer).remove(run_of)
+    live(1)
+    before, chance, took, done = left(viewer), random.Random(0), [], 0
+    for _ in range(times):
+        took.append(run(chance.uniform(0, whole)))
+        if Workbench.of(viewer).current is not None:  # it was just done
+            done += 1
+            Workbench.of(viewer).remove(Workbench.of(viewer).current)
+    live(1)
+    after = left(viewer)
+    print(f"{times} cancels within {whole:.1f} s of a run, {done} too late; the longest took {max(took):.2f} s")
+    for name in before:
+        print(f"  {name:17} {'as before' if after[name] == before[name] else f'{before[name]} -> {after[name]}'}")
+    viewer.close()
+
+
+def maps(times: int, points: int) -> None:
+    """Let maps take each other's place, and tell the memory that is taken."""
+    vertices, faces, values = sheet(points)
+    flat_map = voxflat.flatten((vertices, faces), sources=50)
+    flat_map.metadata["napari"] = {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
+    viewer = napari.Viewer()
+    viewer.window.resize(1600, 960)
+    viewer.add_surface((vertices, faces, values), name="sheet", units="mm")
+    viewer.add_image(np.random.default_rng(0).random((200, 200, 60), dtype=np.float32), name="volume", units="mm")
+    dock, workbench, taken = open_flat_map(viewer), Workbench.of(viewer), []
+    for _ in range(times):
+        workbench.add(Run(map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values)), "sheet"))
+        live(0.1)
+        while not (workbench.is_settled and dock.is_drawn):
+            live(0.02)
+        taken.append(megabytes())
+    settled = taken[min(2, times - 1) :]
+    print(f"{times} maps of {points:,} points, MB after each: {' '.join(f'{mb:.0f}' for mb in taken)}")
+    print(f"  from the third on: {100 * (settled[-1] / settled[0] - 1):+.1f} % at the end")
+    print(
+        f"  from {100 * (min(settled) / settled[0] - 1):+.1f} to {100 * (max(settled) / settled[0] - 1):+.1f} % between"
+    )
+    print(f"  layers: {len(viewer.layers)}, widgets: {len(QApplication.allWidgets())}")
+    viewer.close()
+
+
+def main() -> None:
+    """Cancel, flatten again and again, and do whatever comes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cancels", type=int, default=20)
+    parser.add_argument("--maps", type=int, default=30)
+    parser.add_argument("--points", type=int, default=150_000, help="of each map")
+    parser.add_argument("--sequences", type=int, default=200)
+    asked = parser.parse_args()
+    if asked.cancels:
+        cancels(asked.cancels, asked.points // 8)
+    if asked.maps:
+        maps(asked.maps, asked.points)
+    if asked.sequences:  # in a process of their own, whose crash would be told
+        command = [sys.executable, "-m", "pytest", "-q", "-x", str(_MACHINE), "--sequences", str(asked.sequences)]
+        sys.exit(subprocess.run(command, check=False).returncode)
+
+
+if __name__ == "__main__":
+    main()
