@@ -71,7 +71,7 @@ def test_a_cut_is_the_shortest_way_from_stop_to_stop():
 
 
 def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_path, monkeypatch):
-    points, faces = sphere(2000)
+    points, faces = sphere(800)
     viewer, widget = open_widget(Surface((points, faces), name="ball"), show=True)
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
 
@@ -97,7 +97,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
         clicked.append(int(np.linalg.norm(points - place, axis=1).argmin()))
     assert len(dock.drawing.cuts) == 1
     stops = dock.drawing.cuts[0].stops
-    assert np.linalg.norm(points[list(stops)] - points[clicked], axis=1).max() < 2.5  # an edge is 1.6 mm long
+    assert np.linalg.norm(points[list(stops)] - points[clicked], axis=1).max() < 4  # an edge is 2.5 mm long
     assert dock.cuts.rowCount() == 1
     assert len(viewer.layers["cuts"].data) == len(dock.drawing.paths()[0]) - 1
     dock.undo.click()

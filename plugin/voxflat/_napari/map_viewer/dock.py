@@ -459,6 +459,7 @@ class FlatMapDock(QWidget):
         self._painter.stop()
         self._carrier.stop()
         self.link.release()
+        self.painted.remove()
         self.contents.release()
         for event in self._looks:
             event.disconnect(self._on_look)
