@@ -690,14 +690,13 @@ def pyvista_accessor(threads, place):
     mesh.point_data["height"] = points[:, 2]
     mesh.point_data["middle"] = (np.hypot(*points[:, :2].T) < 16).astype(np.uint8)
     corner = image.voxflat.voxel_at(image.points[np.flatnonzero(image.point_data["labels"])[0]])
-    solid = image.voxflat.flatten("labels", seed_point=corner, radius=14.0, threads=threads)
+    solid = image.voxflat.flatten("labels", seed_point=corner, radius=8.0, threads=threads)
     return {
         "solid": of_polydata(image.voxflat.to_polydata(solid)),
         "solid in space": of_polydata(image.voxflat.to_surface_polydata(solid)),
         "image": solid.image(image.voxflat.volume("waves")),
         "mesh": of_polydata(mesh.voxflat(keep="middle", sources=80, threads=threads)),
         "page": of_polydata(mesh.voxflat.patches(8.0, glue=1.3, threads=threads)),
-        "carried": of_polydata(mesh),
     }
 
 
@@ -716,8 +715,8 @@ def napari_jobs(threads, place):
     surface = Surface((points, faces, points[:, 2]), name="cap")
     volume, mesh = plugin["LayerVolume"].of(labels), plugin["LayerMesh"].of(surface)
     jobs = {
-        "volume": plugin["Job"](surface=volume, label=1, sources=90),
-        "mesh": plugin["Job"](surface=mesh, method="zigelman2002", sources=100),
+        "volume": plugin["Job"](surface=volume, label=1, options={"sources": 90}),
+        "mesh": plugin["Job"](surface=mesh, method="zigelman2002", options={"sources": 100}),
         "patches": plugin["PatchesJob"](surface=mesh, limit={"max_angle": 9.0}, glue=1.3),
     }
     done = {name: job.run(lambda *_: True) for name, job in jobs.items()}
