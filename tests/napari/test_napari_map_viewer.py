@@ -13,7 +13,7 @@ from voxflat._napari.workbench import Workbench
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
 from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QApplication  # noqa: E402
+from qtpy.QtWidgets import QApplication, QWidget  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -232,6 +232,11 @@ def test_depths_are_sampled_and_only_the_latest_is_shown(flattened, qtbot):
     assert abs(np.nanmedian(dock.picture.data) - 23) < 0.2
 
 
+def widgets_in(viewer):
+    """How many widgets the window has; the application's are other tests', too, until Qt deletes them."""
+    return len(viewer.window._qt_window.findChildren(QWidget))
+
+
 def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     points, faces, values = bumps()
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
@@ -242,12 +247,12 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     for n in range(10):
         run(widget, qtbot)
         if n == 0:
-            widgets = len(QApplication.allWidgets())
+            widgets = widgets_in(viewer)
     wait_for_picture(dock, qtbot)
     assert list(viewer.layers) == layers  # the same, with other data
     assert viewer.layers["bumps distortion"].metadata["voxflat"] is workbench.current.flat_map
     assert dock.sheet.run is workbench.current
-    assert len(QApplication.allWidgets()) == widgets
+    qtbot.waitUntil(lambda: widgets_in(viewer) <= widgets, timeout=PATIENCE)
     assert not dock.runs.isVisible()
 
     dock.keep.click()
