@@ -80,6 +80,7 @@ class CheckSurface(Findings):
     def __init__(self, napari_viewer: Viewer) -> None:
         self.form = CheckForm(napari_viewer)
         super().__init__("Check", self.form)
+        self.asked.connect(self.look)
         self._viewer = napari_viewer
         self._origin: dict[str, str] = {}
 

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from napari.utils.notifications import show_error
-from qtpy.QtCore import QEvent
+from qtpy.QtCore import QEvent, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
@@ -26,6 +26,9 @@ class Findings(QWidget):
         What is asked before.
     """
 
+    asked = Signal()
+    """Someone wants to find out."""
+
     def __init__(self, action: str, above: QWidget | None = None) -> None:
         super().__init__()
         self._action = action
@@ -38,10 +41,6 @@ class Findings(QWidget):
         for part in (above, self.start, self.table):
             if part is not None:
                 layout.addWidget(part)
-
-    def look(self) -> None:
-        """Start to find out."""
-        raise NotImplementedError
 
     def release(self) -> None:
         """Stop following the viewer."""
@@ -77,7 +76,7 @@ class Findings(QWidget):
 
     def _on_start(self) -> None:
         if self._worker is None:
-            self.look()
+            self.asked.emit()
         else:
             self._worker.quit()
 

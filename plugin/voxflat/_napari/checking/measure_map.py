@@ -39,6 +39,7 @@ class MeasureMap(Findings):
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__("Measure")
+        self.asked.connect(self.look)
         self._viewer = napari_viewer
         self.look()
 

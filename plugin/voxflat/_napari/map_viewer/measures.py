@@ -96,13 +96,28 @@ def _areas(sheet: Sheet) -> Picture:
 
 
 def _angles(sheet: Sheet) -> Picture:
-    flat_map = _map(sheet)
+    values = angle_changes(_map(sheet))
+    return _at_points(sheet, values, ColourScale("mean change of angles (°)", colours("viridis"), (0.0, top(values))))
+
+
+def angle_changes(flat_map: FlatMap) -> NDArray[np.float64]:
+    """Return by how much the angles of the triangles around each point change on the map, in the mean.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        The map.
+
+    Returns
+    -------
+    ndarray of float64, shape (N,)
+        Degrees; NaN where there is no triangle.
+    """
     faces = flat_map.faces.astype(np.int64)
     change = np.abs(_corner_angles(flat_map.uv[faces]) - _corner_angles(flat_map.points[faces]))
     count = np.bincount(faces.ravel(), minlength=len(flat_map))
     with np.errstate(invalid="ignore"):
-        values = np.bincount(faces.ravel(), np.degrees(change).ravel(), len(flat_map)) / count
-    return _at_points(sheet, values, ColourScale("mean change of angles (°)", colours("viridis"), (0.0, top(values))))
+        return np.asarray(np.bincount(faces.ravel(), np.degrees(change).ravel(), len(flat_map)) / count)
 
 
 def _corner_angles(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from voxflat.maps.plane import LIMIT, Planar
 _PIXELS = 1e6  # of the map's bounding box: about as many as a large dock has
 _FINER = 4  # than the run's own pixels: of small maps more cannot be seen
 _EVEN = 168  # the grey of a page, whose pieces know no folds
+_ROUNDING = 1e-9  # of barycentric coordinates: on an edge a ray meets one triangle at least
 _NEAR = 0.8  # of the spacing: so far beside a ray a point may lie to be met
 
 
@@ -112,6 +113,7 @@ class Sheet:
         )
         found.spot(*of.uv[0])  # both ways build what they search in
         found.place(found.points[0])
+        found.met(found.points[0], np.ones(3))
         return found
 
     @property
@@ -204,6 +206,24 @@ class Sheet:
         apart = self.points - start
         far = apart @ along
         beside = np.einsum("ij,ij->i", apart, apart) - far**2
+        of = self.planar._triangles
+        if of.torn.any():  # where there is no surface between points, they are what a ray meets
+            return self._met_point(start, along, far, beside)
+        close = beside <= self._longest_edge**2  # of a triangle that a ray meets all corners are
+        faces = of.faces[close[of.faces].all(axis=1)].astype(np.int64)
+        a, b, c = (self.points[faces[:, corner]] for corner in range(3))
+        hit = _distances_along(start, along, a, b - a, c - a)
+        first = float(np.min(hit, initial=np.inf))
+        return start + first * along if np.isfinite(first) else None
+
+    def _met_point(
+        self,
+        start: NDArray[Any],
+        along: NDArray[np.float64],
+        far: NDArray[np.float64],
+        beside: NDArray[np.float64],
+    ) -> NDArray[np.float64] | None:
+        """Find the first point that a ray passes by; `far` along it, and the square of how far `beside`."""
         reach = _NEAR * self._spacing
         hits = np.flatnonzero(beside <= reach**2)
         if not len(hits):
@@ -211,6 +231,11 @@ class Sheet:
         first = hits[far[hits] <= far[hits].min() + 2 * reach]
         nearest = first[beside[first].argmin()]
         return np.asarray(start + far[nearest] * along)
+
+    @cached_property
+    def _longest_edge(self) -> float:
+        corners = self.points[self.planar._triangles.faces]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
     def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
         """Return the colour of each of the map's points, as it is shown.
@@ -249,3 +274,27 @@ class Sheet:
     def _spacing(self) -> float:
         of = self.run.flat_map
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
+
+
+def _distances_along(
+    start: NDArray[Any],
+    along: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how far along a ray triangles are met (Möller, Trumbore 1997); none is beyond its end, at infinity.
+
+    Their corners are ``corner``, ``corner + b`` and ``corner + c``, shape (F, 3). What lies behind the start is met,
+    too: a viewer's rays begin at the plane in which it points.
+    """
+    across = np.cross(along, c)
+    volume = np.einsum("ij,ij->i", b, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_start = start - corner
+        u = np.einsum("ij,ij->i", to_start, across) / volume
+        turned = np.cross(to_start, b)
+        v = turned @ along / volume
+        far = np.einsum("ij,ij->i", turned, c) / volume
+        inside = (u >= -_ROUNDING) & (v >= -_ROUNDING) & (u + v <= 1 + _ROUNDING)
+    return np.where(inside & np.isfinite(far), far, np.inf)

@@ -1,0 +1,70 @@
+"""A map ready to be shown, without a window: what a ray meets, and what measures are, beside what they must be."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import voxflat
+
+pytest.importorskip("napari")
+from voxflat._napari.map_viewer.measures import angle_changes
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.run import Run
+
+
+def grid(count, side=10.0):
+    """A plane of right triangles."""
+    i, j = np.mgrid[:count, :count]
+    points = np.stack([i, j, 0 * i], axis=-1).reshape(-1, 3) * side / (count - 1)
+    corner = (i[:-1, :-1] * count + j[:-1, :-1]).ravel()
+    lower = np.stack([corner, corner + count, corner + 1], axis=1)
+    return points, np.concatenate([lower, np.stack([corner + count, corner + count + 1, corner + 1], axis=1)])
+
+
+def folded():
+    """A coarse sheet 4 mm above a fine one, joined along a side."""
+    fine, faces = grid(41)
+    coarse, coarser = grid(5)
+    below = np.flatnonzero(fine[:, 0] == 0)[::10]
+    above = np.flatnonzero(coarse[:, 0] == 0) + len(fine)
+    walls = []
+    for (a, b), (c, d) in zip(pairwise(below), pairwise(above), strict=True):
+        walls += [[c, d, a], *([d, n, n + 1] for n in range(a, b))]
+    points = np.concatenate([fine, [*coarse, 0, 0, 4]])
+    return points, np.concatenate([faces, coarser[:, ::-1] + len(fine), walls])
+
+
+def sheet_of(points, faces, **how):
+    flat_map = voxflat.flatten((points, faces), sources=20, **how)
+    flat_map = replace(
+        flat_map,
+        metadata={**flat_map.metadata, "napari": {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}},
+    )
+    return Sheet.of(Run(map_layers(flat_map, "it"), "it"))
+
+
+def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
+    points, faces = folded()
+    sheet = sheet_of(points, faces)
+    rng = np.random.default_rng(4)
+    for x, y in rng.uniform(0.1, 9.9, (50, 2)):
+        assert_allclose(sheet.met(np.array([x, y, 50.0]), np.array([0, 0, -1.0])), [x, y, 4], atol=1e-9)
+        assert_allclose(sheet.met(np.array([x, y, -50.0]), np.array([0, 0, 2.0])), [x, y, 0], atol=1e-9)
+    along = np.array([3.0, 4.0, 0]) - [30, 40, 70]
+    assert_allclose(sheet.met(np.array([30.0, 40, 70]), along)[2], 4, atol=1e-9)
+    assert sheet.met(np.array([-3.0, -3.0, 50]), np.array([0, 0, -1.0])) is None
+
+
+def test_angles_of_a_plane_that_is_stretched():
+    sheet = sheet_of(*grid(9))
+    flat_map = sheet.run.flat_map
+    assert_allclose(angle_changes(flat_map), 0, atol=0.1)
+    stretched = replace(flat_map, uv=flat_map.points[:, :2] * [2, 1])
+    inside = np.all((flat_map.points[:, :2] > 0.1) & (flat_map.points[:, :2] < 9.9), axis=1)
+    # of six angles two are right and stay so; 45 degrees become atan 2 or atan 1/2
+    expected = 4 * (np.degrees(np.arctan(2)) - 45) / 6
+    assert_allclose(angle_changes(stretched)[inside], expected, rtol=1e-6)
