@@ -34,7 +34,7 @@ def folded():
     walls = []
     for (a, b), (c, d) in zip(pairwise(below), pairwise(above), strict=True):
         walls += [[c, d, a], *([d, n, n + 1] for n in range(a, b))]
-    points = np.concatenate([fine, [*coarse, 0, 0, 4]])
+    points = np.concatenate([fine, coarse + np.array([0, 0, 4])])
     return points, np.concatenate([faces, coarser[:, ::-1] + len(fine), walls])
 
 
