@@ -1,15 +1,11 @@
 //! Descent to a map of least energy: L-BFGS over a factored matrix of springs, in steps that fold nothing.
 
-use std::collections::VecDeque;
-
 use nalgebra::Vector2;
 
+use super::past::Past;
 use super::springs::Factor;
 use crate::control::Control;
 use crate::error::Result;
-
-/// Steps that are remembered.
-const MEMORY: usize = 20;
 
 /// The part of the largest step without a fold that is taken at most (Smith, Schaefer 2015).
 pub(crate) const SAFE: f64 = 0.8;
@@ -69,31 +65,6 @@ fn add(to: &mut [Vector2<f64>], by: &[Vector2<f64>], times: f64) {
     to.iter_mut().zip(by).for_each(|(to, by)| *to += times * by);
 }
 
-/// A step and how the gradient changed over it.
-struct Step {
-    moved: Vec<Vector2<f64>>,
-    bent: Vec<Vector2<f64>>,
-    per_curvature: f64,
-}
-
-/// The direction of descent: the inverse Hessian, as springs and past steps know it, times minus the gradient.
-fn direction(gradient: &[Vector2<f64>], past: &VecDeque<Step>, factor: &Factor) -> Vec<Vector2<f64>> {
-    let mut turned = gradient.to_vec();
-    let mut shares = Vec::with_capacity(past.len());
-    for step in past.iter().rev() {
-        let share = step.per_curvature * dot(&step.moved, &turned);
-        add(&mut turned, &step.bent, -share);
-        shares.push(share);
-    }
-    let mut turned = factor.solve(&turned);
-    for (step, share) in past.iter().zip(shares.into_iter().rev()) {
-        let other = step.per_curvature * dot(&step.bent, &turned);
-        add(&mut turned, &step.moved, share - other);
-    }
-    turned.iter_mut().for_each(|value| *value = -*value);
-    turned
-}
-
 /// Moves a map downhill. Every step makes the energy less.
 ///
 /// # Errors
@@ -106,15 +77,15 @@ pub fn descend(
 ) -> Result<Descended> {
     let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
     let factor = objective.factor(uv)?;
-    let mut past: VecDeque<Step> = VecDeque::with_capacity(MEMORY);
+    let mut past = Past::default();
     let mut energies = vec![energy];
     while energies.len() <= until.steps && energy > until.enough {
         control.check()?;
-        let mut along = direction(&gradient, &past, &factor);
+        let mut along = past.direction(&gradient, &factor);
         let mut slope = dot(&gradient, &along);
         if slope >= 0.0 {
             past.clear();
-            along = direction(&gradient, &past, &factor);
+            along = past.direction(&gradient, &factor);
             slope = dot(&gradient, &along);
         }
         let mut length = (SAFE * objective.farthest_step(uv, &along)).min(1.0);
@@ -142,10 +113,7 @@ pub fn descend(
         let bent: Vec<_> = next_gradient.iter().zip(&gradient).map(|(to, from)| to - from).collect();
         let curvature = dot(&moved, &bent);
         if curvature > 1e-12 * (dot(&moved, &moved) * dot(&bent, &bent)).sqrt() {
-            if past.len() == MEMORY {
-                past.pop_front();
-            }
-            past.push_back(Step { moved, bent, per_curvature: curvature.recip() });
+            past.push(&moved, &bent);
         }
         (*uv, energy, gradient) = (next, reached, next_gradient);
         energies.push(energy);

@@ -32,9 +32,9 @@ const FOR_A_LANDMARK: usize = 3;
 /// Distances are kept to at most so many vertices.
 pub const MOST_JUDGED: usize = 15_000;
 
-/// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 640; two triangles, 160; most of the
+/// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
 /// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
-const VERTEX_BYTES: u64 = 2600;
+const VERTEX_BYTES: u64 = 2300;
 
 /// The memory in bytes that [`flatten`] needs at most beside the surface and the rows: of distances of four bytes to the
 /// vertices to which they are kept there are two copies, all of them and those of the level at hand.

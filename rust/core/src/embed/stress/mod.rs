@@ -5,6 +5,7 @@ pub mod levels;
 pub(crate) mod local;
 pub(crate) mod outline;
 pub(crate) mod pairs;
+mod past;
 pub(crate) mod springs;
 pub(crate) mod triangles;
 pub(crate) mod tutte;
@@ -55,7 +56,7 @@ impl Objective for MapEnergy<'_> {
         if let Some((outline, weight)) = self.outline {
             outline.add_curvature(uv, weight, &mut ground);
         }
-        self.springs.factor(&self.triangles.stiffness(uv, self.stiffness), &ground)
+        self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
     }
 
     fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {

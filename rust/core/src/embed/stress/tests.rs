@@ -85,6 +85,40 @@ fn a_plane_has_no_energy_and_descent_finds_it() {
     });
 }
 
+#[test]
+fn the_eigenvalues_are_those_of_the_hessian() {
+    use nalgebra::{Matrix2, SMatrix, SVector};
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let shape = Shape { barrier: 0.02, area: 2.0, outlier: 0.2 };
+    for _ in 0..200 {
+        let jacobian = Matrix2::from_fn(|_, _| rng.random_range(-1.5..1.5));
+        if jacobian.determinant() < 0.05 {
+            continue;
+        }
+        let slopes = |jacobian: &Matrix2<f64>| {
+            let [by_half, by_area] = shape.price(jacobian).slopes;
+            let matrix = jacobian * by_half + triangles::cofactors(jacobian) * by_area;
+            SVector::<f64, 4>::from_column_slice(matrix.as_slice())
+        };
+        let hessian = SMatrix::<f64, 4, 4>::from_columns(&[0, 1, 2, 3].map(|n| {
+            let moved = |by: f64| {
+                let mut moved = jacobian;
+                moved[n] += by;
+                slopes(&moved)
+            };
+            (moved(1e-5) - moved(-1e-5)) / 2e-5
+        }));
+        let mut expected = hessian.symmetric_eigenvalues().as_slice().to_vec();
+        let mut found = shape.price(&jacobian).curvatures(&jacobian).to_vec();
+        expected.sort_by(f64::total_cmp);
+        found.sort_by(f64::total_cmp);
+        let size = 1.0 + expected[3].abs().max(expected[0].abs());
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-4 * size, "{found} {expected} of {jacobian}");
+        }
+    }
+}
+
 /// The stress by its definition, in double precision.
 fn plain_stress(rows: &DistanceRows, bands: &Bands, uv: &[Vector2<f64>]) -> f64 {
     let mut sums = [(0.0, 0usize); 3];

@@ -24,6 +24,12 @@ const THINNEST: f64 = 0.12;
 const MANY: f64 = 0.2;
 const THINNER_THAN_MANY: f64 = 0.25;
 
+/// Springs are as stiff as half of what the energy bends upwards in all four directions of J together, within these limits: they
+/// know one stiffness for all directions.
+const MODES: f64 = 2.0;
+const SOFTEST: f64 = 1.0;
+const STIFFEST: f64 = 1e9;
+
 /// Triangles that are visited together.
 const BATCH: usize = 2048;
 
@@ -111,6 +117,17 @@ impl Price {
     /// That of a fold.
     const INFINITE: Self = Self { value: f64::INFINITY, slopes: [0.0; 2], bends: [0.0; 3] };
 
+    /// How it bends by J: the eigenvalues of its Hessian, two of which are of changes of the singular values alone.
+    pub(super) fn curvatures(&self, jacobian: &Matrix2<f64>) -> [f64; 4] {
+        let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
+        let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
+        let mean = by_half + half * (half_half + area_area) + 2.0 * area * half_area;
+        let apart = (half_half - area_area) * (half * half - area * area).max(0.0).sqrt();
+        let across = by_area + area * (half_half + area_area) + 2.0 * half * half_area;
+        let radius = apart.hypot(across);
+        [mean + radius, mean - radius, by_half + by_area, by_half - by_area]
+    }
+
     /// ψ from φ (pseudo-Huber); `sharp` is 1/κ².
     fn pseudo_huber(self, sharp: f64) -> Self {
         let root = (1.0 + self.value.max(0.0) * sharp).sqrt();
@@ -130,6 +147,7 @@ impl Price {
 
 impl Shape {
     /// What a map's Jacobian costs.
+    #[inline]
     pub(super) fn price(&self, jacobian: &Matrix2<f64>) -> Price {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
         if area <= 0.0 {
@@ -237,13 +255,13 @@ impl TriangleEnergy {
     }
 
     /// Of each triangle the entries, off the diagonal, that it adds to the matrix of springs that is about as stiff as the
-    /// energy around a map: for corners 01, 02, 12.
-    pub fn stiffness(&self, uv: &[Vector2<f64>], weight: f64) -> Vec<[f64; 3]> {
+    /// energy around a map: for corners 01, 02, 12. A triangle that has hardly any area left is as stiff as it is: were it softer,
+    /// the first step would turn it over, and all others would have to wait for it.
+    pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
         let of_triangle = |rest: &Rest| {
             let jacobian = rest.jacobian(uv);
-            let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
-            let stiff = (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0);
-            rest.springs(weight / self.area * rest.area * stiff)
+            let upward: f64 = shape.price(&jacobian).curvatures(&jacobian).iter().map(|bend| bend.max(0.0)).sum();
+            rest.springs(weight / self.area * rest.area * (upward / MODES).clamp(SOFTEST, STIFFEST))
         };
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }

@@ -10,8 +10,8 @@ use crate::surface::mesh::Surface;
 /// Conjugate gradients end at this part of the first residual, or after so many steps.
 const SMALL: f64 = 3e-3;
 const STEPS: usize = 500;
-/// So many vertices are worth a thread's while.
-const FEW: usize = 4096;
+/// Vertices that are visited together: so many are worth a thread's while.
+const BATCH: usize = 4096;
 /// The greatest weight of an edge, which that opposite an angle of 0.6° would have: of slivers the cotangents grow without bound.
 const STIFFEST: f64 = 100.0;
 
@@ -78,18 +78,12 @@ impl Stiffness {
                 let pull: Vector3<f64> = around.iter().map(|&(w, weight)| x[w as usize] * weight).sum();
                 x[v] * diagonal[v] - pull * time
             };
-            (0..x.len()).into_par_iter().with_min_len(FEW).map(at).collect()
-        };
-        let mut r: Vec<Vector3<f64>> = b.iter().zip(applied(y)).map(|(b, ay)| b - ay).collect();
-        let scaled =
-            |r: &[Vector3<f64>]| -> Vec<Vector3<f64>> { r.iter().zip(&diagonal).map(|(r, d)| r / *d).collect() };
-        let dot = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> Vector3<f64> {
-            a.iter().zip(b).map(|(a, b)| a.component_mul(b)).sum()
+            (0..x.len()).into_par_iter().with_min_len(BATCH).map(at).collect()
         };
         let over = |a: Vector3<f64>, b: Vector3<f64>| a.zip_map(&b, |a, b| if b > 0.0 { a / b } else { 0.0 });
-        let mut z = scaled(&r);
-        let mut p = z.clone();
-        let mut rz = dot(&r, &z);
+        let mut r: Vec<Vector3<f64>> = b.iter().zip(applied(y)).map(|(b, ay)| b - ay).collect();
+        let mut p: Vec<Vector3<f64>> = r.iter().zip(&diagonal).map(|(r, d)| r / *d).collect();
+        let mut rz = dot(&r, &p);
         let end = rz * (SMALL * SMALL);
         for _ in 0..STEPS {
             if (0..3).all(|k| rz[k] <= end[k]) {
@@ -99,18 +93,31 @@ impl Stiffness {
             let ap = applied(&p);
             let alpha = over(rz, dot(&p, &ap));
             let before = rz;
-            rz = Vector3::zeros();
-            for v in 0..y.len() {
-                y[v] += alpha.component_mul(&p[v]);
-                r[v] -= alpha.component_mul(&ap[v]);
-                z[v] = r[v] / diagonal[v];
-                rz += r[v].component_mul(&z[v]);
-            }
+            let of_batch = |(n, (y, r)): (usize, (&mut [Vector3<f64>], &mut [Vector3<f64>]))| {
+                let mut rz = Vector3::zeros();
+                for (v, (y, r)) in (n * BATCH..).zip(y.iter_mut().zip(r)) {
+                    *y += alpha.component_mul(&p[v]);
+                    *r -= alpha.component_mul(&ap[v]);
+                    rz += r.component_mul(&(*r / diagonal[v]));
+                }
+                rz
+            };
+            let batches = y.par_chunks_mut(BATCH).zip(r.par_chunks_mut(BATCH)).enumerate();
+            rz = batches.map(of_batch).collect::<Vec<Vector3<f64>>>().iter().sum();
             let beta = over(rz, before);
-            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + beta.component_mul(p));
+            let along = p.par_iter_mut().zip(&r).zip(&diagonal).with_min_len(BATCH);
+            along.for_each(|((p, r), d)| *p = r / *d + beta.component_mul(p));
         }
         Ok(())
     }
+}
+
+/// The products of three columns; the same for any number of threads.
+fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> Vector3<f64> {
+    let of_batch = |(a, b): (&[Vector3<f64>], &[Vector3<f64>])| -> Vector3<f64> {
+        a.iter().zip(b).map(|(a, b)| a.component_mul(b)).sum()
+    };
+    a.par_chunks(BATCH).zip(b.par_chunks(BATCH)).map(of_batch).collect::<Vec<_>>().iter().sum()
 }
 
 /// The area of each vertex, a third of its triangles', for these places of the vertices.

@@ -1,0 +1,154 @@
+//! What descent remembers of its past steps: L-BFGS (Nocedal 1980) over a factored matrix of springs.
+//!
+//! The two loops of L-BFGS go through the steps one by one. With the products of all remembered steps and changes of the gradient at
+//! hand they are sums over a few numbers, and each step is read four times instead of eight: together with the others, by
+//! all threads. Steps are kept as 32-bit numbers; sums are of 64 bits, and the same for any number of threads.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use super::springs::Factor;
+
+/// Steps that are remembered.
+const MEMORY: usize = 20;
+
+/// Vertices that are visited together.
+const BATCH: usize = 2048;
+
+/// Past steps, the oldest first.
+#[derive(Debug, Default)]
+pub(super) struct Past {
+    /// How the map moved.
+    moved: VecDeque<Vec<Vector2<f32>>>,
+    /// How the gradient changed over it.
+    bent: VecDeque<Vec<Vector2<f32>>>,
+    /// Of each change its products with the moves up to its own.
+    products: VecDeque<VecDeque<f64>>,
+}
+
+impl Past {
+    pub fn is_empty(&self) -> bool {
+        self.moved.is_empty()
+    }
+
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Remembers a step, and forgets the oldest one if there are too many. The gradient must have changed along the move.
+    pub fn push(&mut self, moved: &[Vector2<f64>], bent: &[Vector2<f64>]) {
+        if self.moved.len() == MEMORY {
+            self.moved.pop_front();
+            self.bent.pop_front();
+            self.products.pop_front();
+            for products in &mut self.products {
+                products.pop_front();
+            }
+        }
+        let short = |long: &[Vector2<f64>]| long.par_iter().map(|value| value.cast()).collect();
+        self.moved.push_back(short(moved));
+        self.bent.push_back(short(bent));
+        self.products.push_back(products(&self.moved, bent).into());
+    }
+
+    /// The direction of descent: the inverse Hessian, as springs and past steps know it, times minus the gradient.
+    pub fn direction(&self, gradient: &[Vector2<f64>], factor: &Factor) -> Vec<Vector2<f64>> {
+        let steps = self.moved.len();
+        let mut shares = products(&self.moved, gradient);
+        for n in (0..steps).rev() {
+            let later: f64 = (n + 1..steps).map(|later| shares[later] * self.products[later][n]).sum();
+            shares[n] = (shares[n] - later) / self.products[n][n];
+        }
+        let mut turned = gradient.to_vec();
+        add(&mut turned, &self.bent, &shares.iter().map(|share| -share).collect::<Vec<_>>());
+        let mut turned = factor.solve(&turned);
+        let mut times = products(&self.bent, &turned);
+        for n in 0..steps {
+            let earlier: f64 = (0..n).map(|earlier| times[earlier] * self.products[n][earlier]).sum();
+            times[n] = shares[n] - (times[n] + earlier) / self.products[n][n];
+        }
+        add(&mut turned, &self.moved, &times);
+        turned.iter_mut().for_each(|value| *value = -*value);
+        turned
+    }
+}
+
+/// The products of each of some vectors and another one.
+fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Vector2<f64>]) -> Vec<f64> {
+    let of_batch = |(n, by): (usize, &[Vector2<f64>])| {
+        let product = |one: &Vec<Vector2<f32>>| {
+            let both = one[n * BATCH..].iter().zip(by);
+            both.map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Vector2<f64>>().sum()
+        };
+        of.iter().map(product).collect()
+    };
+    let parts: Vec<Vec<f64>> = by.par_chunks(BATCH).enumerate().map(of_batch).collect();
+    (0..of.len()).map(|n| parts.iter().map(|part| part[n]).sum()).collect()
+}
+
+/// Adds some vectors, each so many times.
+fn add(to: &mut [Vector2<f64>], vectors: &VecDeque<Vec<Vector2<f32>>>, times: &[f64]) {
+    to.par_chunks_mut(BATCH).enumerate().for_each(|(n, to)| {
+        for (vector, times) in vectors.iter().zip(times) {
+            to.iter_mut().zip(&vector[n * BATCH..]).for_each(|(to, by)| *to += by.cast::<f64>() * *times);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::springs::Springs;
+    use super::*;
+    use crate::control::Control;
+    use proptest::prelude::*;
+
+    type Vectors = Vec<Vector2<f64>>;
+
+    fn dot(a: &Vectors, b: &Vectors) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+    }
+
+    /// The recursion as it is printed (Nocedal, Wright, algorithm 7.4).
+    fn two_loops(gradient: &Vectors, steps: &[(Vectors, Vectors)], factor: &Factor) -> Vectors {
+        let mut turned = gradient.clone();
+        let mut shares = Vec::new();
+        for (moved, bent) in steps.iter().rev() {
+            let share = dot(moved, &turned) / dot(moved, bent);
+            turned.iter_mut().zip(bent).for_each(|(to, by)| *to -= by * share);
+            shares.push(share);
+        }
+        let mut turned = factor.solve(&turned);
+        for ((moved, bent), share) in steps.iter().zip(shares.into_iter().rev()) {
+            let other = dot(bent, &turned) / dot(moved, bent);
+            turned.iter_mut().zip(moved).for_each(|(to, by)| *to += by * (share - other));
+        }
+        turned.iter().map(|value| -value).collect()
+    }
+
+    fn vectors(numbers: &[i32]) -> Vectors {
+        numbers.chunks_exact(2).map(|pair| Vector2::new(f64::from(pair[0]), f64::from(pair[1])) / 64.0).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn directions_are_those_of_the_two_loops(
+            gradient in prop::collection::vec(-500..500, 10),
+            steps in prop::collection::vec((prop::collection::vec(-500..500, 10), prop::collection::vec(-500..500, 10)), 0..30),
+        ) {
+            let springs = Springs::new(vec![[0, 1, 2], [1, 3, 2], [2, 3, 4]], 5, &Control::default()).unwrap();
+            let factor = springs.factor(&[[-1.0, -2.0, -0.5]; 3], &[1.0, 2.0, 3.0, 0.5, 1.5]).unwrap();
+            let known = |(moved, bent): &(Vec<i32>, Vec<i32>)| (vectors(moved), vectors(bent));
+            let steps: Vec<_> = steps.iter().map(known).filter(|(moved, bent)| dot(moved, bent) > 1.0).collect();
+            let mut past = Past::default();
+            steps.iter().for_each(|(moved, bent)| past.push(moved, bent));
+            let found = past.direction(&vectors(&gradient), &factor);
+            let expected = two_loops(&vectors(&gradient), &steps[steps.len().saturating_sub(MEMORY)..], &factor);
+            let scale = 1.0 + expected.iter().map(Vector2::norm).fold(0.0, f64::max);
+            for (found, expected) in found.iter().zip(&expected) {
+                prop_assert!((found - expected).norm() < 1e-6 * scale, "{found} {expected}");
+            }
+        }
+    }
+}
