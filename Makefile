@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -92,6 +92,9 @@ bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated 
 
 bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
 	$(RUN) python docs/benchmarks/store.py
+
+bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
+	$(RUN) python docs/benchmarks/series.py
 
 # Xvfb where there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")

@@ -288,7 +288,8 @@ class TestStackFiles:
                 np.testing.assert_array_equal(np.asarray(pages), image.data.astype(np.float32))
                 assert pages.tag_v2[285] == NAMES[k]
                 assert pages.info["dpi"][0] == pytest.approx(25.4 / image.pixel_size)
-                assert f"Title: z.func.gii, {NAMES[k]};" in pages.tag_v2[270]
+            pages.seek(0)
+            assert "Title: z.func.gii; Pixel size: " in pages.tag_v2[270]
 
     @pytest.mark.parametrize("name", ["z.nii", "z.nii.gz"])
     def test_nifti(self, stack, tmp_path, name):

@@ -197,13 +197,14 @@ class Atlas(FlatPieces, ABC):
         depth: float | Sequence[float] = 0.0,
         average: bool = False,
         interpolation: str | None = None,
+        time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
         """Sample a volume at several depths, all maps of a file, or a series of volumes, onto the page.
 
         Parameters
         ----------
-        volume, pixel_size, channel, depth, average, interpolation, name
+        volume, pixel_size, channel, depth, average, interpolation, time_step, name
             As in `FlatMap.images`.
 
         Returns
@@ -211,6 +212,7 @@ class Atlas(FlatPieces, ABC):
         FlatStack
         """
         how: dict[str, Any] = {"depth": depth, "average": average, "interpolation": interpolation, "name": name}
+        how["time_step"] = time_step
         return self.page().images(volume, pixel_size, channel=channel, **how)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:

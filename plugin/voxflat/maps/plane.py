@@ -270,6 +270,7 @@ class Planar(ABC):
         layering: str = "equivolume",
         average: bool = False,
         interpolation: str | None = None,
+        time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
         """Sample a volume at several depths, all maps of a file, or a series of volumes: each when it is asked for.
@@ -282,12 +283,16 @@ class Planar(ABC):
             Only this one, where there are several.
         average : bool
             Show of several depths the mean, channel by channel.
+        time_step : float, optional
+            From each frame of a series to the next, s; by default what the file says: NIfTI where its header has a unit
+            of time, ``.mgh`` and CIFTI series always, GIFTI and arrays never.
 
         Returns
         -------
         FlatStack
             A sequence of `FlatImage`, by number or name: of each channel all depths. `FlatStack.data` is the array
-            (depth, row, column); `FlatStack.save` writes it.
+            (depth, row, column), `FlatStack.times` when the frames of a series were; `FlatStack.save` writes them.
+            Where there are several volumes or maps an image is, to the rounding of sums, what `image` makes of one.
 
         Raises
         ------
@@ -296,4 +301,5 @@ class Planar(ABC):
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
+        how["time_step"] = time_step
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import log
+from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
-from voxflat.io.channels import Channels, points_of_nibabel, series_of
+from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
 from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
@@ -24,14 +24,13 @@ from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, show
-from voxflat.maps.sampling import sample_layers, sample_mean
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
+from voxflat.maps.sampling import sample_layers, sample_mean, series_sampling
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
 
-"""The depth of who asks for none."""
-
+_LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
 
@@ -143,6 +142,7 @@ class Sampler:
         depths: Depths = ON_SURFACE,
         average: bool = False,
         interpolation: str | None = None,
+        time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
         """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`."""
@@ -158,19 +158,23 @@ class Sampler:
         elif overlay is not None:
             if depths != ON_SURFACE:
                 raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
-            names = channels = overlay.mapped(lambda values: show(raster, values[self.ids], interpolation))
+            several = series_showing(raster, self.ids, interpolation)
+            shown = several if len(overlay) > 1 else lambda values: show(raster, values[self.ids], interpolation)
+            names = channels = overlay.mapped(shown)
         else:
             volumes, placed, path = self._volumes(volume)
             names = volumes
             title = name or (path.name if path else "volume")
             places = self._in_world(raster, depths)
-            if average or len(depths) == 1:
-                channels = volumes.mapped(lambda voxels: sample_mean(placed(voxels), places, interpolation))
-            else:
+            average = average or len(depths) == 1
+            one = sample_mean if average else sample_layers
+            series = series_sampling(places, interpolation, average=average)
+            sampled = series if len(volumes) > 1 else lambda of: one(of, places, interpolation)
+            channels = volumes.mapped(lambda voxels: sampled(placed(voxels)))
+            if not average:
                 layers = depths.names
-                channels = _one_by_one(
-                    volumes.mapped(lambda voxels: sample_layers(placed(voxels), places, interpolation)), layers
-                )
+                channels = _one_by_one(channels, layers)
+        channels = _timed(channels, time_step, title)
         stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers)
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
 
@@ -395,4 +399,20 @@ def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
         return image
 
     titles = [", ".join(part for part in (own, layer) if part) for own in layers.names for layer in names]
-    return Channels(tuple(titles), read)
+    return Channels(tuple(titles), read, layers.timing)
+
+
+def _timed(channels: Channels, step: float | None, name: str) -> Channels:
+    """Return channels with the time that is said instead of, or where there is none, that of their file."""
+    if step is not None:
+        timing = Timing.told(checked_number(step, "time step"))
+        if timing is None:
+            raise InputError(f"the time step is {step:g}; give the seconds from each frame to the next")
+        return replace(channels, timing=timing)
+    if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
+        log.warning(
+            "the frames of %s are %g s apart, by its header: are these milliseconds? Say it by the time step, in s",
+            name,
+            channels.timing.step,
+        )
+    return channels
