@@ -130,8 +130,9 @@ T1PREP := .tools/t1prep
 $(T1PREP):
 	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1
 
-gallery: setup $(T1PREP) ## the pictures of docs/gallery.md
+gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional data
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
+	$(RUN) python docs/gallery/functional.py docs/pictures
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

@@ -307,3 +307,57 @@ def test_the_command(shells, tmp_path):
     assert json.loads(run("flat.nii", "--time-step", "0.8").stdout)["time_step"] == 0.8
     assert nib.load(tmp_path / "flat.nii").header.get_zooms()[3] == pytest.approx(0.8)
     assert run("flat.nii", "--time-step", "0").exit_code == 2
+
+
+# -------------------------------------------------------------------------------------------- phases
+
+
+def apart(a, b, period):
+    """Return how far phases are apart, the short way round."""
+    return np.abs((a - b + period / 2) % period - period / 2)
+
+
+@pytest.mark.parametrize(("period", "low"), [(360.0, 0.0), (360.0, -180.0), (2 * np.pi, 0.0), (32.0, 0.0)])
+def test_phases_go_the_short_way_round(shells, period, low):
+    """Of phases that grow along x, and begin again: on vertices and in a volume, at a depth and in their mean."""
+    flat, *_ = shells
+    rate = period / 20  # a turn in 20 mm
+    places = np.zeros(flat.metadata["vertices"])
+    places[flat.ids] = flat.points[:, 0]
+    expected = rate * flat.raster(0.7).interpolate(flat.points[:, 0])
+    values = (rate * places - low) % period + low
+    shown = flat.image(values, 0.7, period=period).data
+    is_inside = np.isfinite(expected)
+    assert shown[is_inside].min() >= 0
+    assert shown[is_inside].max() < period
+    assert apart(shown, expected, period)[is_inside].max() < 0.04 * period
+    assert apart(flat.image(values, 0.7).data, expected, period)[is_inside].max() > 0.2 * period  # what it is for
+    grid = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1) - 30.0
+    around = np.eye(4)
+    around[:3, 3] = -30
+    middle = flat.space.to_scanner(flat.points).mean(axis=0)
+    around[:3, 3] += middle
+    volume = Volume((rate * (grid[..., 0] + middle[0]) - low) % period + low, around)
+    for how in ({}, {"fraction": (0.2, 0.5, 0.8)}):
+        there = flat.image(Volume(grid[..., 0] + middle[0], around), 0.7, interpolation="linear", **how).data
+        shown = flat.image(volume, 0.7, period=period, **how).data
+        assert np.nanmax(apart(shown, rate * there, period)) < 0.01 * period
+
+
+def test_phases_that_cancel_have_none(shells):
+    flat, *_ = shells
+    values = np.where(np.arange(flat.metadata["vertices"]) % 2, 90.0, 270.0)
+    shown = flat.image(values, 0.7, period=360)
+    away = np.abs(np.sin(np.radians(shown.data[np.isfinite(shown.data)])))
+    np.testing.assert_allclose(away, 1, atol=1e-6)  # one or the other, nothing between
+    nearest = flat.image(values, 0.7, period=360, interpolation="nearest").data
+    np.testing.assert_array_equal(nearest, flat.image(values, 0.7, interpolation="nearest").data)
+    for wrong, said in (
+        ({"period": 0}, "the period is 0"),
+        ({"period": np.inf}, "period"),
+        ({"period": "1"}, "period"),
+    ):
+        with pytest.raises(voxflat.InputError, match=said):
+            flat.image(values, **wrong)
+    with pytest.raises(voxflat.InputError, match="'majority', which is of labels"):
+        flat.image(values, period=360, interpolation="majority")

@@ -94,12 +94,8 @@ Examples:
     help="Between voxels. Majority: of labels that which most of the voxels around have, over all depths.  [default: "
     "nearest for whole numbers, which may be labels; linear for others]",
 )
-@click.option(
-    "--time-step",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="S",
-    help="From each frame of a series to the next, s.  [default: what the file says]",
-)
+@options.period
+@options.time_step
 @options.beside
 @options.as_json
 @options.quiet
@@ -116,6 +112,7 @@ def command(
     layering: str | None,
     average: bool,
     interpolation: str | None,
+    period: float | None,
     time_step: float | None,
     sidecar: bool,
     overwrite: bool,
@@ -135,10 +132,10 @@ def command(
     how: dict[str, Any] = {"depth": depth, "fraction": fraction, "layering": layering}
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in how.items()}
     given = {key: value for key, value in how.items() if value is not None}
-    if heat_map and (interpolation or channel is not None or given or average or time_step is not None):
-        raise click.UsageError(
-            "--channel, --interpolation, --depth, --fraction, --layering, --average and --time-step are for --volume."
-        )
+    of_volume = {"channel": channel, "interpolation": interpolation, "period": period, "time-step": time_step, **given}
+    unused = [f"--{name}" for name, value in of_volume.items() if value is not None] + ["--average"] * average
+    if heat_map and unused:
+        raise click.UsageError(f"{', '.join(unused)}: only with --volume.")
     if layering is not None and fraction is None:
         raise click.UsageError("--layering is for --fraction.")
     if depth is not None and fraction is not None:
@@ -152,7 +149,8 @@ def command(
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
-            how = {"average": average, "interpolation": interpolation, "time_step": time_step, **given}
+            how = {"average": average, "interpolation": interpolation, "period": period, **given}
+            how["time_step"] = time_step
             stack = flat_map.images(volume, pixel_size, channel=channel, **how)
             picture = stack[0]
     picture = picture.with_provenance({**picture.provenance, "files": files})

@@ -43,12 +43,12 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Ca
     raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
 
 
-def require(module: str) -> Any:
-    """Import an optional package, which has the name of its extra."""
+def require(module: str, extra: str | None = None) -> Any:
+    """Import an optional package, which has the name of its extra unless that is told."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"needs {module}: pip install 'voxflat[{module}]'") from error
+        raise InputError(f"needs {module}: pip install 'voxflat[{extra or module}]'") from error
 
 
 def one_line(error: Exception) -> str:

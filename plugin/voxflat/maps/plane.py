@@ -207,6 +207,7 @@ class Planar(ABC):
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
         interpolation: str | None = None,
+        period: float | None = None,
         name: str = "",
     ) -> FlatImage:
         """Sample a volume onto the plane.
@@ -239,6 +240,9 @@ class Planar(ABC):
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours. "majority" is of labels: that which has the greatest weight among the voxels around (of
             an overlay the triangle's corners), over all depths; its borders are smoother than voxels.
+        period : float, optional
+            Values are phases with this period, such as 360: means between them go the short way round, and lie from 0
+            to the period. They are "linear" by default.
         name : str, optional
             What the image shows.
 
@@ -255,7 +259,7 @@ class Planar(ABC):
             is asked for, or fractions where no pial surface is known.
         """
         depths = Depths.of(depth, fraction, layering)
-        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "name": name}
+        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
     @telling
@@ -270,6 +274,7 @@ class Planar(ABC):
         layering: str = "equivolume",
         average: bool = False,
         interpolation: str | None = None,
+        period: float | None = None,
         time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
@@ -277,7 +282,7 @@ class Planar(ABC):
 
         Parameters
         ----------
-        volume, pixel_size, depth, fraction, layering, interpolation, name
+        volume, pixel_size, depth, fraction, layering, interpolation, period, name
             As in `image`.
         channel : int or str, optional
             Only this one, where there are several.
@@ -301,5 +306,5 @@ class Planar(ABC):
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
-        how["time_step"] = time_step
+        how |= {"period": period, "time_step": time_step}
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

@@ -15,13 +15,23 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-__all__ = ["INTERPOLATIONS", "Mixing", "majority", "sample", "sample_layers", "sample_mean", "series_sampling"]
+__all__ = [
+    "INTERPOLATIONS",
+    "Mixing",
+    "majority",
+    "phases",
+    "sample",
+    "sample_layers",
+    "sample_mean",
+    "series_sampling",
+]
 
 INTERPOLATIONS = ("linear", "nearest", "majority")
 """How values between voxels, or between vertices, are found."""
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # places whose weights are there at a time
+_CANCELLED = 1e-6  # length of a mean of unit vectors that is none
 
 
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
@@ -348,6 +358,41 @@ def series_sampling(
         return images[0] if average else np.stack(images)
 
     return sampled
+
+
+def phases(
+    sampled: Callable[[NDArray[Any]], NDArray[Any]], period: float, interpolation: str | None
+) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
+    """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
+
+    Parameters
+    ----------
+    sampled : callable
+        How values are.
+    period : float
+        Of the phases.
+    interpolation : {"linear", "nearest"}
+        How.
+
+    Returns
+    -------
+    callable
+        Takes phases and returns those at the places, from 0 to the period: of their directions' mean, NaN where they
+        cancel each other.
+    """
+
+    def mixed(values: NDArray[Any]) -> NDArray[np.float64]:
+        if interpolation == "nearest":
+            found = np.asarray(sampled(values) % period)
+        else:
+            turned = values * (2 * np.pi / period)
+            x, y = sampled(np.cos(turned)), sampled(np.sin(turned))
+            found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
+            found[np.hypot(x, y) < _CANCELLED] = np.nan
+        found[found >= period] = 0.0  # of a remainder that was rounded
+        return found
+
+    return mixed
 
 
 def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> Mixing:
