@@ -91,6 +91,13 @@ def test_limits_are_of_all_frames(flat_map):
     assert thirds == pytest.approx((-1, 3))
 
 
+def test_the_change_of_raw_signals(flat_map, along):
+    raw = (500 + 300 * along)[:, None] * np.array([1.01, 0.99, 1.0])
+    film = figures.movie(flat_map, raw, change=True, limits=("0%", "100%"), size=320)
+    assert film.colours.limits == pytest.approx((-1, 1), abs=1e-6)
+    assert film.colours.colour_map == "RdBu_r"
+
+
 def test_gif(film, tmp_path):
     figures.save_movie(film, tmp_path / "a.gif", {"voxflat": "x"})
     with Image.open(tmp_path / "a.gif") as file:

@@ -168,6 +168,17 @@ def test_the_time_of_other_files(shells, tmp_path):
             flat.images(points, time_step=wrong)
 
 
+def test_other_lengths_than_mm_are_refused(shells, tmp_path):
+    flat, data, affine = shells
+    path = nifti(tmp_path / "bold.nii", data, affine)
+    for code, unit in ((1, "meter"), (3, "micron")):
+        raw = bytearray(path.read_bytes())
+        raw[123] = code | 8
+        path.write_bytes(raw)
+        with pytest.raises(voxflat.InputError, match=f"bold.nii: its lengths are in {unit}, by its header"):
+            flat.images(path)
+
+
 def test_milliseconds_that_are_called_seconds_are_doubted(shells, tmp_path, caplog):
     flat, data, affine = shells
     path = nifti(tmp_path / "bold.nii", data, affine, 2000.0)
@@ -176,6 +187,25 @@ def test_milliseconds_that_are_called_seconds_are_doubted(shells, tmp_path, capl
     assert message.startswith("the frames of bold.nii are 2000 s apart, by its header: are these milliseconds?")
     flat.images(path, time_step=2.0)
     assert len(caplog.messages) == 1
+
+
+def test_percent_change(shells, tmp_path):
+    """Of signals that change by a known share, at each depth by itself; none where the mean is not positive."""
+    flat, data, affine = shells
+    base = 100 + 10 * np.nan_to_num(data[..., 0])
+    base[: len(base) // 3] *= -1
+    share = np.array([-0.02, 0.0, 0.02])
+    path = nifti(tmp_path / "bold.nii", base[..., None] * (1 + share), affine)
+    for how in ({"fraction": 0.5}, {"fraction": (0.2, 0.8)}):
+        raw = flat.images(path, 0.7, **how)
+        changed = raw.percent_change()
+        assert (changed.timing, changed.name) == (raw.timing, "bold.nii, change (%)")
+        each = len(raw) // 3
+        for n in range(len(raw)):
+            mean = raw[each + n % each].data  # the share of the second frame is 0
+            np.testing.assert_allclose(changed[n].data, np.where(mean > 0, 100 * share[n // each], np.nan), atol=1e-9)
+    with pytest.raises(voxflat.Cancelled, match="while averaging"):
+        raw.percent_change(lambda *_: False)
 
 
 # --------------------------------------------------------------------------------------------- files

@@ -13,6 +13,7 @@ from voxflat.cli.console import bars
 from voxflat.cli.looks import checked_look, of_colours, of_depth, of_page
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
+from voxflat.io.files import require
 from voxflat.io.provenance import Record, described, saving
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
@@ -24,7 +25,7 @@ _ENDINGS = (".mp4", ".gif")
     "movie",
     epilog="""\b
 Examples:
-  voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --range 2%,98% -o bold.mp4
+  voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --change --range -3,3 -o bold.mp4
   voxflat movie map.npz --overlay residuals.dtseries.nii --above 1 --below -1 --range -4,4 --unit % -o bold.mp4
   voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif
 """,
@@ -38,6 +39,7 @@ Examples:
     help="A series: of volumes, or of values at the mesh's vertices.",
 )
 @of_depth
+@click.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals.")
 @of_colours
 @click.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Of the data.")
 @of_page
@@ -75,12 +77,14 @@ def command(
     told = checked_look(look, overlay)
     told["interpolation"] = told["interpolation"] or "linear"
     check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    if output.suffix.lower() == ".mp4":
+        require("imageio_ffmpeg", "movie")  # before the long work
     from voxflat import figures  # brings in matplotlib
 
     with bars(quiet) as shown:
         with reading() as files:
             flat_map = load(map_)
-            movie = figures.movie(flat_map, overlay, **told)
+            movie = figures.movie(flat_map, overlay, **told, progress=shown.progress)
         record: Record = {
             "voxflat": __version__,
             "function": "movie",

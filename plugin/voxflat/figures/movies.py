@@ -13,7 +13,7 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from voxflat.arguments import checked_number, is_whole, log
+from voxflat.arguments import Progress, checked_number, is_whole, log
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import check_underlay, folds
 from voxflat.figures.overlays import Limits, OverlayColours
@@ -114,6 +114,7 @@ def movie(
     fraction: float | Sequence[float] | None = None,
     layering: str = "equivolume",
     interpolation: str | None = "linear",
+    change: bool = False,
     above: float | None = None,
     below: float | None = None,
     limits: Limits | None = None,
@@ -125,6 +126,7 @@ def movie(
     time_step: float | None = None,
     rate: float = 10.0,
     size: int = 1280,
+    progress: Progress | None = None,
 ) -> Movie:
     """Show a series on a flat map frame by frame: folds, data over them in one scale of colours, and the time.
 
@@ -137,12 +139,16 @@ def movie(
     depth, fraction, layering, interpolation, time_step
         As in `FlatMap.images`; of several depths the mean is shown. Values are "linear" between voxels by default:
         series are hardly ever of labels.
+    change : bool
+        Show `FlatStack.percent_change`: of raw signals nothing else is to be seen but their anatomy.
     above, below, limits, colour_map, opacity, label, underlay, title
         As in `flat_map`. Limits that are not given, and percentiles, are those of up to 16 frames, spread evenly.
     rate : float
         Frames a second.
     size : int
         Width of the pictures, pixels.
+    progress : callable, optional
+        As in `FlatStack.percent_change`.
 
     Returns
     -------
@@ -170,6 +176,8 @@ def movie(
         raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
     if stack[0].is_colour:
         raise InputError("colours are no series: give values")
+    if change:
+        stack = stack.percent_change(progress)
     seen = _look(stack)
     colours = OverlayColours.of(seen, limits, colour_map, above, below, opacity)
     under = folds(flat_map, raster, underlay)

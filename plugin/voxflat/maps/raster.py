@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress
-from voxflat.errors import InputError
+from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.maps.colours import are_labels, coloured
@@ -297,6 +297,41 @@ class FlatStack(Sequence[FlatImage]):
         first = channel * each
         names = all_names.names[first : first + each]
         return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
+
+    def percent_change(self, progress: Progress | None = None) -> FlatStack:
+        """Return how far each pixel is from its mean over the frames, in % of that mean: of raw signals what changes.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` after each image, for all are sampled once to find the means; if
+            it returns False the work is cancelled.
+
+        Returns
+        -------
+        FlatStack
+            NaN where the mean is not positive, or a frame has no value.
+
+        Raises
+        ------
+        InputError
+            If these are colours.
+        Cancelled
+            If `progress` returned False.
+        """
+        each = max(1, len(self.layers))
+        total: list[Any] = [0.0] * each
+        for n in range(len(self)):
+            data = self.channels.read(n)
+            if data.ndim != 2:
+                raise InputError("colours do not change by percents: give values")
+            total[n % each] = total[n % each] + data
+            if progress is not None and progress("averaging", n + 1, len(self)) is False:
+                raise Cancelled("cancelled while averaging")
+        means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
+        read = self.channels.read
+        changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
+        return replace(self, channels=changes, name=f"{self.name}, change (%)")
 
     @overload
     def __getitem__(self, channel: int | str) -> FlatImage: ...
