@@ -95,8 +95,9 @@ def command(
 
     MAP is a file that voxflat flatten made. Gyri are light and sulci dark; the marks are the directions of the body at
     the middle of the map, the side, a scale bar, and names of cuts, as far as these are known. Names of parcels that
-    have no room are left out, and it is said how many. A PNG is 1,700 pixels wide or more. In an SVG curvature, data,
-    parcels, names and marks are layers. For values without axes and marks see voxflat image.
+    have no room are left out, and it is said how many. With --period data are phases, in hsv or another cyclic --cmap,
+    and a wheel says which. A PNG is 1,700 pixels wide or more. In an SVG curvature, data, parcels, names and marks are
+    layers. For values without axes and marks see voxflat image.
     """
     if overlay is None:
         given = {"channel": channel, "cmap": look["cmap"], "range": look["limits"]}

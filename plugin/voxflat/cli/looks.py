@@ -58,7 +58,7 @@ of_colours = options.group(
         help="Ends of the colours: values, or percentiles such as 2%,98%.  [default: 1%,99%; where the signs differ, "
         "the larger either way]",
     ),
-    click.option("--cmap", metavar="NAME", help="A colour map of matplotlib.  [default: viridis, or RdBu_r about 0]"),
+    click.option("--cmap", metavar="NAME", help="A colour map of matplotlib.  [default: viridis, RdBu_r about 0]"),
 )
 """Which data are shown, and in which colours."""
 

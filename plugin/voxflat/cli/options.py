@@ -343,7 +343,8 @@ period = click.option(
     "--period",
     type=click.FloatRange(min=0, min_open=True),
     metavar="P",
-    help="Values are phases with this period, such as 360: means between them go the short way round.",
+    help="Values are phases with this period, such as 360: means between them go the short way round, colours begin "
+    "again.",
 )
 """Whether values are phases."""
 

@@ -176,6 +176,10 @@ def movie(
         raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
     if stack[0].is_colour:
         raise InputError("colours are no series: give values")
+    if stack.timing is None and not any(stack.names):
+        log.info(
+            "%s does not say how far its frames are apart, so they are numbered; the time step says it", stack.name
+        )
     if change:
         stack = stack.percent_change(progress)
     seen = _look(stack)
