@@ -17,7 +17,7 @@ from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.figures.layers import name_layers
 from voxflat.figures.movies import Movie
-from voxflat.io.files import atomic_path, require
+from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
 
@@ -154,6 +154,10 @@ def _write_mp4(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], 
         writer.send(None)
         for picture in pictures:
             writer.send(np.ascontiguousarray(picture))
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise InputError(f"ffmpeg failed ({one_line(error)}): install imageio-ffmpeg again, or give a .gif") from error
     finally:
         writer.close()
 
