@@ -92,6 +92,10 @@ def test_a_frame_is_what_one_volume_is(shells, tmp_path, how, interpolation):
     series = flat.images(nifti(tmp_path / "bold.nii", data, affine), 0.7, interpolation=interpolation, **how)
     for n in range(3):
         one = flat.images(Volume(data[..., n], affine), 0.7, interpolation=interpolation, **how)
+        if len(one) == 1:
+            alone = {name: value for name, value in how.items() if name != "average"}
+            own = flat.image(tmp_path / "bold.nii", 0.7, channel=n, interpolation=interpolation, **alone)
+            np.testing.assert_array_equal(own.data, one[0].data)
         for k in range(len(one)):
             found, expected = series[n * len(one) + k].data, one[k].data
             assert np.isnan(expected[flat.raster(0.7).inside]).any()

@@ -146,8 +146,12 @@ class Sampler:
         period: float | None = None,
         time_step: float | None = None,
         name: str = "",
+        several: bool = True,
     ) -> FlatStack:
-        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`."""
+        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`.
+
+        Where not several of the images are to be read, no weights are kept for the next one.
+        """
         if period is not None:
             interpolation = _of_phases(period, interpolation)
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
@@ -164,8 +168,9 @@ class Sampler:
         elif overlay is not None:
             if depths != ON_SURFACE:
                 raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
-            several = series_showing(raster, self.ids, interpolation)
-            shown = several if len(overlay) > 1 else lambda values: show(raster, values[self.ids], interpolation)
+            series = series_showing(raster, self.ids, interpolation)
+            several = several and len(overlay) > 1
+            shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
             names = channels = overlay.mapped(shown if period is None else phases(shown, period, interpolation))
         else:
             volumes, placed, path = self._volumes(volume)
@@ -174,8 +179,9 @@ class Sampler:
             places = self._in_world(raster, depths)
             average = average or len(depths) == 1
             one = sample_mean if average else sample_layers
-            series = series_sampling(places, interpolation, average=average)
-            sampled = series if len(volumes) > 1 else lambda of: one(of, places, interpolation)
+            repeated = series_sampling(places, interpolation, average=average)
+            several = several and len(volumes) > 1
+            sampled = repeated if several else lambda of: one(of, places, interpolation)
 
             def read(voxels: NDArray[Any]) -> NDArray[Any]:
                 volume = placed(voxels)
@@ -212,7 +218,7 @@ class Sampler:
     ) -> FlatImage:
         """Sample one channel of a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
         how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
-        stack = self.images(raster, volume, depths=depths, average=True, **how)
+        stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
