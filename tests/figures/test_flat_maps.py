@@ -223,9 +223,20 @@ def test_phases_that_are_wrong(flat_map, wrong, said):
         figures.flat_map(flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
 
 
-def test_radians_are_named_so(flat_map):
-    figure = figures.flat_map(flat_map, np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
-    assert [text.get_text() for text in texts(figure, "data")][:4] == ["0", "π/2", "π", "3π/2"]
+def test_radians_are_named_so_and_the_wheel_is_data(flat_map, tmp_path):
+    doubled = flat_map.ids.copy()
+    doubled[[20, 300]] = doubled[[5, 200]]
+    cuts = {"cuts": [[int(doubled[5])], [int(doubled[200])]], "cut_names": ["calcarine", "temporal"]}
+    cut = dataclasses.replace(flat_map, ids=doubled, metadata={**flat_map.metadata, **cuts})
+    figure = figures.flat_map(cut, np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
+    numbers = [text.get_text() for text in texts(figure, "data")][:4]
+    assert numbers == ["0", "π/2", "π", "3π/2"]
+    figures.save(figure, tmp_path / "a.svg")
+    ids = re.findall(r'\bid="([^"]+)"', (tmp_path / "a.svg").read_text())
+    assert len(ids) == len(set(ids))
+    (data,) = (child for child in ElementTree.parse(tmp_path / "a.svg").getroot() if child.get("id") == "layer-data")
+    assert [text.text for text in data.iter("{http://www.w3.org/2000/svg}text")][:4] == numbers
+    assert len(list(data.iter("{http://www.w3.org/2000/svg}image"))) == 2
 
 
 # ---------------------------------------------------------------------------------------------- parcels

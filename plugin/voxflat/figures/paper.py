@@ -38,7 +38,7 @@ _TALLEST = 1.4  # of the width
 _FONT, _LETTER = 6.5, 7.5  # points
 _NAMES_PIXEL = 0.2  # mm of paper
 _MARKS = 30.0  # mm, that directions, side and scale bar take
-_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8, "gid": "marks"}  # a name over data
+_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # a name over data
 
 
 class Page:
@@ -205,7 +205,7 @@ class Page:
         turn = np.arctan2(up, right) if zero == "right" else np.arctan2(right, up)
         pixels = colours.legend(turn / (2 * np.pi) % 1 * period)
         pixels[..., 3] = np.where((radius <= 1) & (radius >= _HOLE), 255, 0)
-        axes.imshow(pixels, extent=(-1, 1, -1, 1), interpolation="antialiased", aspect="auto")
+        axes.imshow(pixels, extent=(-1, 1, -1, 1), aspect="auto")
         for quarter in range(4):
             angle = np.pi / 2 * (quarter if zero == "right" else 1 - quarter)
             ahead, above = np.cos(angle), np.sin(angle)
