@@ -111,7 +111,8 @@ def save_movie(
     movie : Movie
         Drawn picture by picture; an ``.mp4`` holds one in memory, a ``.gif`` all.
     path : path
-        Ends in ``.mp4``, H.264 for slides and browsers (``pip install 'voxflat[movie]'``), or ``.gif``.
+        Ends in ``.mp4``, H.264 for slides and browsers (``pip install 'voxflat[movie]'``), or ``.gif``, whose pictures
+        last whole hundredths of a second, two at least.
     record : dict, optional
         What made it: a comment in the file.
     progress : callable, optional
