@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -93,6 +93,9 @@ bench-standard: setup $(STANDARD) ## standard cuts: disks on real and simulated 
 bench-store: setup ## a store of distance rows, a million points by a thousand sources: memory, MB/s (4 GB of disk)
 	$(RUN) python docs/benchmarks/store.py
 
+bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
+	$(RUN) python docs/benchmarks/series.py
+
 # Xvfb where there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
@@ -127,8 +130,9 @@ T1PREP := .tools/t1prep
 $(T1PREP):
 	$(UV) pip install --quiet --no-deps --target $@ t1prep==0.8.1
 
-gallery: setup $(T1PREP) ## the pictures of docs/gallery.md
+gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional data
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
+	$(RUN) python docs/gallery/functional.py docs/pictures
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

@@ -14,9 +14,10 @@ from PIL import Image
 
 import voxflat
 from voxflat import InputError, cli, figures
-from voxflat.figures.flat_maps import folds, painted
+from voxflat.figures.flat_maps import folds
 from voxflat.figures.marks import cut_names, directions, round_length, side
 from voxflat.figures.names import place_names, text_size
+from voxflat.figures.overlays import painted
 from voxflat.io.label_tables import LabelTable
 from voxflat.io.volumes import Volume
 from voxflat.maps.parcels import parcels_of
@@ -168,6 +169,74 @@ def test_a_volume_elsewhere_is_refused(flat_map):
 def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
     figures.flat_map(flat_map, np.linspace(0, 1, COUNT), above=7)
     assert "no value of the overlay passes" in caplog.text
+
+
+# ---------------------------------------------------------------------------------------------- phases
+
+
+@pytest.mark.parametrize("zero", ["right", "top"])
+def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero):
+    phase = np.repeat(np.linspace(-180, 170, LONG), HIGH)
+    strength = np.tile(np.linspace(0, 1, HIGH), LONG)
+    how = {"period": 360, "zero": zero, "strength": strength, "above": 0.5, "interpolation": "nearest"}
+    figure = figures.flat_map(flat_map, phase, **how)
+    (shown,) = layer(figure, "data")
+    (left, right, *_), width = figure.axes[1].images[1].get_extent(), shown.shape[1]
+    size = (right - left) / width
+    strong = flat_map.image(strength, size).data
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(shown[..., 3] > 0, strong > 0.5)
+    turns = flat_map.image(phase % 360, size, interpolation="nearest").data / 360
+    seen = shown[..., 3] > 0
+    np.testing.assert_array_equal(shown[seen][:, :3], colormaps["hsv"](turns[seen], bytes=True)[:, :3])
+    wheel = figure.axes[2].images[0].get_array()
+    side = len(wheel)
+    for turn in (0.1, 0.35, 0.6, 0.85):
+        angle = 2 * np.pi * (turn if zero == "right" else 0.25 - turn)
+        row, column = (round(side / 2 * (1 + 0.8 * of)) for of in (-np.sin(angle), np.cos(angle)))
+        expected = np.array(colormaps["hsv"](turn, bytes=True), dtype=int)
+        assert np.abs(wheel[row, column] - expected).max() <= 12
+    assert wheel[side // 2, side // 2, 3] == wheel[0, 0, 3] == 0
+    words = [text.get_text() for text in texts(figure, "data")]
+    assert words == ["0", "90", "180", "270", "overlay, overlay > 0.5"]
+    places = [text.get_position() for text in texts(figure, "data")][:4]
+    assert np.argmax([x for x, _ in places]) == (0 if zero == "right" else 1)
+    assert np.argmax([y for _, y in places]) == (1 if zero == "right" else 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"period": 360, "colour_map": "viridis"}, "'viridis' has different ends, and phases none"),
+        ({"period": 360, "colour_map": "none"}, "no colour map"),
+        ({"period": 360, "limits": (0, 90)}, "limits are for values"),
+        ({"period": -1}, "the period is -1"),
+        ({"period": 360, "zero": "left"}, "zero is 'left'"),
+        ({"strength": np.ones(COUNT)}, "strength is what has to pass"),
+        ({"strength": np.full(COUNT, np.nan), "above": 0}, "its strength has no value anywhere"),
+        ({"strength": np.ones((COUNT, 2)), "above": 0}, "choose one"),
+        ({"overlay": None, "period": 360}, "of an overlay"),
+    ],
+)
+def test_phases_that_are_wrong(flat_map, wrong, said):
+    with pytest.raises(InputError, match=said):
+        figures.flat_map(flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
+
+
+def test_radians_are_named_so_and_the_wheel_is_data(flat_map, tmp_path):
+    doubled = flat_map.ids.copy()
+    doubled[[20, 300]] = doubled[[5, 200]]
+    cuts = {"cuts": [[int(doubled[5])], [int(doubled[200])]], "cut_names": ["calcarine", "temporal"]}
+    cut = dataclasses.replace(flat_map, ids=doubled, metadata={**flat_map.metadata, **cuts})
+    figure = figures.flat_map(cut, np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
+    numbers = [text.get_text() for text in texts(figure, "data")][:4]
+    assert numbers == ["0", "π/2", "π", "3π/2"]
+    figures.save(figure, tmp_path / "a.svg")
+    ids = re.findall(r'\bid="([^"]+)"', (tmp_path / "a.svg").read_text())
+    assert len(ids) == len(set(ids))
+    (data,) = (child for child in ElementTree.parse(tmp_path / "a.svg").getroot() if child.get("id") == "layer-data")
+    assert [text.text for text in data.iter("{http://www.w3.org/2000/svg}text")][:4] == numbers
+    assert len(list(data.iter("{http://www.w3.org/2000/svg}image"))) == 2
 
 
 # ---------------------------------------------------------------------------------------------- parcels

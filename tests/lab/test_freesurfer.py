@@ -265,6 +265,18 @@ def test_what_was_asked_for_and_is_not_there_is_said(subject, arguments, told):
     assert not list((subject / "surf").glob("*voxflat.flat*"))
 
 
+def test_a_series_is_no_overlay(subject):
+    count = len(nib.freesurfer.read_morph_data(subject / "surf" / "lh.thickness"))
+    nib.save(nib.MGHImage(np.ones((count, 1, 1, 3), np.float32), np.eye(4)), subject / "surf" / "lh.bold.mgz")
+    (subject / "mri").mkdir(exist_ok=True)
+    nib.save(nib.Nifti1Image(np.ones((9, 9, 9, 3), np.float32), np.eye(4)), subject / "mri" / "bold.nii")
+    for name, told in (("lh.bold.mgz", "3 maps"), ("bold.nii", "3 frames")):
+        result = run("freesurfer", subject, "--hemi", "lh", "--overlay", next(subject.rglob(name)).relative_to(subject))
+        assert result.exit_code == 1
+        assert re.search(rf"the overlay \S+{name} has {told}: give a file with one; a series is for", result.stderr)
+    assert not list((subject / "surf").glob("*voxflat.flat*"))
+
+
 def test_what_is_no_directory_of_freesurfer_is_refused(tmp_path):
     result = run("freesurfer", tmp_path)
     assert result.exit_code == 1

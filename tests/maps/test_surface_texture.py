@@ -213,9 +213,10 @@ class TestRefusals:
         with pytest.raises(InputError, match=told):
             flat_map.image(path)
 
-    @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}])
+    @pytest.mark.parametrize("options", [{"depth": 1.0}, {"interpolation": "nearest"}, {"period": 360}])
     def test_options_of_volumes(self, mesh, flat_map, tmp_path, options):
-        with pytest.raises(InputError, match="depth, fraction and interpolation are for volumes, not for textures"):
+        told = "depth, fraction, interpolation and period are for volumes, not for textures"
+        with pytest.raises(InputError, match=told):
             flat_map.image(save_obj(tmp_path, mesh, chessboard()), **options)
 
     @pytest.mark.parametrize("name", ["picture.png", "picture.mtl"])

@@ -171,13 +171,14 @@ class Atlas(FlatPieces, ABC):
         channel: int | str | None = None,
         depth: float | Sequence[float] = 0.0,
         interpolation: str | None = None,
+        period: float | None = None,
         name: str = "",
     ) -> FlatImage:
         """Sample a volume onto the page: `page` and `FlatPage.image` in one.
 
         Parameters
         ----------
-        volume, pixel_size, channel, depth, interpolation, name
+        volume, pixel_size, channel, depth, interpolation, period, name
             As in `FlatMap.image`; an atlas knows no pial surface.
 
         Returns
@@ -185,7 +186,7 @@ class Atlas(FlatPieces, ABC):
         FlatImage
             NaN (colours: alpha 0) beside the pieces and where the volume has no value.
         """
-        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "name": name}
+        how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "period": period, "name": name}
         return self.page().image(volume, pixel_size, channel=channel, **how)
 
     def images(
@@ -197,13 +198,15 @@ class Atlas(FlatPieces, ABC):
         depth: float | Sequence[float] = 0.0,
         average: bool = False,
         interpolation: str | None = None,
+        period: float | None = None,
+        time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
         """Sample a volume at several depths, all maps of a file, or a series of volumes, onto the page.
 
         Parameters
         ----------
-        volume, pixel_size, channel, depth, average, interpolation, name
+        volume, pixel_size, channel, depth, average, interpolation, period, time_step, name
             As in `FlatMap.images`.
 
         Returns
@@ -211,6 +214,7 @@ class Atlas(FlatPieces, ABC):
         FlatStack
         """
         how: dict[str, Any] = {"depth": depth, "average": average, "interpolation": interpolation, "name": name}
+        how |= {"period": period, "time_step": time_step}
         return self.page().images(volume, pixel_size, channel=channel, **how)
 
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:

@@ -12,6 +12,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
+from voxflat.cli.console import bars
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
@@ -19,7 +20,7 @@ from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.maps.depth import LAYERINGS
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.maps.image_files import IMAGE_ENDINGS
+from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
 
 
@@ -34,6 +35,7 @@ Examples:
   voxflat image atlas.npz --volume lh.sulc -o page.png
   voxflat image map.npz --volume zstats.dscalar.nii --channel "2BK-0BK" -o zstat.png
   voxflat image map.npz --volume bold.nii.gz --interpolation linear -o bold_flat.nii.gz
+  voxflat image map.npz --volume lh.bold.func.gii --time-step 2 -o bold_flat.zarr
   voxflat image map.npz --volume t1.nii.gz --interpolation linear --fraction 0.1,0.3,0.5,0.7,0.9 -o layers.tif
   voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 --average -o bold.nii.gz
 """,
@@ -58,7 +60,8 @@ Examples:
     type=OUT,
     required=True,
     metavar="OUT",
-    help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure.",
+    help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure, several also as "
+    ".zarr.",
 )
 @click.option(
     "--pixel-size",
@@ -91,8 +94,11 @@ Examples:
     help="Between voxels. Majority: of labels that which most of the voxels around have, over all depths.  [default: "
     "nearest for whole numbers, which may be labels; linear for others]",
 )
+@options.period
+@options.time_step
 @options.beside
 @options.as_json
+@options.quiet
 @options.debug
 def command(
     map_: Path,
@@ -106,50 +112,56 @@ def command(
     layering: str | None,
     average: bool,
     interpolation: str | None,
+    period: float | None,
+    time_step: float | None,
     sidecar: bool,
     overwrite: bool,
     as_json: bool,
+    quiet: bool,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
     MAP is a file that voxflat flatten made, or an atlas of voxflat patches, of which the page of all patches is shown;
     its heat map is of C, the factor by which lengths change. A PNG shows scalars in grey (1st to 99th percentile),
     labels in a colour each, and colours as they are; it is transparent outside the map. The PNG of a heat map is a
-    figure with a colour bar. The other formats hold the values, NaN outside the map.
+    figure with a colour bar. The other formats hold the values, NaN outside the map. A series is read, sampled and
+    written frame by frame, whatever its length.
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
     how: dict[str, Any] = {"depth": depth, "fraction": fraction, "layering": layering}
     how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in how.items()}
     given = {key: value for key, value in how.items() if value is not None}
-    if heat_map and (interpolation or channel is not None or given or average):
-        raise click.UsageError(
-            "--channel, --interpolation, --depth, --fraction, --layering and --average are for --volume."
-        )
+    of_volume = {"channel": channel, "interpolation": interpolation, "period": period, "time-step": time_step, **given}
+    unused = [f"--{name}" for name, value in of_volume.items() if value is not None] + ["--average"] * average
+    if heat_map and unused:
+        raise click.UsageError(f"{', '.join(unused)}: only with --volume.")
     if layering is not None and fraction is None:
         raise click.UsageError("--layering is for --fraction.")
     if depth is not None and fraction is not None:
         raise click.UsageError("Give --depth or --fraction.")
-    check_output(output, IMAGE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), sidecar=sidecar, overwrite=overwrite)
     saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
-    with reading() as files:
+    with bars(quiet), reading() as files:
         flat_map = _load(map_)
         if fraction is not None and not isinstance(flat_map, FlatMap):
             raise InputError("an atlas knows no pial surface, and so no --fraction; give --depth in mm")
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
-            stack = flat_map.images(
-                volume, pixel_size, channel=channel, average=average, interpolation=interpolation, **given
-            )
+            how = {"average": average, "interpolation": interpolation, "period": period, **given}
+            how["time_step"] = time_step
+            stack = flat_map.images(volume, pixel_size, channel=channel, **how)
             picture = stack[0]
     picture = picture.with_provenance({**picture.provenance, "files": files})
-    count = 1
+    count, step = 1, None
     if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
     if volume is not None and len(stack) > 1:
         count = len(stack)
-        stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved)
+        step = None if stack.timing is None else stack.timing.step
+        with bars(quiet) as shown:
+            stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved, progress=shown.progress)
     elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 
@@ -164,10 +176,11 @@ def command(
     height, width = picture.data.shape[:2]
     if as_json:
         size = {"images": count, "width": width, "height": height, "pixel_size": picture.pixel_size}
-        print_json({"output": str(output), **size, "provenance": picture.provenance})
-    else:
+        print_json({"output": str(output), **size, "time_step": step, "provenance": picture.provenance})
+    elif not quiet:
         images = "" if count == 1 else f"{count} images of "
-        click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm\nsaved as {output}")
+        apart = "" if step is None else f", {step:g} s apart"
+        click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

@@ -210,7 +210,7 @@ memory_limit = click.option(
 )
 
 
-def _group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
+def group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
     """Return several options as one decorator."""
 
     def decorate(command: _Command) -> _Command:
@@ -221,7 +221,7 @@ def _group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Co
     return decorate
 
 
-beside = _group(
+beside = group(
     click.option(
         "--sidecar", is_flag=True, help="Write what made OUT beside it, as OUT.json: for formats that cannot hold it."
     ),
@@ -232,7 +232,7 @@ beside = _group(
 VOLUME = ("label", "threshold", "spacing")
 """Names of the options of `volume`."""
 
-volume = _group(
+volume = group(
     click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
     click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
     click.option(
@@ -247,7 +247,7 @@ volume = _group(
 MAKING = ("pial", "probability", "repair")
 """Names of the options of `making`."""
 
-making = _group(
+making = group(
     click.option("--pial", type=FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."),
     click.option("--probability", type=FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
     click.option(
@@ -259,7 +259,7 @@ making = _group(
 )
 """How a surface is made."""
 
-region = _group(
+region = group(
     click.option(
         "--keep",
         type=FILE,
@@ -314,7 +314,7 @@ def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> fl
     return value if length is None else float(length)
 
 
-relax = _group(
+relax = group(
     click.option(
         "--relax-length",
         type=click.FloatRange(min=0),
@@ -337,6 +337,24 @@ relax = _group(
     ),
 )
 """Which cuts are made beyond those that make a disk."""
+
+
+period = click.option(
+    "--period",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="P",
+    help="Values are phases with this period, such as 360: means between them go the short way round, colours begin "
+    "again.",
+)
+"""Whether values are phases."""
+
+time_step = click.option(
+    "--time-step",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="From each frame of a series to the next, s.  [default: what the file says]",
+)
+"""When the frames of a series were."""
 
 
 def link_lengths(where: str) -> Callable[[_Command], _Command]:

@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from voxflat.errors import InputError
+from voxflat.io.files import check_new
 from voxflat.io.provenance import check_beside, sidecar_of
 
 __all__ = ["FIGURE_ENDINGS", "READ", "WRITTEN", "check_output", "print_json"]
@@ -63,6 +64,8 @@ def check_output(
             raise InputError(f"cannot write {one} twice; choose another name for one of the results")
     for file in files:
         check_beside(path, file, overwrite=overwrite)
+    if path.suffix.lower() == ".zarr":
+        check_new(path)
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))

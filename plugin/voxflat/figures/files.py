@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,22 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from voxflat.errors import InputError
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled, InputError
 from voxflat.figures.layers import name_layers
-from voxflat.io.files import atomic_path
+from voxflat.figures.movies import Movie
+from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
+from voxflat.io.reading import check_room
 
-__all__ = ["save", "save_picture"]
+__all__ = ["MOVIE_ENDINGS", "save", "save_movie", "save_picture"]
+
+MOVIE_ENDINGS = (".mp4", ".gif")
+"""How the name of a movie may end."""
 
 _DPI = 200
+_QUALITY = "18"  # of H.264, from 0 to 51: no loss that one sees
+_BT709 = "bt709"  # what players take colours for that do not say
 _TEXT: Any = {"svg.fonttype": "none", "svg.hashsalt": "voxflat", "pdf.fonttype": 42}
 """Text stays text, to be edited; equal figures are equal files."""
 
@@ -90,3 +99,79 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
             more["pnginfo"] = PngImagePlugin.PngInfo()
             more["pnginfo"].add_itxt("Provenance", as_text(record))
         Image.fromarray(picture).save(temporary, **more)
+
+
+def save_movie(
+    movie: Movie, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
+) -> None:
+    """Write a movie to a file, all of it or nothing.
+
+    Parameters
+    ----------
+    movie : Movie
+        Drawn picture by picture; an ``.mp4`` holds one in memory, a ``.gif`` all.
+    path : path
+        Ends in ``.mp4``, H.264 for slides and browsers (``pip install 'voxflat[movie]'``), or ``.gif``, whose pictures
+        last whole hundredths of a second, two at least.
+    record : dict, optional
+        What made it: a comment in the file.
+    progress : callable, optional
+        Called as ``progress(stage, done, total)`` after each picture; if it returns False nothing is written.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, what writes it is missing, or a ``.gif`` needs more memory than there is.
+    Cancelled
+        If `progress` returned False.
+    OSError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    write = {".mp4": _write_mp4, ".gif": _write_gif}.get(path.suffix.lower())
+    if write is None:
+        raise InputError(f"cannot write a movie as {path.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")
+    text = "" if record is None else as_text(record)
+    with atomic_path(path) as temporary:
+        write(temporary, movie, _drawn(movie, path.name, progress), text)
+
+
+def _drawn(movie: Movie, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
+    for n in range(len(movie)):
+        yield movie[n]
+        if progress is not None and progress(f"writing {name}", n + 1, len(movie)) is False:
+            raise Cancelled(f"cancelled while writing {name}")
+
+
+def _write_mp4(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+    ffmpeg = require("imageio_ffmpeg", "movie")
+    height, width = movie.size
+    space = ["-colorspace", _BT709, "-color_primaries", _BT709, "-color_trc", _BT709]
+    more = ["-crf", _QUALITY, "-vf", f"scale=out_color_matrix={_BT709}", *space, "-movflags", "+faststart"]
+    told = {"codec": "libx264", "fps": movie.rate, "quality": None, "macro_block_size": 2}
+    comment = ["-metadata", f"comment={text}"]
+    writer = ffmpeg.write_frames(str(path), (width, height), **told, output_params=[*more, *comment])
+    try:
+        writer.send(None)
+        for picture in pictures:
+            writer.send(np.ascontiguousarray(picture))
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise InputError(f"ffmpeg failed ({one_line(error)}): install imageio-ffmpeg again, or give a .gif") from error
+    finally:
+        writer.close()
+
+
+def _write_gif(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+    height, width = movie.size
+    check_room(2 * len(movie) * height * width)  # Pillow holds them all
+    shown = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]
+    together = Image.fromarray(np.concatenate([np.asarray(one) for one in shown]))
+    palette = together.quantize(255, method=Image.Quantize.MAXCOVERAGE)
+    frames = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    lasts = max(2, round(100 / movie.rate)) * 10  # ms; players make less than 20 longer
+    first = next(frames)
+    first.save(
+        path, format="GIF", save_all=True, append_images=frames, duration=lasts, loop=0, comment=text.encode("utf-8")
+    )

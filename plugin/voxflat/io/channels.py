@@ -23,10 +23,36 @@ from voxflat.io.grid import Affine, check_affine
 from voxflat.io.readers import check_length, check_unit
 from voxflat.io.reading import check_room, note
 
-__all__ = ["Channels", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
+__all__ = ["Channels", "Timing", "are_points", "is_cifti", "opened", "points_of_nibabel", "series_of"]
 
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # of frames that are read at once where a file holds them point by point
+_SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the frames of a series were.
+
+    Parameters
+    ----------
+    step : float
+        From each frame to the next, s.
+    start : float
+        When the first one was, s.
+    """
+
+    step: float
+    start: float = 0.0
+
+    @classmethod
+    def told(cls, step: object, start: object = 0.0) -> Timing | None:
+        """Return what a header tells, s; None if that is no length of time."""
+        values = np.array([step, start], dtype=np.float64)
+        if not (np.isfinite(values).all() and values[0] > 0):
+            return None
+        step, start = (float(f"{value:.7g}") for value in values)  # of single precision: 0.72, not 0.7200000286
+        return cls(step, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +65,13 @@ class Channels:
         A name for each channel; empty where the file has none.
     read : callable
         Takes the number of a channel, from 0, and returns its array.
+    timing : Timing or None
+        When they were, where they are the frames of a series and that is known.
     """
 
     names: tuple[str, ...]
     read: Callable[[int], NDArray[Any]]
+    timing: Timing | None = None
 
     def __len__(self) -> int:
         """Return the number of channels."""
@@ -106,7 +135,7 @@ class Channels:
         -------
         Channels
         """
-        return Channels(self.names, lambda n: change(self.read(n)))
+        return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
@@ -161,7 +190,8 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     if hasattr(image.header, "get_xyzt_units"):
         check_unit(image.header.get_xyzt_units()[0])
     rest = (0,) * (len(image.shape) - 4)
-    return Channels(("",) * shape[3], lambda n: np.asarray(image.dataobj[(..., n, *rest)])), check_affine(image.affine)
+    frames = Channels(("",) * shape[3], lambda n: np.asarray(image.dataobj[(..., n, *rest)]), _timing(image.header))
+    return frames, check_affine(image.affine)
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
@@ -208,7 +238,7 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
         place = tuple(slice(None) if axis < 3 else n if axis == at else 0 for axis in range(len(shape)))
         return np.asarray(image.dataobj[place]).ravel()
 
-    return Channels(("",) * count, read)
+    return Channels(("",) * count, read, _timing(image.header) if at == 3 else None)
 
 
 def opened(obj: object) -> tuple[Any, Path | None]:
@@ -237,6 +267,16 @@ def is_cifti(image: Any) -> bool:
     return type(image).__name__ == "Cifti2Image"
 
 
+def _timing(header: Any) -> Timing | None:
+    """Return when the frames along the fourth axis were; None where the header gives no unit of time."""
+    if not hasattr(header, "get_xyzt_units"):  # of .mgh, ms
+        return Timing.told(float(header["tr"]) / 1000) if "tr" in header else None
+    second = _SECONDS.get(header.get_xyzt_units()[1])
+    if second is None or len(header.get_zooms()) < 4:
+        return None
+    return Timing.told(float(header.get_zooms()[3]) * second, float(header["toffset"]) * second)
+
+
 def _check_complete(path: Path | None, image: Any, values: int) -> None:
     """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
     proxy = image.dataobj
@@ -261,6 +301,8 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
     if axes[1].nvertices[name] != points:
         raise InputError(f"its {_short(name)} has {axes[1].nvertices[name]} vertices; the surface has {points} points")
     names, is_label = _map_names(axes[0])
+    is_timed = type(axes[0]).__name__ == "SeriesAxis" and axes[0].unit == "SECOND"
+    timing = Timing.told(axes[0].step, axes[0].start) if is_timed else None
     start, stop = part.start or 0, part.stop or image.shape[1]
     held: dict[int, NDArray[Any]] = {}
 
@@ -278,7 +320,7 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
         found[model.vertex] = values
         return found
 
-    return Channels(names, read)
+    return Channels(names, read, timing)
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:

@@ -7,6 +7,7 @@ import gzip
 import importlib
 import os
 import re
+import shutil
 import stat
 import textwrap
 import uuid
@@ -42,12 +43,12 @@ def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Ca
     raise InputError(f"ending {path.suffix!r} is unknown; {', '.join(table)} can be {verb}")
 
 
-def require(module: str) -> Any:
-    """Import an optional package, which has the name of its extra."""
+def require(module: str, extra: str | None = None) -> Any:
+    """Import an optional package, which has the name of its extra unless that is told."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"needs {module}: pip install 'voxflat[{module}]'") from error
+        raise InputError(f"needs {module}: pip install 'voxflat[{extra or module}]'") from error
 
 
 def one_line(error: Exception) -> str:
@@ -167,6 +168,47 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Write a directory beside its place, and move it there once it is complete; what is there is never replaced.
+
+    Parameters
+    ----------
+    path : path
+        The directory to make.
+
+    Yields
+    ------
+    Path
+        A new empty directory beside it. It takes its place when the block ends, and is deleted when the block raises.
+
+    Raises
+    ------
+    InputError
+        Something of that name is there already.
+    OSError
+        Nothing can be written there.
+    """
+    path = Path(path)
+    check_new(path)
+    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
+    with naming_file(path, temporary):
+        temporary.mkdir()
+        try:
+            yield temporary
+            temporary.rename(path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_new(path: Path) -> None:
+    """Refuse a directory that is there already: its files are not ours to delete."""
+    if path.exists() or path.is_symlink():
+        raise InputError(
+            f"{path} is there already, and directories are not replaced: delete it, or choose another name"
+        )
 
 
 def _probe(path: Path) -> None:

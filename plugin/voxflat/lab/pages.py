@@ -21,7 +21,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from voxflat.figures.colours import AREAS, ERRORS, top
-from voxflat.figures.flat_maps import folds, painted
+from voxflat.figures.flat_maps import folds
+from voxflat.figures.overlays import painted
 from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.flat_map import FlatMap

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
-from voxflat.figures.flat_maps import painted
+from voxflat.figures.overlays import painted
 from voxflat.lab.comparison import Mean, Row
 from voxflat.lab.pages import Layer, colour_bar, filled, layers_of, pictures, png
 from voxflat.lab.results import FIGURES, figure_of

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, log
 from voxflat.errors import InputError
+from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
 from voxflat.io.freesurfer import read_annot
 from voxflat.io.gifti import value_bytes
@@ -35,6 +36,7 @@ from voxflat.surfaces.surface import Surface
 __all__ = ["make"]
 
 _LABELS = (".annot", ".label", ".label.gii", ".dlabel.nii")
+_ONE = "give a file with one; a series is for voxflat image and voxflat movie, with the map"
 _PROBABLE = 0.5  # of white matter
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "???", "medialwall")  # in aparc.annot
 
@@ -195,9 +197,13 @@ def _overlays(flat_map: FlatMap, hemisphere: Hemisphere) -> dict[str, NDArray[np
         if sampler.is_overlay(path):
             values = read_overlay(path, sampler.metadata["vertices"], structure=sampler.metadata.get("structure"))
             if values.ndim > 1:
-                raise InputError(f"{path} has {values.shape[1]} maps: give a file with one")
+                raise InputError(f"the overlay {path} has {values.shape[1]} maps: {_ONE}")
             found[name] = values[flat_map.ids].astype(np.float64)
         else:
+            with naming(path, REMEDY):
+                series = series_of(path)
+            if series is not None:
+                raise InputError(f"the overlay {path} has {len(series[0])} frames: {_ONE}")
             places = [flat_map.space.to_scanner(points) for points in sampler.at(depths)]
             found[name] = sample_mean(sampler.placed(path), places)
             if found[name].ndim > 1:

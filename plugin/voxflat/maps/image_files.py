@@ -6,23 +6,29 @@ import gzip
 import json
 import os
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, require, save_array
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled, InputError
+from voxflat.io.channels import Timing
+from voxflat.io.files import atomic_directory, atomic_path, require, save_array
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.volumes import write_volume
 from voxflat.maps.colours import WINDOW, all_whole, label_colours, levels
 
-__all__ = ["IMAGE_ENDINGS", "Image", "Stack", "write_image", "write_stack"]
+__all__ = ["IMAGE_ENDINGS", "STACK_ENDINGS", "Image", "Stack", "write_image", "write_stack"]
 
 _TIFF_DESCRIPTION, _TIFF_PAGE_NAME, _TIFF_CENTIMETRE = 270, 285, 3
 _TIFF_LIMIT = 1 << 32  # bytes
+_GZIP_LEVEL = 1  # as nibabel's: noise becomes hardly smaller by more
+_OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 def write_image(
@@ -133,6 +139,14 @@ class Stack(Protocol):
     def layers(self) -> tuple[str, ...]:
         """Of the depths of each channel, where there are several."""
 
+    @property
+    def timing(self) -> Timing | None:
+        """Of the frames of a series."""
+
+    @property
+    def name(self) -> str:
+        """What they show."""
+
     def __len__(self) -> int:
         """Return the number of images."""
 
@@ -156,7 +170,9 @@ class Image(Protocol):
         """What it shows."""
 
 
-def write_stack(path: str | os.PathLike[str], stack: Stack, record: Record | None = None) -> None:
+def write_stack(
+    path: str | os.PathLike[str], stack: Stack, record: Record | None = None, progress: Progress | None = None
+) -> None:
     """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
 
     Parameters
@@ -164,18 +180,22 @@ def write_stack(path: str | os.PathLike[str], stack: Stack, record: Record | Non
     path : path
         Its ending says how.
     stack : Stack
-        Images of values; each is asked for once, when it is written.
+        Images of values; one at a time is in memory.
     record : dict, optional
         What made them; ``.npy`` has no place for it.
+    progress : callable, optional
+        As of `FlatStack.save`.
 
     Raises
     ------
     InputError
         If the ending is another, the values do not fit, or it is too large for the format.
+    Cancelled
+        If `progress` returned False.
     OSError
         If the file cannot be written.
     """
-    path, first = Path(path), stack[0]
+    path = Path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         endings = ", ".join(_STACK_WRITERS)
@@ -184,44 +204,96 @@ def write_stack(path: str | os.PathLike[str], stack: Stack, record: Record | Non
             f"{path.name} would hold one image, and there are {len(stack)} ({listed}): choose one by its name or "
             f"number (channel), or give a name that ends in {endings}"
         )
+    first = stack[0]
     if first.data.ndim != 2:
         raise InputError("colours are no channels: save them as one image")
-    with atomic_path(path) as temporary:
-        write(temporary, stack, first, record or {})
+    images = chain([first], (stack[n] for n in range(1, len(stack))))
+    values = (_measured(image.data).astype("<f4", copy=False) for image in images)
+    with atomic_directory(path) if write is _write_zarr else atomic_path(path) as temporary:
+        write(temporary, stack, first, _shown(values, len(stack), path.name, progress), record or {})
 
 
-def _write_tiff_pages(path: Path, stack: Stack, first: Image, record: Record) -> None:
+def _shown(
+    images: Iterator[NDArray[np.float32]], count: int, name: str, progress: Progress | None
+) -> Iterator[NDArray[np.float32]]:
+    """Show progress after each image."""
+    for done, image in enumerate(images, 1):
+        yield image
+        if progress is not None and progress(f"writing {name}", done, count) is False:
+            raise Cancelled(f"cancelled while writing {name}")
+
+
+def _frames_and_channels(stack: Stack) -> tuple[int, int]:
+    """Return how many frames a stack has, 1 where it is no series, and how many images each."""
+    channels = max(1, len(stack.layers)) if stack.timing is not None else len(stack)
+    return len(stack) // channels, channels
+
+
+def _channel_names(stack: Stack) -> tuple[str, ...]:
+    """Return the names of the images of a frame."""
+    return tuple(stack.layers or ("",)) if stack.timing is not None else stack.names
+
+
+def _write_tiff_pages(
+    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+) -> None:
     from PIL import Image as Pillow
     from PIL import TiffImagePlugin
 
     if len(stack) * (first.data.size * 4 + 4096) > _TIFF_LIMIT:
-        raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii or .npy")
+        raise InputError(f"{len(stack)} images are more than the 4 GiB that a TIFF holds: use .nii, .zarr or .npy")
     per_cm = 10 / float(first.affine[2, 2])
     resolution = {"x_resolution": per_cm, "y_resolution": per_cm, "resolution_unit": _TIFF_CENTIMETRE}
     with TiffImagePlugin.AppendingTiffWriter(str(path), True) as file:
-        for n in range(len(stack)):
-            image = stack[n]
+        for n, pixels in enumerate(values):
             tags = TiffImagePlugin.ImageFileDirectory_v2()
-            described = _description(image.affine, image.name, record if n == 0 else {})
-            tags[_TIFF_DESCRIPTION] = "; ".join(f"{key}: {value}" for key, value in described.items())
+            if n == 0:
+                tags[_TIFF_DESCRIPTION] = _ome(stack, first, record)
             tags[_TIFF_PAGE_NAME] = stack.names[n] or str(n)
-            Pillow.fromarray(_measured(image.data)).save(file, format="TIFF", tiffinfo=tags, **resolution)
+            Pillow.fromarray(pixels).save(file, format="TIFF", tiffinfo=tags, **resolution)
             file.newFrame()
 
 
-def _write_nifti_series(path: Path, stack: Stack, first: Image, record: Record) -> None:
+def _ome(stack: Stack, first: Image, record: Record) -> str:
+    """Return the description of an OME-TIFF: what Bio-Formats, Fiji and tifffile know the axes and their units by."""
+    frames, channels = _frames_and_channels(stack)
+    height, width = first.data.shape
+    size = f"{first.affine[2, 2]:.9g}"
+    pixels = {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "SizeX": str(width), "SizeY": str(height)}
+    pixels |= {"SizeC": str(channels), "SizeZ": "1", "SizeT": str(frames)}
+    for axis in "XY":
+        pixels |= {f"PhysicalSize{axis}": size, f"PhysicalSize{axis}Unit": "mm"}
+    if stack.timing is not None:
+        pixels |= {"TimeIncrement": f"{stack.timing.step:.9g}", "TimeIncrementUnit": "s"}
+    root = ElementTree.Element("OME", {"xmlns": _OME})
+    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0", "Name": stack.name})
+    told = _description(first.affine, stack.name, record).items()
+    ElementTree.SubElement(image, "Description").text = "; ".join(f"{key}: {value}" for key, value in told)
+    body = ElementTree.SubElement(image, "Pixels", pixels)
+    for n, name in enumerate(_channel_names(stack)):
+        named = {"Name": name} if name else {}
+        ElementTree.SubElement(body, "Channel", {"ID": f"Channel:0:{n}", **named, "SamplesPerPixel": "1"})
+    ElementTree.SubElement(body, "TiffData")
+    text: bytes = ElementTree.tostring(root, encoding="us-ascii")  # TIFF's own limit
+    return text.decode("ascii")
+
+
+def _write_nifti_series(
+    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+) -> None:
     nibabel = require("nibabel")
     height, width = first.data.shape
     if max(height, width, len(stack)) > np.iinfo(np.int16).max:
         raise InputError(f"{len(stack)} images of {width} x {height} pixels are too many for NIfTI-1: use .npy")
     header = nibabel.Nifti1Header()
     header.set_data_dtype(np.float32)
-    depths = max(1, len(stack.layers))
+    depths, timing = max(1, len(stack.layers)), stack.timing
     header.set_data_shape((height, width, depths, len(stack) // depths))
-    header.set_zooms((*[float(first.affine[2, 2])] * 3, 1.0))
+    header.set_zooms((*[float(first.affine[2, 2])] * 3, 1.0 if timing is None else timing.step))
     header.set_sform(first.affine, "scanner")
     header.set_qform(first.affine, "scanner")
-    header.set_xyzt_units("mm")
+    header.set_xyzt_units("mm", None if timing is None else "sec")
+    header["toffset"] = 0 if timing is None else timing.start
     header["scl_slope"], header["scl_inter"] = 1, 0
     told: dict[str, Any] = {"names": list(stack.names)} if any(stack.names) else {}
     if record:
@@ -229,30 +301,82 @@ def _write_nifti_series(path: Path, stack: Stack, first: Image, record: Record) 
     if told:
         header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", json.dumps(told).encode()))
     is_packed = path.name.lower().endswith(".gz")
-    with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, mode="wb", mtime=0) if is_packed else plain as file:
+    packed: Any = {"mode": "wb", "compresslevel": _GZIP_LEVEL, "mtime": 0}
+    with path.open("wb") as plain, gzip.GzipFile(fileobj=plain, **packed) if is_packed else plain as file:
         header.write_to(file)
         file.write(bytes(int(header["vox_offset"]) - file.tell()))
-        for n in range(len(stack)):
-            file.write(_measured(stack[n].data).astype("<f4").tobytes(order="F"))
+        for pixels in values:
+            file.write(pixels.tobytes(order="F"))
 
 
-def _write_npy_series(path: Path, stack: Stack, first: Image, record: Record) -> None:
+def _write_npy_series(
+    path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record
+) -> None:
     depths = len(stack.layers)
     shape = (len(stack) // depths, depths) if 0 < depths < len(stack) else (len(stack),)
     described = {"descr": "<f4", "fortran_order": False, "shape": (*shape, *first.data.shape)}
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, described)
-        for n in range(len(stack)):
-            file.write(_measured(stack[n].data).astype("<f4").tobytes())
+        for pixels in values:
+            file.write(pixels.tobytes())
 
 
-_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Record], None]] = {
+def _write_zarr(path: Path, stack: Stack, first: Image, values: Iterator[NDArray[np.float32]], record: Record) -> None:
+    """Write OME-Zarr 0.4, which readers of any age know: axes t or c (t and c), y = −v, x = u."""
+    zarr = require("zarr")
+    form: Any = {"zarr_format": 2} if int(zarr.__version__.split(".")[0]) > 2 else {}  # the only one before
+    frames, channels = _frames_and_channels(stack)
+    timing, size = stack.timing, float(first.affine[2, 2])
+    u, v = first.affine[:2, 3].tolist()
+    leading: list[tuple[dict[str, str], int, float, float]] = []
+    if timing is not None:
+        leading.append(({"name": "t", "type": "time", "unit": "second"}, frames, timing.step, timing.start))
+    if timing is None or channels > 1:
+        leading.append(({"name": "c", "type": "channel"}, channels, 1.0, 0.0))
+    lengths = tuple(length for _, length, _, _ in leading)
+    space = [{"name": name, "type": "space", "unit": "millimeter"} for name in "yx"]
+    transforms = [
+        {"type": "scale", "scale": [*(step for _, _, step, _ in leading), size, size]},
+        {"type": "translation", "translation": [*(start for _, _, _, start in leading), -v, u]},
+    ]
+    group = zarr.open_group(str(path), mode="a", **form)
+    group.attrs["multiscales"] = [
+        {
+            "version": "0.4",
+            "name": stack.name,
+            "axes": [*(axis for axis, _, _, _ in leading), *space],
+            "datasets": [{"path": "0", "coordinateTransformations": transforms}],
+        }
+    ]
+    group.attrs["voxflat"] = {
+        "affine": first.affine.tolist(),
+        "names": list(_channel_names(stack)),
+        "provenance": record,
+    }
+    array = zarr.open_array(
+        str(path / "0"),
+        mode="w",
+        shape=(*lengths, *first.data.shape),
+        chunks=(*[1] * len(lengths), *first.data.shape),
+        dtype="<f4",
+        fill_value=np.nan,
+        dimension_separator="/",
+        **form,
+    )
+    for n, pixels in enumerate(values):
+        array[np.unravel_index(n, lengths)] = pixels
+
+
+_STACK_WRITERS: dict[str, Callable[[Path, Stack, Image, Iterator[NDArray[np.float32]], Record], None]] = {
     ".tif": _write_tiff_pages,
     ".tiff": _write_tiff_pages,
     ".nii": _write_nifti_series,
     ".nii.gz": _write_nifti_series,
+    ".zarr": _write_zarr,
     ".npy": _write_npy_series,
 }
+STACK_ENDINGS = tuple(_STACK_WRITERS)
+"""Endings of what `FlatStack.save` writes."""
 
 
 # ----------------------------------------------------------------------------------------------- helpers

@@ -207,6 +207,7 @@ class Planar(ABC):
         fraction: float | Sequence[float] | None = None,
         layering: str = "equivolume",
         interpolation: str | None = None,
+        period: float | None = None,
         name: str = "",
     ) -> FlatImage:
         """Sample a volume onto the plane.
@@ -239,6 +240,9 @@ class Planar(ABC):
             By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
             volumes and colours. "majority" is of labels: that which has the greatest weight among the voxels around (of
             an overlay the triangle's corners), over all depths; its borders are smoother than voxels.
+        period : float, optional
+            Values are phases with this period, such as 360: means between them go the short way round, and lie from 0
+            to the period. They are "linear" by default.
         name : str, optional
             What the image shows.
 
@@ -255,7 +259,7 @@ class Planar(ABC):
             is asked for, or fractions where no pial surface is known.
         """
         depths = Depths.of(depth, fraction, layering)
-        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "name": name}
+        how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
     @telling
@@ -270,24 +274,30 @@ class Planar(ABC):
         layering: str = "equivolume",
         average: bool = False,
         interpolation: str | None = None,
+        period: float | None = None,
+        time_step: float | None = None,
         name: str = "",
     ) -> FlatStack:
         """Sample a volume at several depths, all maps of a file, or a series of volumes: each when it is asked for.
 
         Parameters
         ----------
-        volume, pixel_size, depth, fraction, layering, interpolation, name
+        volume, pixel_size, depth, fraction, layering, interpolation, period, name
             As in `image`.
         channel : int or str, optional
             Only this one, where there are several.
         average : bool
             Show of several depths the mean, channel by channel.
+        time_step : float, optional
+            From each frame of a series to the next, s; by default what the file says: NIfTI where its header has a unit
+            of time, ``.mgh`` and CIFTI series always, GIFTI and arrays never.
 
         Returns
         -------
         FlatStack
             A sequence of `FlatImage`, by number or name: of each channel all depths. `FlatStack.data` is the array
-            (depth, row, column); `FlatStack.save` writes it.
+            (depth, row, column), `FlatStack.times` when the frames of a series were; `FlatStack.save` writes them.
+            Where there are several volumes or maps an image is, to the rounding of sums, what `image` makes of one.
 
         Raises
         ------
@@ -296,4 +306,5 @@ class Planar(ABC):
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}
+        how |= {"period": period, "time_step": time_step}
         return self._triangles.on_surface.images(self.raster(pixel_size), volume, channel=channel, **how)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.errors import InputError
-from voxflat.io.channels import Channels
+from voxflat.arguments import Progress
+from voxflat.errors import Cancelled, InputError
+from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.maps.colours import are_labels, coloured
 from voxflat.maps.image_files import write_image, write_stack
-from voxflat.maps.sampling import INTERPOLATIONS, majority
+from voxflat.maps.sampling import INTERPOLATIONS, Mixing, majority
 
 _OUTSIDE = np.uint32(2**32 - 1)
 
@@ -205,7 +206,7 @@ class FlatImage:
 
 @dataclass(frozen=True, eq=False)
 class FlatStack(Sequence[FlatImage]):
-    """Images on the same pixels of a flat map, one a channel: each is sampled when it is asked for.
+    """Images on the same pixels of a flat map, one a channel or frame: each is sampled when it is asked for.
 
     Parameters
     ----------
@@ -257,6 +258,20 @@ class FlatStack(Sequence[FlatImage]):
         return self.channels.names
 
     @property
+    def timing(self) -> Timing | None:
+        """When the frames of a series were; None where that is not known, or they are no series."""
+        return self.channels.timing
+
+    @property
+    def times(self) -> NDArray[np.float64] | None:
+        """When each frame of a series was, s; None where that is not known, or they are no series."""
+        timing = self.timing
+        if timing is None:
+            return None
+        count = len(self) // max(1, len(self.layers))
+        return timing.start + timing.step * np.arange(count, dtype=np.float64)
+
+    @property
     def data(self) -> NDArray[Any]:
         """All images as one array: (depth, row, column), (channel, row, column), or (channel, depth, row, column).
 
@@ -283,6 +298,41 @@ class FlatStack(Sequence[FlatImage]):
         names = all_names.names[first : first + each]
         return replace(self, channels=Channels(names, lambda n: all_names.read(first + n)))
 
+    def percent_change(self, progress: Progress | None = None) -> FlatStack:
+        """Return how far each pixel is from its mean over the frames, in % of that mean: of raw signals what changes.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` after each image, for all are sampled once to find the means; if
+            it returns False the work is cancelled.
+
+        Returns
+        -------
+        FlatStack
+            NaN where the mean is not positive, or a frame has no value.
+
+        Raises
+        ------
+        InputError
+            If these are colours.
+        Cancelled
+            If `progress` returned False.
+        """
+        each = max(1, len(self.layers))
+        total: list[Any] = [0.0] * each
+        for n in range(len(self)):
+            data = self.channels.read(n)
+            if data.ndim != 2:
+                raise InputError("colours do not change by percents: give values")
+            total[n % each] = total[n % each] + data
+            if progress is not None and progress("averaging", n + 1, len(self)) is False:
+                raise Cancelled("cancelled while averaging")
+        means = [np.where(of > 0, of * (each / len(self)), np.nan) for of in total]
+        read = self.channels.read
+        changes = replace(self.channels, read=lambda n: 100 * (read(n) / means[n % each] - 1))
+        return replace(self, channels=changes, name=f"{self.name}, change (%)")
+
     @overload
     def __getitem__(self, channel: int | str) -> FlatImage: ...
 
@@ -304,43 +354,100 @@ class FlatStack(Sequence[FlatImage]):
             record = {**record, "parameters": {**record["parameters"], **own}}
         return FlatImage(self.channels.read(n), self.pixel_size, self.origin, name, provenance=record)
 
-    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        sidecar: bool = False,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
         """Save all images to one file, one after the other, all of it or nothing.
 
         Parameters
         ----------
         path : path
-            ``.tif``, ``.tiff``: a page each, with its name. ``.nii``, ``.nii.gz``: (H, W, D, K) of K channels at D
-            depths, the names in a header extension (JSON). ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without
-            names. The values are float32, NaN outside the map. All but ``.npy`` hold `provenance`.
+            ``.tif``, ``.tiff``: a page each, described as OME-TIFF. ``.nii``, ``.nii.gz``: (H, W, D, K) of K channels
+            at D depths, the names in a header extension (JSON). ``.zarr``: OME-Zarr 0.4, a new directory with a chunk
+            for each image, y = −v and x = u. All of these have the pixel size in mm and, of a series, the time from
+            frame to frame in s. ``.npy``: (K, H, W), (D, H, W) or (K, D, H, W), without names. The values are float32,
+            NaN outside the map. All but ``.npy`` hold `provenance`. Images are sampled and written one by one.
         sidecar, overwrite
-            As of `FlatImage.save`.
+            As of `FlatImage.save`; a directory is never replaced.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` after each image; if it returns False nothing is written.
 
         Raises
         ------
         InputError
             If the ending is another, as of ``.png``, which holds one image; the values do not fit; or it is a file that
             was read.
+        Cancelled
+            If `progress` returned False.
         OSError
             If the file cannot be written.
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
-            write_stack(path, self, self.provenance)
+            write_stack(path, self, self.provenance, progress)
 
 
 def show(raster: Raster, values: NDArray[Any], interpolation: str | None) -> NDArray[np.float64]:
     """Carry an overlay's values to the pixels: whole numbers, which may be labels, usually from the nearest point."""
-    way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
+    way = _way(values, interpolation)
     if way == "linear":
         return raster.interpolate(values)
     if way == "majority":
         inside, found = raster.inside, np.full(raster.shape, np.nan)
         found[inside] = majority(values[raster.corners[inside]], raster.weights[inside])
         return found
-    if way != "nearest":
-        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
     nearest = raster.nearest
     return np.where(nearest >= 0, values[nearest], np.nan)
+
+
+def series_showing(
+    raster: Raster, ids: NDArray[np.int64], interpolation: str | None
+) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
+    """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
+
+    Parameters
+    ----------
+    raster : Raster
+        The pixels.
+    ids : ndarray of int64, shape (N,)
+        Of each of the raster's points the vertex, whose value it has.
+    interpolation : {"linear", "nearest", "majority"}, optional
+        As in `show`.
+
+    Returns
+    -------
+    callable
+        Takes values at the vertices; the same as `show`, within the rounding of sums.
+    """
+    held: dict[str, Mixing] = {}
+
+    def shown(values: NDArray[Any]) -> NDArray[np.float64]:
+        way = _way(values, interpolation)
+        if way == "majority":
+            return show(raster, values[ids], way)
+        if way not in held:
+            inside = raster.inside
+            if way == "linear":
+                numbers, weights = ids[raster.corners[inside]], raster.weights[inside].astype(np.float64)
+            else:
+                numbers = ids[raster.nearest[inside]][:, None]
+                weights = np.ones(numbers.shape)
+            held[way] = Mixing.of(inside, len(values), weights.shape[1], lambda part: (numbers[part], weights[part]))
+        return held[way](values)
+
+    return shown
+
+
+def _way(values: NDArray[Any], interpolation: str | None) -> str:
+    """Return how values at points come to the pixels."""
+    way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
+    if way not in INTERPOLATIONS:
+        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
+    return way
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -13,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import log
+from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
-from voxflat.io.channels import Channels, points_of_nibabel, series_of
-from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
+from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
+from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
@@ -24,14 +25,13 @@ from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
-from voxflat.maps.raster import FlatImage, FlatStack, Raster, show
-from voxflat.maps.sampling import sample_layers, sample_mean
+from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
+from voxflat.maps.sampling import phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "usual_spacing"]
 
-"""The depth of who asks for none."""
-
+_LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
 
 
@@ -143,34 +143,59 @@ class Sampler:
         depths: Depths = ON_SURFACE,
         average: bool = False,
         interpolation: str | None = None,
+        period: float | None = None,
+        time_step: float | None = None,
         name: str = "",
+        several: bool = True,
     ) -> FlatStack:
-        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`."""
+        """Sample channels of a volume at depths, an overlay or a texture onto pixels: as `FlatMap.images`.
+
+        Where not several of the images are to be read, no weights are kept for the next one.
+        """
+        if period is not None:
+            interpolation = _of_phases(period, interpolation)
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         layers: tuple[str, ...] = ()
         texture = None if self.is_voxels else self._surface_texture(volume)
         overlay = None if self.is_voxels or texture is not None else self._overlay(volume)
         if texture is not None:
             if depths != ON_SURFACE or interpolation is not None:
-                raise InputError("depth, fraction and interpolation are for volumes, not for textures; leave them out")
+                raise InputError(
+                    "depth, fraction, interpolation and period are for volumes, not for textures; leave them out"
+                )
             colours = paint(texture, raster, self.ids)
             names = channels = Channels(("",), lambda _: colours)
         elif overlay is not None:
             if depths != ON_SURFACE:
                 raise InputError("an overlay has values on the surface alone: leave out depth and fraction")
-            names = channels = overlay.mapped(lambda values: show(raster, values[self.ids], interpolation))
+            series = series_showing(raster, self.ids, interpolation)
+            several = several and len(overlay) > 1
+            shown = series if several else lambda values: show(raster, values[self.ids], interpolation)
+            names = channels = overlay.mapped(shown if period is None else phases(shown, period, interpolation))
         else:
             volumes, placed, path = self._volumes(volume)
             names = volumes
             title = name or (path.name if path else "volume")
             places = self._in_world(raster, depths)
-            if average or len(depths) == 1:
-                channels = volumes.mapped(lambda voxels: sample_mean(placed(voxels), places, interpolation))
-            else:
+            average = average or len(depths) == 1
+            one = sample_mean if average else sample_layers
+            repeated = series_sampling(places, interpolation, average=average)
+            several = several and len(volumes) > 1
+            sampled = repeated if several else lambda of: one(of, places, interpolation)
+
+            def read(voxels: NDArray[Any]) -> NDArray[Any]:
+                volume = placed(voxels)
+                if period is None:
+                    return sampled(volume)
+                if volume.data.ndim != 3 or isinstance(volume.data, Chunked):
+                    raise InputError("phases are values in memory: give a volume without colours or chunks")
+                return phases(lambda own: sampled(replace(volume, data=own)), period, interpolation)(volume.data)
+
+            channels = volumes.mapped(read)
+            if not average:
                 layers = depths.names
-                channels = _one_by_one(
-                    volumes.mapped(lambda voxels: sample_layers(placed(voxels), places, interpolation)), layers
-                )
+                channels = _one_by_one(channels, layers)
+        channels = _timed(channels, time_step, title)
         stack = FlatStack(channels, raster.pixel_size, raster.origin, title, layers=layers)
         return stack if channel is None else stack.of_channel(self._found(volume, names, channel))
 
@@ -188,10 +213,12 @@ class Sampler:
         channel: int | str | None = None,
         depths: Depths = ON_SURFACE,
         interpolation: str | None = None,
+        period: float | None = None,
         name: str = "",
     ) -> FlatImage:
         """Sample one channel of a volume, an overlay or a texture onto pixels: as `FlatMap.image`."""
-        stack = self.images(raster, volume, depths=depths, average=True, interpolation=interpolation, name=name)
+        how: dict[str, Any] = {"interpolation": interpolation, "period": period, "name": name}
+        stack = self.images(raster, volume, depths=depths, average=True, several=False, **how)
         shown = stack[self._found(volume, stack.channels, channel)]
         return replace(shown, name=name) if name else shown
 
@@ -395,4 +422,29 @@ def _one_by_one(layers: Channels, names: Sequence[str]) -> Channels:
         return image
 
     titles = [", ".join(part for part in (own, layer) if part) for own in layers.names for layer in names]
-    return Channels(tuple(titles), read)
+    return Channels(tuple(titles), read, layers.timing)
+
+
+def _of_phases(period: float, interpolation: str | None) -> str:
+    """Check the period of phases, and return how they are sampled."""
+    if not (math.isfinite(checked_number(period, "period")) and period > 0):
+        raise InputError(f"the period is {period:g}; give a positive number, such as 360 for degrees")
+    if interpolation == "majority":
+        raise InputError("interpolation is 'majority', which is of labels, but a period is of phases: give 'linear'")
+    return interpolation or "linear"
+
+
+def _timed(channels: Channels, step: float | None, name: str) -> Channels:
+    """Return channels with the time that is said instead of, or where there is none, that of their file."""
+    if step is not None:
+        timing = Timing.told(checked_number(step, "time step"))
+        if timing is None:
+            raise InputError(f"the time step is {step:g}; give the seconds from each frame to the next")
+        return replace(channels, timing=timing)
+    if channels.timing is not None and channels.timing.step > _LONGEST_STEP:
+        log.warning(
+            "the frames of %s are %g s apart, by its header: are these milliseconds? Say it by the time step, in s",
+            name,
+            channels.timing.step,
+        )
+    return channels

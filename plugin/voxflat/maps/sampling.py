@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,23 @@ from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume
 
-__all__ = ["INTERPOLATIONS", "majority", "sample", "sample_layers", "sample_mean"]
+__all__ = [
+    "INTERPOLATIONS",
+    "Mixing",
+    "majority",
+    "phases",
+    "sample",
+    "sample_layers",
+    "sample_mean",
+    "series_sampling",
+]
 
 INTERPOLATIONS = ("linear", "nearest", "majority")
 """How values between voxels, or between vertices, are found."""
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.int32)
 _BLOCK = 1 << 16  # places whose weights are there at a time
+_CANCELLED = 1e-6  # length of a mean of unit vectors that is none
 
 
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
@@ -111,9 +122,13 @@ def _majority_at(data: Any, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _around(data: Any, at: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """Return the values of the eight voxels around each place, shape (P, 8), and the lowest one's indices."""
-    last = np.asarray(data.shape[:3]) - 1
-    low = np.clip(np.floor(at), 0, np.maximum(last - 1, 0)).astype(np.int32)
+    low = _lowest(at, data)
     return voxels_at(data, low, _CORNERS), low
+
+
+def _lowest(at: NDArray[np.float64], data: Any) -> NDArray[np.int32]:
+    """Return the lowest indices of the eight voxels around each place; the others are one more, or the last."""
+    return np.floor(np.clip(at, 0, np.asarray(data.shape[:3]) - 1)).astype(np.int32)
 
 
 def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDArray[np.float64]:
@@ -236,6 +251,169 @@ def sample_mean(
     mean = np.round(mean).astype(np.uint8)
     mean[(layers[..., 3] == 0).any(axis=0)] = 0
     return mean
+
+
+# -------------------------------------------------------------------------------------------- series
+
+
+@dataclass(frozen=True, eq=False)
+class Mixing:
+    """Values at many places, each a sum of a few weighted values elsewhere: found once, applied to every frame.
+
+    Parameters
+    ----------
+    inside : ndarray of bool
+        Places that have a value.
+    used : ndarray of int64, shape (U,)
+        Numbers of the values that are needed.
+    matrix : scipy.sparse.csr_array, shape (P, U)
+        Their weights for each of the P places inside. A weight of 0 stays: of NaN it makes NaN, as everywhere else.
+    """
+
+    inside: NDArray[np.bool_]
+    used: NDArray[np.int64]
+    matrix: Any
+
+    @classmethod
+    def of(
+        cls,
+        inside: NDArray[np.bool_],
+        total: int,
+        count: int,
+        block: Callable[[slice], tuple[NDArray[np.integer[Any]], NDArray[np.floating[Any]]]],
+    ) -> Mixing:
+        """Take the numbers and weights of each place, block by block.
+
+        Parameters
+        ----------
+        inside : ndarray of bool
+            Places that have a value, P in all.
+        total : int
+            How many values there are.
+        count : int
+            Of how many each place is made at most.
+        block : callable
+            Takes a slice of the P places and returns the numbers and the weights of their values, shape (p, count).
+
+        Returns
+        -------
+        Mixing
+        """
+        places = int(np.count_nonzero(inside))
+        check_room(36 * places * count + 9 * total)
+        parts = []
+        for first in range(0, max(places, 1), _BLOCK):
+            numbers, weights = block(slice(first, min(first + _BLOCK, places)))
+            starts = np.arange(0, numbers.size + 1, count)
+            part = scipy.sparse.csr_array((weights.ravel(), numbers.ravel(), starts), shape=(len(numbers), total))
+            part.sum_duplicates()
+            parts.append(part)
+        matrix = scipy.sparse.vstack(parts, format="csr")
+        is_used = np.zeros(total, dtype=bool)
+        is_used[matrix.indices] = True
+        used = np.flatnonzero(is_used)
+        column = np.cumsum(is_used, dtype=np.int64) - 1
+        own = (matrix.data, column[matrix.indices], matrix.indptr)
+        return cls(inside, used, scipy.sparse.csr_array(own, shape=(places, len(used))))
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the values at the places, in the shape of `inside`; NaN outside."""
+        found = np.full(self.inside.shape, np.nan)
+        found[self.inside] = self.matrix @ values[self.used].astype(np.float64)
+        return found
+
+
+def series_sampling(
+    places: Sequence[NDArray[np.float64]], interpolation: str | None, *, average: bool
+) -> Callable[[Volume], NDArray[Any]]:
+    """Return how volumes are sampled that follow each other: weights are found once for all that share a grid.
+
+    Parameters
+    ----------
+    places, interpolation
+        As in `sample_layers`.
+    average : bool
+        Return the mean of the depths, as `sample_mean`, instead of each.
+
+    Returns
+    -------
+    callable
+        Takes a volume and returns what `sample_mean` or `sample_layers` does: bit for bit by nearest voxels, else
+        within the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
+    """
+    held: dict[tuple[object, ...], list[Mixing]] = {}
+
+    def sampled(volume: Volume) -> NDArray[Any]:
+        way, is_mean = _way(volume, interpolation), average and len(places) > 1
+        is_plain = volume.data.ndim == 3 and not isinstance(volume.data, Chunked)
+        if not is_plain or way == "majority" or (is_mean and way == "nearest"):
+            return (sample_mean if average else sample_layers)(volume, places, interpolation)
+        grid = (way, volume.data.shape, volume.affine.tobytes())
+        if grid not in held:
+            held.clear()
+            sets = [places] if is_mean else [[one] for one in places]
+            held[grid] = [_mixing(volume, each, way) for each in sets]
+        values = volume.data.ravel(order="F")
+        images = [mixing(values) for mixing in held[grid]]
+        return images[0] if average else np.stack(images)
+
+    return sampled
+
+
+def phases(
+    sampled: Callable[[NDArray[Any]], NDArray[Any]], period: float, interpolation: str | None
+) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
+    """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
+
+    Parameters
+    ----------
+    sampled : callable
+        How values are.
+    period : float
+        Of the phases.
+    interpolation : {"linear", "nearest"}
+        How.
+
+    Returns
+    -------
+    callable
+        Takes phases and returns those at the places, from 0 to the period: of their directions' mean, NaN where they
+        cancel each other.
+    """
+
+    def mixed(values: NDArray[Any]) -> NDArray[np.float64]:
+        if interpolation == "nearest":
+            found = np.asarray(sampled(values) % period)
+        else:
+            turned = values * (2 * np.pi / period)
+            x, y = sampled(np.cos(turned)), sampled(np.sin(turned))
+            found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
+            found[np.hypot(x, y) < _CANCELLED] = np.nan
+        found[found >= period] = 0.0  # of a remainder that was rounded
+        return found
+
+    return mixed
+
+
+def _mixing(volume: Volume, places: Sequence[NDArray[np.float64]], way: str) -> Mixing:
+    """Return how the mean of a volume over several depths is made of its voxels, numbered as in memory by Fortran."""
+    shape = volume.data.shape
+    found = [_indices(volume, points) for points in places]
+    inside = np.logical_and.reduce([covered for _, covered in found])
+    at = [where[inside] for where, _ in found]
+    last, steps = np.asarray(shape) - 1, np.array([1, shape[0], shape[0] * shape[1]])
+    corners = _CORNERS if way == "linear" else _CORNERS[:1]
+
+    def block(part: slice) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        numbers, weights = [], []
+        for each in (here[part] for here in at):
+            low = _lowest(each if way == "linear" else np.floor(each + 0.5), volume.data)
+            numbers.append(np.minimum(low[:, None] + corners, last) @ steps)
+            own = _weights(each, low, volume.data) if way == "linear" else np.ones((len(each), 1))
+            weights.append(own / len(at))
+        return np.concatenate(numbers, axis=1), np.concatenate(weights, axis=1)
+
+    return Mixing.of(inside, volume.data.size, len(at) * len(corners), block)
 
 
 def _way(volume: Volume, interpolation: str | None) -> str:

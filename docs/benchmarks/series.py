@@ -1,0 +1,117 @@
+"""Measure a long series on a flat map: seconds, CPU seconds and peak memory of 100 and of 1,000 frames.
+
+    make bench-series
+
+The left hemisphere of fsaverage5 (nilearn), white to pial, without its medial wall, at 0.5 mm a pixel; a series of
+volumes of 2 mm (int16, scaled) and one of values at the vertices (CIFTI). Each run is a process of its own. Its peak
+is the resident set's; beside it how much of that came with the frames.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import nibabel as nib
+import numpy as np
+from store import Memory
+
+import voxflat
+
+SHAPE, STEP = (60, 98, 83), 2.0
+AFFINE = np.array([[2.0, 0, 0, -76], [0, 2, 0, -112], [0, 0, 2, -62], [0, 0, 0, 1]])
+
+
+def main():
+    """Make the map and the series, and run each case."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, nargs="+", default=[100, 1000])
+    parser.add_argument("--pixel-size", type=float, default=0.5)
+    parser.add_argument("--directory", type=Path, default=None, help="where the files go: some 6 GB")
+    parser.add_argument("--case", nargs=3, help="only this, in this process: a map, a series, an output")
+    options = parser.parse_args()
+    if options.case:
+        return measure(*map(Path, options.case), options.pixel_size)
+    with tempfile.TemporaryDirectory(dir=options.directory) as directory:
+        folder = Path(directory)
+        hemisphere().save(folder / "map.npz")
+        print(f"{'':40}{'wall s':>8}{'CPU s':>8}{'peak MiB':>10}{'for frames':>12}{'MB written':>12}", flush=True)
+        for count in options.frames:
+            for series, outputs in ((volumes, (".nii", ".nii.gz", ".zarr", ".tif")), (vertices, (".nii",))):
+                path = series(folder, count)
+                for ending in outputs:
+                    output = folder / f"flat{ending}"
+                    print(f"{count:6} frames, {path.name:17} {ending:8}", end="", flush=True)
+                    case = ["--case", str(folder / "map.npz"), str(path), str(output)]
+                    size = ["--pixel-size", str(options.pixel_size)]
+                    subprocess.run([sys.executable, __file__, *size, *case], check=True)
+                    subprocess.run(["rm", "-r", output], check=True)
+                path.unlink()
+    return None
+
+
+def hemisphere():
+    """Flatten fsaverage5's left hemisphere along standard cuts."""
+    folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
+    (white, faces), (pial, _), (sphere, _) = (
+        nib.load(folder / f"{name}_left.gii.gz").agg_data() for name in ("white", "pial", "sphere")
+    )
+    white, pial = (
+        voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
+    )
+    surface = voxflat.surface(white, pial=pial)
+    return voxflat.flatten(surface, drop="medial wall", cuts="standard", sphere=sphere.astype(float))
+
+
+def volumes(folder, count):
+    """Write a series of noisy volumes, frame by frame."""
+    header = nib.Nifti1Header()
+    header.set_data_dtype(np.int16)
+    header.set_data_shape((*SHAPE, count))
+    header.set_zooms((2.0, 2.0, 2.0, STEP))
+    header.set_sform(AFFINE, "scanner")
+    header.set_xyzt_units("mm", "sec")
+    header["scl_slope"], header["scl_inter"] = 0.1, 0
+    rng = np.random.default_rng(0)
+    noise = rng.normal(8000, 400, SHAPE).astype(np.int16)
+    with (folder / "bold.nii").open("wb") as file:
+        header.write_to(file)
+        file.write(bytes(int(header["vox_offset"]) - file.tell()))
+        for _ in range(count):
+            file.write(np.roll(noise, rng.integers(noise.size)).tobytes(order="F"))
+    return folder / "bold.nii"
+
+
+def vertices(folder, count):
+    """Write a series of values at the vertices."""
+    values = np.random.default_rng(0).normal(size=(count, 10242)).astype(np.float32)
+    brain = nib.cifti2.BrainModelAxis.from_surface(np.arange(10242), 10242, "CIFTI_STRUCTURE_CORTEX_LEFT")
+    axis = nib.cifti2.SeriesAxis(0, STEP, count, "SECOND")
+    nib.save(nib.Cifti2Image(values, header=(axis, brain)), folder / "bold.dtseries.nii")
+    return folder / "bold.dtseries.nii"
+
+
+def measure(flat, series, output, pixel_size):
+    """Measure one run in this process."""
+    flat_map = voxflat.load(flat)
+    flat_map.raster(pixel_size)
+    memory = Memory()
+    time.sleep(0.05)
+    before = memory.peak
+    start = time.perf_counter(), time.process_time()
+    how = {} if ".dtseries" in series.name else {"interpolation": "linear", "fraction": 0.5}
+    stack = flat_map.images(series, pixel_size, **how)
+    stack.save(output)
+    wall, cpu = time.perf_counter() - start[0], time.process_time() - start[1]
+    memory.stop()
+    files = [path for path in output.rglob("*") if path.is_file()] if output.is_dir() else [output]
+    written = sum(path.stat().st_size for path in files) / 1e6
+    peak, more = memory.peak / 2**20, (memory.peak - before) / 2**20
+    print(f"{wall:8.1f}{cpu:8.1f}{peak:10.0f}{more:12.0f}{written:12.0f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

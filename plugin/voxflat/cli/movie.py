@@ -1,0 +1,103 @@
+"""The command `voxflat movie`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from voxflat._core import __version__
+from voxflat.cli import options
+from voxflat.cli.console import bars
+from voxflat.cli.looks import checked_look, of_colours, of_depth, of_page
+from voxflat.cli.options import FILE, OUT
+from voxflat.cli.output import check_output, print_json
+from voxflat.io.files import require
+from voxflat.io.provenance import Record, described, saving
+from voxflat.io.reading import reading
+from voxflat.maps.flat_map import load
+
+_ENDINGS = (".mp4", ".gif")
+
+
+@click.command(
+    "movie",
+    epilog="""\b
+Examples:
+  voxflat movie map.npz --overlay bold.nii.gz --fraction 0.5 --change --range -3,3 -o bold.mp4
+  voxflat movie map.npz --overlay residuals.dtseries.nii --above 1 --below -1 --range -4,4 --unit % -o bold.mp4
+  voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif
+""",
+)
+@click.argument("map_", metavar="MAP", type=FILE)
+@click.option(
+    "--overlay",
+    type=FILE,
+    metavar="F",
+    required=True,
+    help="A series: of volumes, or of values at the mesh's vertices.",
+)
+@of_depth
+@click.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals.")
+@of_colours
+@click.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Of the data.")
+@of_page
+@options.time_step
+@click.option("--rate", type=float, default=10.0, metavar="N", help="Frames a second.")
+@click.option("--size", type=int, default=1280, metavar="PIXELS", help="Width of the pictures.")
+@click.option(
+    "-o",
+    "--output",
+    type=OUT,
+    required=True,
+    metavar="OUT",
+    help="The movie's file: .mp4 (pip install 'voxflat[movie]') or .gif, for short ones.",
+)
+@options.beside
+@options.as_json
+@options.quiet
+@options.debug
+def command(
+    map_: Path,
+    overlay: Path,
+    output: Path,
+    sidecar: bool,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    **look: Any,
+) -> None:
+    """Show a series on a flat map, frame by frame.
+
+    MAP is a file that voxflat flatten made. The data lie over the folds in one scale of colours, with their time; what
+    does not pass --above and --below is transparent. Volumes are sampled linearly unless --interpolation says other.
+    For the values of all frames see voxflat image.
+    """
+    told = checked_look(look, overlay)
+    told["interpolation"] = told["interpolation"] or "linear"
+    check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
+    if output.suffix.lower() == ".mp4":
+        require("imageio_ffmpeg", "movie")  # before the long work
+    from voxflat import figures  # brings in matplotlib
+
+    with bars(quiet) as shown:
+        with reading() as files:
+            flat_map = load(map_)
+            movie = figures.movie(flat_map, overlay, **told, progress=shown.progress)
+        record: Record = {
+            "voxflat": __version__,
+            "function": "movie",
+            "parameters": described({"flat_map": flat_map, "overlay": overlay, **told}),
+            "files": files,
+        }
+        with saving(output, record, sidecar=sidecar, overwrite=overwrite):
+            figures.save_movie(movie, output, record, shown.progress)
+    height, width = movie.size
+    if as_json:
+        size = {"frames": len(movie), "width": width, "height": height, "seconds": len(movie) / movie.rate}
+        print_json({"output": str(output), **size, "provenance": record})
+    elif not quiet:
+        click.echo(
+            f"{len(movie)} frames of {width} x {height} pixels, {len(movie) / movie.rate:g} s\nsaved as {output}"
+        )

@@ -1,0 +1,242 @@
+"""Movies of a series on the flat map: folds, data over them, one scale of colours, and the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.font_manager import findfont
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from voxflat.arguments import Progress, checked_number, is_whole, log
+from voxflat.errors import InputError
+from voxflat.figures.flat_maps import check_underlay, folds
+from voxflat.figures.overlays import Limits, OverlayColours
+from voxflat.figures.paper import Page
+from voxflat.maps.depth import Depths
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import outline
+from voxflat.maps.raster import FlatImage, FlatStack
+
+__all__ = ["Movie", "movie"]
+
+_WIDTH = 120.0  # mm of paper that the pictures stand for: fonts of 6.5 points are 24 of 1,280 pixels
+_SIZES = (320, 3840)
+_LINE = 0.5  # points
+_LOOKED_AT = 16  # frames by which colours are chosen
+_VALUES = 1 << 20  # values of them
+_TIME, _CORNER = 3.2, 1.8  # mm of paper: height of the letters, and where they begin
+
+
+class Movie(Sequence[NDArray[np.uint8]]):
+    """Pictures of the frames of a series, each drawn when it is asked for: ``movie[3]`` is (H, W, 3), uint8.
+
+    Parameters
+    ----------
+    stack : FlatStack
+        The frames.
+    colours : OverlayColours
+        Of all of them.
+    page : Page
+        What lies around them.
+    layers : tuple of two ndarrays of uint8, shape (H, W, 4)
+        What is below the data and above.
+    rate : float
+        Frames a second.
+    """
+
+    def __init__(
+        self,
+        stack: FlatStack,
+        colours: OverlayColours,
+        page: Page,
+        layers: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        rate: float,
+    ) -> None:
+        self.stack, self.colours, self.rate = stack, colours, rate
+        self._below, self._above = (Image.fromarray(layer) for layer in layers)
+        self._rows, self._columns = _places(page, stack, self.size)
+        self._font = _font(round(_TIME * self._below.width / page.width))
+        self._corner = round(_CORNER * self._below.width / page.width)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.stack)
+
+    def __repr__(self) -> str:
+        height, width = self.size
+        return f"<Movie: {self.stack.name}, {len(self)} frames of {width} x {height} pixels, {self.rate:g} a second>"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of each picture, pixels; both are even."""
+        return (self._below.height, self._below.width)
+
+    def told(self, n: int) -> str:
+        """Return what is written above a frame: its time, else its name, else its number from 0."""
+        times = self.stack.times
+        if times is None:
+            return self.stack.names[n] or f"frame {n}"
+        return f"{times[n]:.{_decimals(self.stack)}f} s"
+
+    @overload
+    def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
+
+    @overload
+    def __getitem__(self, n: slice) -> list[NDArray[np.uint8]]: ...
+
+    def __getitem__(self, n: int | slice) -> NDArray[np.uint8] | list[NDArray[np.uint8]]:
+        """Draw a frame."""
+        if isinstance(n, slice):
+            return [self[at] for at in range(*n.indices(len(self)))]
+        if not -len(self) <= n < len(self):
+            raise IndexError(n)
+        n %= len(self)
+        data = self.colours.paint(self.stack[n].data)
+        (top, rows), (left, columns) = self._rows, self._columns
+        drawn = self._below.copy()
+        drawn.alpha_composite(Image.fromarray(data[rows][:, columns]), (left, top))
+        drawn.alpha_composite(self._above)
+        ImageDraw.Draw(drawn).text((self._corner, self._corner), self.told(n), (0, 0, 0), self._font)
+        return np.asarray(drawn.convert("RGB"))
+
+
+def movie(
+    flat_map: FlatMap,
+    overlay: object,
+    *,
+    depth: float | Sequence[float] = 0.0,
+    fraction: float | Sequence[float] | None = None,
+    layering: str = "equivolume",
+    interpolation: str | None = "linear",
+    change: bool = False,
+    above: float | None = None,
+    below: float | None = None,
+    limits: Limits | None = None,
+    colour_map: str | None = None,
+    opacity: float = 1.0,
+    label: str | None = None,
+    underlay: str = "curvature",
+    title: str | None = None,
+    time_step: float | None = None,
+    rate: float = 10.0,
+    size: int = 1280,
+    progress: Progress | None = None,
+) -> Movie:
+    """Show a series on a flat map frame by frame: folds, data over them in one scale of colours, and the time.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    overlay : path, ndarray, image object
+        A series: all that `FlatMap.images` takes.
+    depth, fraction, layering, interpolation, time_step
+        As in `FlatMap.images`; of several depths the mean is shown. Values are "linear" between voxels by default:
+        series are hardly ever of labels.
+    change : bool
+        Show `FlatStack.percent_change`: of raw signals nothing else is to be seen but their anatomy.
+    above, below, limits, colour_map, opacity, label, underlay, title
+        As in `flat_map`. Limits that are not given, and percentiles, are those of up to 16 frames, spread evenly.
+    rate : float
+        Frames a second.
+    size : int
+        Width of the pictures, pixels.
+    progress : callable, optional
+        As in `FlatStack.percent_change`.
+
+    Returns
+    -------
+    Movie
+        A sequence of pictures, for `save_movie`.
+
+    Raises
+    ------
+    InputError
+        As `flat_map`; if there is one frame only, or a number is out of bounds.
+    """
+    check_underlay(underlay)
+    rate = checked_number(rate, "rate")
+    if not 0.1 <= rate <= 120:
+        raise InputError(f"the rate is {rate:g}; give 0.1 to 120 frames a second")
+    if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
+        raise InputError(f"the size is {size!r}; give the width of the pictures, {_SIZES[0]} to {_SIZES[1]} pixels")
+    if not 0 <= checked_number(opacity, "opacity") <= 1:
+        raise InputError(f"the opacity is {opacity!r}; give a number from 0 to 1")
+    page = Page.of(flat_map, _WIDTH, title, head=True, pixels=int(size))
+    raster, sampler = flat_map.raster(page.pixel_size), flat_map._triangles.on_surface
+    how: dict[str, Any] = {"interpolation": interpolation, "time_step": time_step, "average": True}
+    stack = sampler.images(raster, overlay, depths=Depths.of(depth, fraction, layering), **how)
+    if len(stack) < 2:
+        raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
+    if stack[0].is_colour:
+        raise InputError("colours are no series: give values")
+    if stack.timing is None and not any(stack.names):
+        log.info(
+            "%s does not say how far its frames are apart, so they are numbered; the time step says it", stack.name
+        )
+    if change:
+        stack = stack.percent_change(progress)
+    seen = _look(stack)
+    colours = OverlayColours.of(seen, limits, colour_map, above, below, opacity)
+    under = folds(flat_map, raster, underlay)
+    page.image(under, raster, "curvature")
+    beneath = _pixels(page)
+    for artist in page.axes.images:
+        artist.set_visible(False)
+    page.figure.patch.set_alpha(0)
+    page.lines(outline(flat_map.uv, flat_map.faces[~flat_map.torn]), "marks", _LINE, "0.25")
+    page.marks(flat_map)
+    page.bar(colours, stack.name if label is None else label)
+    return Movie(stack, colours, page, (beneath, _pixels(page)), rate)
+
+
+def _look(stack: FlatStack) -> FlatImage:
+    """Return values of frames spread over a series, in one image, for the choice of colours."""
+    frames = np.unique(np.linspace(0, len(stack) - 1, min(_LOOKED_AT, len(stack))).round().astype(int)).tolist()
+    every = max(1, len(frames) * stack[0].data.size // _VALUES)
+    values = np.stack([stack[n].data.ravel()[n % every :: every][: stack[0].data.size // every] for n in frames])
+    if len(frames) < len(stack):
+        log.info("colours are chosen by %d of %d frames", len(frames), len(stack))
+    return FlatImage(values, stack.pixel_size, stack.origin, stack.name, labels=False)
+
+
+def _pixels(page: Page) -> NDArray[np.uint8]:
+    """Draw what is on a page, (H, W, 4); height and width are even, as H.264 wants them."""
+    canvas: Any = FigureCanvasAgg(page.figure)
+    canvas.draw()
+    drawn = np.asarray(canvas.buffer_rgba()).copy()
+    odd = [(0, side % 2) for side in drawn.shape[:2]]
+    return np.pad(drawn, (*odd, (0, 0)), mode="edge")
+
+
+def _places(page: Page, stack: FlatStack, shape: tuple[int, ...]) -> list[tuple[int, NDArray[np.int64]]]:
+    """Return of rows, and of columns, the first of a picture that shows the map, and which pixels these show."""
+    per_mm = page.figure.dpi / 25.4
+    left, bottom = (per_mm * at for at in page.at(*stack.origin))  # of pixel (0, 0), from the lower left corner
+    step = per_mm * page.scale * stack.pixel_size
+    down = np.arange(shape[0]) + 0.5 - (page.figure.bbox.height - bottom)
+    right = np.arange(shape[1]) + 0.5 - left
+    found = []
+    for away, count in zip((down, right), stack[0].data.shape, strict=True):
+        numbers = np.round(away / step).astype(np.int64)
+        covered = np.flatnonzero((numbers >= 0) & (numbers < count))
+        found.append((int(covered[0]), numbers[covered]))
+    return found
+
+
+def _decimals(stack: FlatStack) -> int:
+    """Return how many decimals the times of a series need, at most 3."""
+    assert stack.timing is not None
+    told = (stack.timing.step, stack.timing.start)
+    return next(n for n in range(4) if n == 3 or all(abs(round(value, n) - value) < 1e-6 for value in told))
+
+
+@lru_cache
+def _font(size: int) -> Any:
+    return ImageFont.truetype(str(Path(findfont("DejaVu Sans"))), size)

@@ -1,0 +1,225 @@
+"""How an overlay's values become colours over the folds: limits, thresholds, colour maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib import colormaps
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_number, log
+from voxflat.errors import InputError
+from voxflat.maps.colours import WINDOW, label_colours, passing
+from voxflat.maps.raster import FlatImage
+
+__all__ = ["Limits", "OverlayColours", "painted"]
+
+Limits: TypeAlias = Sequence[float | str]
+
+_ALIKE = 0.2  # of a colour's range: hsv ends 0.1 before its beginning
+
+
+def painted(
+    data: NDArray[Any],
+    colour_map: str,
+    limits: tuple[float, float],
+    *,
+    above: float | None = None,
+    below: float | None = None,
+    by: NDArray[Any] | None = None,
+    opacity: float = 1.0,
+) -> NDArray[np.uint8]:
+    """Return values as colours, transparent where they do not pass the thresholds.
+
+    Parameters
+    ----------
+    data : ndarray of float, shape (...)
+        Values; NaN is transparent.
+    colour_map : str
+        Of matplotlib.
+    limits : tuple of 2 floats
+        The ends of the colours.
+    above, below : float, optional
+        As in `flat_map`.
+    by : ndarray of float, shape (...), optional
+        What has to pass the thresholds; by default `data`.
+    opacity : float
+        From 0 to 1.
+
+    Returns
+    -------
+    ndarray of uint8, shape (..., 4)
+
+    Raises
+    ------
+    InputError
+        If there is no such colour map.
+    """
+    if colour_map not in colormaps:
+        raise InputError(f"matplotlib has no colour map {colour_map!r}")
+    low, high = limits
+    level = np.clip((np.nan_to_num(data) - low) / (high - low), 0, 1)
+    pixels: NDArray[np.uint8] = colormaps[colour_map](level, bytes=True)
+    is_shown = np.isfinite(data) & passing(data if by is None else by, above, below)
+    pixels[..., 3] = np.where(is_shown, round(255 * opacity), 0)
+    return pixels
+
+
+@dataclass(frozen=True)
+class OverlayColours:
+    """How an overlay's values become colours.
+
+    Parameters
+    ----------
+    colour_map : str or None
+        Of matplotlib; None for labels and for what has colours already.
+    limits : tuple of 2 floats
+        The ends of the colours.
+    above, below : float or None
+        Thresholds, as in `flat_map`.
+    opacity : float
+        From 0 to 1.
+    is_cyclic : bool
+        Whether values are phases, and what is beyond an end comes in again at the other.
+    is_by_strength : bool
+        Whether other values than the overlay's have to pass the thresholds.
+    """
+
+    colour_map: str | None
+    limits: tuple[float, float]
+    above: float | None = None
+    below: float | None = None
+    opacity: float = 1.0
+    is_cyclic: bool = False
+    is_by_strength: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        image: FlatImage,
+        limits: Limits | None = None,
+        colour_map: str | None = None,
+        above: float | None = None,
+        below: float | None = None,
+        opacity: float = 1.0,
+        *,
+        period: float | None = None,
+        strength: FlatImage | None = None,
+    ) -> OverlayColours:
+        """Choose what is not given, by what an image shows.
+
+        Parameters
+        ----------
+        image : FlatImage
+            The overlay.
+        limits, colour_map, above, below, opacity, period
+            As in `flat_map`.
+        strength : FlatImage, optional
+            What has to pass the thresholds.
+
+        Returns
+        -------
+        OverlayColours
+
+        Raises
+        ------
+        InputError
+            If something does not fit the image.
+        """
+        above, below = checked_number(above, "threshold above"), checked_number(below, "threshold below")
+        inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
+        if not inside.any():
+            raise InputError("the overlay has no value anywhere on the map; do their affines agree?")
+        is_free = all(value is None for value in (colour_map, limits, above, below))
+        if image.is_colour and not is_free:
+            raise InputError("thresholds, limits and a colour map are for values, not for colours; leave them out")
+        if image.is_colour or (image.is_labels and is_free and period is None):
+            return cls(None, (0.0, 1.0), opacity=opacity)
+        values = image.data[inside]
+        judged = values if strength is None else strength.data[inside]
+        if not passing(judged, above, below).any():
+            what, known = "the overlay" if strength is None else "its strength", judged[np.isfinite(judged)]
+            if len(known) == 0:
+                raise InputError(f"{what} has no value anywhere on the map; do their affines agree?")
+            least, most = known.min(), known.max()
+            log.warning("no value of %s passes the thresholds: they are from %.4g to %.4g", what, least, most)
+        told: dict[str, Any] = {"above": above, "below": below, "opacity": opacity}
+        told["is_by_strength"] = strength is not None
+        if period is not None:
+            if limits is not None:
+                raise InputError(
+                    "limits are for values; phases have all colours from 0 to their period: leave them out"
+                )
+            return cls(_cyclic(colour_map), (0.0, period), is_cyclic=True, **told)
+        low, high = _limits(values, limits)
+        chosen = colour_map if colour_map is not None else "RdBu_r" if low < 0 < high else "viridis"
+        return cls(chosen, (low, high), **told)
+
+    def paint(self, data: NDArray[Any], by: NDArray[Any] | None = None) -> NDArray[np.uint8]:
+        """Return pixels.
+
+        Parameters
+        ----------
+        data : ndarray, shape (H, W), or (H, W, 4) of uint8 for colours
+            What the overlay shows.
+        by : ndarray, shape (H, W), optional
+            Its strength, which has to pass the thresholds.
+
+        Returns
+        -------
+        ndarray of uint8, shape (H, W, 4)
+        """
+        if self.colour_map is not None:
+            shown = data % self.limits[1] if self.is_cyclic else data
+            thresholds: dict[str, Any] = {"above": self.above, "below": self.below, "by": by}
+            return painted(shown, self.colour_map, self.limits, **thresholds, opacity=self.opacity)
+        pixels = data.copy() if data.ndim == 3 else label_colours(data)
+        pixels[..., 3] = np.round(pixels[..., 3] * self.opacity)
+        return pixels
+
+    def legend(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Return the colours of values in a colour bar, transparent where the overlay is for their sake."""
+        return replace(self, above=None, below=None).paint(values) if self.is_by_strength else self.paint(values)
+
+
+def _cyclic(colour_map: str | None) -> str:
+    """Return a colour map whose ends are alike."""
+    name = "hsv" if colour_map is None else colour_map
+    if name not in colormaps:
+        raise InputError(f"matplotlib has no colour map {name!r}")
+    ends = np.array([colormaps[name](end)[:3] for end in (0.0, 1.0)])
+    if np.abs(ends[0] - ends[1]).max() > _ALIKE:
+        raise InputError(
+            f"the colour map {name!r} has different ends, and phases none: give 'hsv', 'twilight' or 'hsv_r'"
+        )
+    return name
+
+
+def _limits(values: NDArray[Any], limits: Limits | None) -> tuple[float, float]:
+    """Return the ends of the colours."""
+    if limits is None:
+        low, high = np.percentile(values, WINDOW).tolist()
+        if low < 0 < high:
+            low, high = -max(-low, high), max(-low, high)
+        return (low, high) if low < high else (low - 0.5, low + 0.5)
+    if isinstance(limits, str) or len(limits) != 2:
+        raise InputError(f"limits are {limits!r}; give two numbers, or percentiles such as ('2%', '98%')")
+    low, high = (_limit(values, end) for end in limits)
+    if not low < high:
+        raise InputError(f"limits are {low:g} and {high:g}; give the lower one first, and another one")
+    return low, high
+
+
+def _limit(values: NDArray[Any], end: float | str) -> float:
+    try:
+        if isinstance(end, str) and end.strip().endswith("%"):
+            return float(np.percentile(values, float(end.strip()[:-1])))
+        number = float(end)
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"a limit is {end!r}; give a number, or a percentile from 0% to 100%")
+    return number

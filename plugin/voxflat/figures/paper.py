@@ -1,0 +1,257 @@
+"""The sheet of paper of a map's figure: the map above, marks and the colour bar in a strip below."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_number, log
+from voxflat.errors import InputError
+from voxflat.figures.layers import MAP
+from voxflat.figures.marks import cut_names, directions, round_length, side
+from voxflat.figures.names import place_names, text_size
+from voxflat.figures.overlays import OverlayColours
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.parcels import Parcels
+from voxflat.maps.raster import Raster
+
+__all__ = ["DARK", "LIGHT", "STRIP", "WHEEL_STRIP", "Page"]
+
+DARK, LIGHT = 0.47, 0.75
+"""Greys of sulci and gyri."""
+
+STRIP, WHEEL_STRIP = 9.0, 18.0
+"""Height of the strip below a map, and of one that has a wheel, mm."""
+
+_INCH = 25.4  # mm
+_MOST_PIXELS, _LEAST_DPI = 1700, 300
+_EDGE, _TITLE = 1.5, 5.0  # mm of paper: around everything, of the title
+_WHEEL, _HOLE = 11.0, 0.45  # mm, the wheel of phases; of its radius, the hole
+_WHEEL_PIXELS = 400
+_TALLEST = 1.4  # of the width
+_FONT, _LETTER = 6.5, 7.5  # points
+_NAMES_PIXEL = 0.2  # mm of paper
+_MARKS = 30.0  # mm, that directions, side and scale bar take
+_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}  # a name over data
+
+
+class Page:
+    """A sheet of paper in mm: the map above, a strip of marks below."""
+
+    def __init__(
+        self, width: float, height: float, scale: float, box: tuple[float, float, float, float], pixels: int | None
+    ) -> None:
+        dpi = max(_LEAST_DPI, int(np.ceil(_MOST_PIXELS * _INCH / width))) if pixels is None else pixels * _INCH / width
+        self.width, self.height, self.scale = width, height, scale
+        self.pixel_size = _INCH / dpi / scale
+        self.figure = Figure(figsize=(width / _INCH, height / _INCH), dpi=dpi)
+        self.paper = self.figure.add_axes((0, 0, 1, 1), zorder=2)
+        self.paper.set(xlim=(0, width), ylim=(0, height))
+        left, bottom, wide, high = box
+        self.axes = self.figure.add_axes((left / width, bottom / height, wide * scale / width, high * scale / height))
+        for axes in (self.paper, self.axes):
+            axes.set_axis_off()
+            axes.patch.set_visible(False)
+        self.axes.set_label(MAP)
+        self.box = box
+
+    @classmethod
+    def of(
+        cls,
+        flat_map: FlatMap,
+        width: float,
+        title: str | None,
+        *,
+        strip: float = STRIP,
+        head: bool = False,
+        pixels: int | None = None,
+    ) -> Page:
+        """Lay a map on a page.
+
+        Parameters
+        ----------
+        flat_map : FlatMap
+            What is shown.
+        width : float
+            Of the page, mm.
+        title : str or None
+            Above the map.
+        strip : float
+            Height of the strip below the map, mm.
+        head : bool
+            Leave room above the map, whether there is a title or not.
+        pixels : int, optional
+            Width of the page in pixels; by default as many as print needs.
+
+        Returns
+        -------
+        Page
+
+        Raises
+        ------
+        InputError
+            If the page is too narrow or too wide.
+        """
+        if not 30 <= checked_number(width, "width") <= 1000:
+            raise InputError(f"the width is {width!r} mm; give 30 to 1000, such as 85 for a column")
+        low = flat_map.uv.min(axis=0)
+        wide, high = np.ptp(flat_map.uv, axis=0).tolist()
+        top = _TITLE + _EDGE if title or head else _EDGE
+        room = width - 2 * _EDGE
+        scale = min(room / wide, (_TALLEST * width - strip - top) / high)
+        height = strip + _EDGE + high * scale + top
+        page = cls(width, height, scale, ((width - wide * scale) / 2, strip + _EDGE, wide, high), pixels)
+        page.low = low
+        page.axes.set(xlim=(low[0], low[0] + wide), ylim=(low[1], low[1] + high))
+        if title:
+            page.text(width / 2, height - _EDGE, title, "marks", va="top", size=_LETTER)
+        return page
+
+    low: NDArray[np.float64]
+
+    def text(self, x: float, y: float, text: str, layer: str, **how: Any) -> None:
+        """Write a text at a place on paper, mm."""
+        style = {"ha": "center", "va": "center", "size": _FONT, "linespacing": 1.05, "gid": layer, **how}
+        self.paper.text(x, y, text, **style)
+
+    def image(self, pixels: NDArray[np.uint8], raster: Raster, layer: str) -> None:
+        """Lay pixels where they lie on the map."""
+        height, width = raster.shape
+        step = raster.pixel_size
+        left, top = raster.origin[0] - step / 2, raster.origin[1] + step / 2
+        extent = (left, left + width * step, top - height * step, top)
+        self.axes.imshow(
+            pixels, extent=extent, origin="upper", interpolation="nearest", aspect="auto", gid=layer, clip_on=False
+        )
+        self.axes.set(xlim=(self.low[0], self.low[0] + self.box[2]), ylim=(self.low[1], self.low[1] + self.box[3]))
+
+    def lines(self, lines: list[NDArray[np.float64]], layer: str, width: float, colour: str) -> None:
+        """Draw lines in mm of the map."""
+        drawn = LineCollection(
+            lines, linewidths=width, colors=colour, capstyle="round", joinstyle="round", gid=layer, clip_on=False
+        )
+        self.axes.add_collection(drawn, autolim=False)
+
+    def names(self, parcels: Parcels, labels: NDArray[np.int64], raster: Raster, look: NDArray[np.float64]) -> None:
+        """Write the names of parcels that have room, black or white."""
+        every = max(1, int(_NAMES_PIXEL / (raster.pixel_size * self.scale)))
+        pixel = every * raster.pixel_size * self.scale
+        placed, left_out = place_names(labels[every // 2 :: every, every // 2 :: every], parcels.names, pixel)
+        for name in placed:
+            row, column = (every // 2 + every * at for at in (name.row, name.column))
+            rows, columns = (
+                slice(int(at - every * of / 2), int(at + every * of / 2) + 1)
+                for at, of in ((row, name.height), (column, name.width))
+            )
+            light = float(look[rows, columns].mean())
+            x, y = self.at(raster.origin[0] + raster.pixel_size * column, raster.origin[1] - raster.pixel_size * row)
+            turned = {"rotation": 90 if name.is_upright else 0, "color": "black" if light > 115 else "white"}
+            self.text(x, y, name.text, "names", size=name.size, **turned)
+        small = sum(name.size < 6 for name in placed)
+        if small:
+            log.info("%d of %d names are smaller than 6 points; a wider figure has more room", small, len(placed))
+        if left_out:
+            log.warning(
+                "%d of %d names have no room in their parcels and are left out: %s; a wider figure has more",
+                len(left_out),
+                len(left_out) + len(placed),
+                ", ".join(left_out),
+            )
+
+    def at(self, u: float, v: float) -> tuple[float, float]:
+        """Return a place of the map on paper, mm."""
+        left, bottom, *_ = self.box
+        return left + (u - self.low[0]) * self.scale, bottom + (v - self.low[1]) * self.scale
+
+    def bar(self, colours: OverlayColours, label: str) -> None:
+        """Draw the colour bar, with what is beyond the thresholds in grey."""
+        low, high = colours.limits
+        wide, x = min(36.0, 0.42 * self.width), self.width - _EDGE - 2.5
+        box = ((x - wide) / self.width, 4.1 / self.height, wide / self.width, 1.9 / self.height)
+        axes = self.figure.add_axes(box, zorder=3)
+        axes.set_gid("data")
+        values = np.linspace(low, high, 512)[None]
+        pixels = colours.legend(values)
+        share = pixels[..., 3:] / 255
+        mixed = np.round(share * pixels[..., :3] + (1 - share) * 255 * (DARK + LIGHT) / 2).astype(np.uint8)
+        axes.imshow(mixed, extent=(low, high, 0, 1), aspect="auto", interpolation="nearest")
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.tick_params(axis="x", labelsize=6, length=1.5, width=0.4, pad=1)
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_linewidth(0.4)
+        room = max(wide, x - _MARKS)
+        while text_size(label, _FONT)[0] > room:
+            label = label[:-2].rstrip() + "…"
+        is_narrow = text_size(label, _FONT)[0] <= wide
+        axes.set_title(label, fontsize=_FONT, pad=1.5, loc="center" if is_narrow else "right")
+
+    def wheel(self, colours: OverlayColours, label: str, zero: str) -> None:
+        """Draw the wheel of a cyclic colour map, with the phases at its quarters."""
+        x, y = self.width - _EDGE - 5.5 - _WHEEL / 2, WHEEL_STRIP / 2
+        box = ((x - _WHEEL / 2) / self.width, (y - _WHEEL / 2) / self.height, _WHEEL / self.width, _WHEEL / self.height)
+        axes = self.figure.add_axes(box, zorder=3)
+        axes.set_gid("data")
+        axes.set_axis_off()
+        across = (np.arange(_WHEEL_PIXELS) + 0.5) / _WHEEL_PIXELS * 2 - 1
+        right, up = np.meshgrid(across, -across)
+        period, radius = colours.limits[1], np.hypot(right, up)
+        turn = np.arctan2(up, right) if zero == "right" else np.arctan2(right, up)
+        pixels = colours.legend(turn / (2 * np.pi) % 1 * period)
+        pixels[..., 3] = np.where((radius <= 1) & (radius >= _HOLE), 255, 0)
+        axes.imshow(pixels, extent=(-1, 1, -1, 1), aspect="auto")
+        for quarter in range(4):
+            angle = np.pi / 2 * (quarter if zero == "right" else 1 - quarter)
+            ahead, above = np.cos(angle), np.sin(angle)
+            sides = {"ha": ("center", "left", "right")[round(ahead)], "va": ("center", "bottom", "top")[round(above)]}
+            at = 0.5 * _WHEEL + 0.6
+            self.text(x + at * ahead, y + at * above, _phase(quarter, period), "data", size=6, **sides)
+        room = x - _WHEEL / 2 - 6.5 - _EDGE
+        while text_size(label, _FONT)[0] > room:
+            label = label[:-2].rstrip() + "…"
+        self.text(x - _WHEEL / 2 - 6.5, WHEEL_STRIP - 5, label, "data", ha="right")
+
+    def marks(self, flat_map: FlatMap) -> None:
+        """Draw the scale bar, the directions of the body, the side, and the names of cuts."""
+        x, middle = _EDGE + 4.0, STRIP / 2
+        found = directions(flat_map)
+        if not found and flat_map.space.name == "unknown":
+            log.info("the space of the surface is unknown: where anterior and superior are is not shown")
+        if found:
+            centre = np.array([x, middle]) - 1.0 * np.sum([(one.u, one.v) for one in found], axis=0)
+            for one in found:
+                towards = np.array([one.u, one.v])
+                tip, letter = centre + 3.0 * towards, centre + 4.3 * towards
+                style = "-|>,head_length=2.2,head_width=1.1"
+                ends = ((float(x), float(y)) for x, y in (centre, tip))
+                arrow = FancyArrowPatch(*ends, arrowstyle=style, linewidth=0.7, color="black", shrinkA=0, shrinkB=0)
+                arrow.set_gid("marks")
+                self.paper.add_patch(arrow)
+                self.text(letter[0], letter[1], one.letter, "marks")
+            x += 6.5
+        which = side(flat_map)
+        if which is not None:
+            self.text(x, middle, which, "marks", size=9, weight="bold")
+            x += 4.5
+        else:
+            x += 1.0
+        length = round_length(0.22 * self.width / self.scale)
+        end = x + length * self.scale
+        self.paper.plot([x, end], [3.2, 3.2], color="black", linewidth=1.6, solid_capstyle="butt", gid="marks")
+        self.text((x + end) / 2, 5.4, f"{length:g} mm", "marks")
+        for name, u, v in cut_names(flat_map):
+            x, y = self.at(u, v)
+            self.text(x, y, name, "marks", style="italic", color="0.15", bbox=_BEHIND)
+
+
+def _phase(quarter: int, period: float) -> str:
+    """Return the phase after so many quarters of the period, as text."""
+    if np.isclose(period, 2 * np.pi, rtol=1e-6):
+        return ("0", "π/2", "π", "3π/2")[quarter]
+    return f"{quarter * period / 4:.4g}"
