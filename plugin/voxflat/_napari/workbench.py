@@ -137,7 +137,7 @@ class Workbench:
     def _adopt(self, event: Any) -> None:
         """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
         flat_map = event.value.metadata.get("voxflat")
-        if flat_map is None:
+        if flat_map is None or event.value.source.path is None:
             return
         viewer = self._viewer()
         assert viewer is not None
