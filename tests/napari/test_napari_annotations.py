@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads
+from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
 from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Points, Shapes, Surface  # noqa: E402
+from qtpy.QtCore import Qt  # noqa: E402
 
 from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map  # noqa: E402
 from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width  # noqa: E402
 from voxflat._napari.map_viewer.sheet import Sheet  # noqa: E402
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget  # noqa: E402
 from voxflat._napari.results.flat_layers import FlatLayers  # noqa: E402
 from voxflat._napari.results.run import Run  # noqa: E402
 
@@ -250,6 +252,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     viewer.dims.set_point(order[0], 24)
     assert len(seen()[0]) == 0
     viewer.dims.ndisplay = 3
+    wait_until_drawn(viewer, qtbot)
     starts, _, colours = seen()
     assert len(np.unique(colours, axis=0)) == 1  # all of it is cut
     assert np.linalg.norm(starts, axis=1).min() > 19  # outside, so that the surface does not hide it
@@ -257,9 +260,21 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     run(widget, qtbot)  # the next map's
     wait_for_picture(dock, qtbot)
     assert len(seen()[0]) == len(edges(dock.sheet)[1])
-    dock.outlined.click()
-    assert layer not in viewer.layers
-    dock.outlined.click()
+    canvas = canvas_widget(dock)
+    for where in (canvas, dock.canvas):  # keys work in both
+        qtbot.keyClick(where, Qt.Key.Key_O, Qt.KeyboardModifier.ShiftModifier)
+        wait_for_picture(dock, qtbot)
+        is_there = "ball, the part on the map" in viewer.layers
+        assert dock.outlined.isChecked() == is_there == (where is not canvas)
+    dock.contents.setCurrentIndex(0)
+    for key, wanted in ((Qt.Key.Key_N, "Areas"), (Qt.Key.Key_B, "Distances"), (Qt.Key.Key_B, "Folds only")):
+        qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
+        assert dock.contents.currentText() == wanted
+    for key in (Qt.Key.Key_M, Qt.Key.Key_R, Qt.Key.Key_D, Qt.Key.Key_G):
+        before = dock.click.currentText()
+        qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
+        assert dock.click.currentText() != before
+    wait_for_picture(dock, qtbot)
     wait_for_picture(dock, qtbot)
     viewer.layers.remove("ball, the part on the map")
     viewer.dims.ndisplay = 2  # someone took it out: it stays away

@@ -6,12 +6,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from app_model.types import KeyCode, KeyMod
 from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
 
+from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings
 from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
@@ -48,6 +50,11 @@ GO, MARK, REGION, MEASURE = _CLICKS = (
     "measures a distance",
 )
 """What a click on the map may do."""
+
+_NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
+    KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
+)
+_OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
 NOTHING = "Flatten a surface: its map is shown here."
 _HINT = "Point at the map or in the volume to see the place in both; click to go there."
@@ -118,6 +125,7 @@ class FlatMapDock(QWidget):
         self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
         self._connect()
+        self._keys = Keys(napari_viewer, self, self._of_keys())
         self._on_theme()
         self._on_runs()
 
@@ -131,7 +139,10 @@ class FlatMapDock(QWidget):
         self.keep.setToolTip("Else a new map takes the place of the one before")
         self.keep.setChecked(self._workbench.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
-        self.contents.setToolTip("What the map shows: what flattening changed, or a layer of the viewer")
+        self.contents.setToolTip(
+            "What the map shows: what flattening changed, or a layer of the viewer "
+            f"({key_text(_NEXT)}: the next, {key_text(_PREVIOUS)}: the one before)"
+        )
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.depths.setToolTip("How deep the layer is sampled")
         self.depth_unit = QComboBox()
@@ -141,16 +152,20 @@ class FlatMapDock(QWidget):
         self.opacity.setValue(_CLEAR)
         self.opacity.setToolTip("Less of it, and the folds show")
         self.on_surface = QCheckBox("In 3D")
-        self.on_surface.setToolTip("Show the surface in the colours of the map, in the viewer")
+        self.on_surface.setToolTip(f"Show the surface in the colours of the map, in the viewer ({key_text(_IN_3D)})")
         self.outlined = QCheckBox("Outline")
         self.outlined.setToolTip(
-            "Show in slices where the surface of the map lies, and marks where it is cut; in 3D its border and its cuts"
+            "Show in slices where the surface of the map lies, and marks where it is cut; in 3D its border and cuts "
+            f"({key_text(_OUTLINE)})"
         )
         self.click = QComboBox()
         self.click.addItems([*_CLICKS])
-        self.click.setToolTip("What a click on the map does")
+        self.click.setToolTip(
+            "What a click on the map does: "
+            + ", ".join(f"{key_text(key)} {what}" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
+        )
         self.whole = QPushButton("Whole map")
-        self.whole.setToolTip("The wheel zooms, dragging moves; also by a double click")
+        self.whole.setToolTip(f"The wheel zooms, dragging moves; also by a double click ({key_text(_WHOLE)})")
         self.canvas = MapCanvas()
         self.strip = Strip()
         self.text = QLabel(NOTHING)
@@ -219,6 +234,16 @@ class FlatMapDock(QWidget):
         self.link.clicked.connect(self._on_viewer_clicked)
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
+
+    def _of_keys(self) -> dict[int, Any]:
+        """Return what keys do."""
+        buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
+        return {
+            _NEXT: partial(self.contents.step, 1),
+            _PREVIOUS: partial(self.contents.step, -1),
+            **{key: button.click for key, button in buttons.items()},
+            **{key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)},
+        }
 
     # -------------------------------------------------------------------------------------------- runs
 
@@ -520,6 +545,7 @@ class FlatMapDock(QWidget):
 
     def _release(self) -> None:
         self._soon.stop()
+        self._keys.release()
         self._painter.stop()
         self._carrier.stop()
         self._annotator.stop()
