@@ -227,34 +227,43 @@ class Sheet:
         ndarray, shape (3,), or None
         """
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
-        apart = self.points - start
-        far = apart @ along
-        beside = np.einsum("ij,ij->i", apart, apart) - far**2
-        of = self.planar._triangles
-        if of.torn.any():  # where there is no surface between points, they are what a ray meets
-            return self._met_point(start, along, far, beside)
+        beside = np.zeros(len(self.points))  # its square; axis by axis, which is faster than products of matrices
+        for across in np.linalg.svd(along[None])[2][1:]:
+            x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
+            beside += (x + y + z - across @ start) ** 2
+        if self.planar._triangles.torn.any():  # where there is no surface between points, they are what a ray meets
+            return self._met_point(start, along, beside)
         close = beside <= self._longest_edge**2  # of a triangle that a ray meets all corners are
-        faces = of.faces[close[of.faces].all(axis=1)].astype(np.int64)
-        a, b, c = (self.points[faces[:, corner]] for corner in range(3))
+        first, second, third = self._corners
+        near = np.flatnonzero(close[first])
+        near = near[close[second[near]] & close[third[near]]]
+        a, b, c = (self.points[corner[near]] for corner in self._corners)
         hit = _distances_along(start, along, a, b - a, c - a)
-        first = float(np.min(hit, initial=np.inf))
-        return start + first * along if np.isfinite(first) else None
+        nearest = float(np.min(hit, initial=np.inf))
+        return start + nearest * along if np.isfinite(nearest) else None
 
     def _met_point(
-        self,
-        start: NDArray[Any],
-        along: NDArray[np.float64],
-        far: NDArray[np.float64],
-        beside: NDArray[np.float64],
+        self, start: NDArray[Any], along: NDArray[np.float64], beside: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Find the first point that a ray passes by; `far` along it, and the square of how far `beside`."""
+        """Find the first point that a ray passes by; `beside` is the square of how far beside it they are."""
         reach = _NEAR * self.spacing
         hits = np.flatnonzero(beside <= reach**2)
         if not len(hits):
             return None
-        first = hits[far[hits] <= far[hits].min() + 2 * reach]
-        nearest = first[beside[first].argmin()]
-        return np.asarray(start + far[nearest] * along)
+        far = (self.points[hits] - start) @ along
+        first = far <= far.min() + 2 * reach
+        nearest = beside[hits[first]].argmin()
+        return np.asarray(start + far[first][nearest] * along)
+
+    @cached_property
+    def _axes(self) -> NDArray[np.float64]:
+        """The points' coordinates, shape (3, N)."""
+        return np.ascontiguousarray(self.points.T)
+
+    @cached_property
+    def _corners(self) -> NDArray[np.int64]:
+        """The triangles' corners, shape (3, F): to look at one corner of all takes a third of all."""
+        return np.ascontiguousarray(self.planar._triangles.faces.T, dtype=np.int64)
 
     @cached_property
     def _longest_edge(self) -> float:
