@@ -28,30 +28,34 @@ from voxflat._napari.workbench import Workbench
 
 
 class Pulse:
-    """Beats as often as the window lives; `longest` is the longest time between two beats, ms."""
+    """Beats as often as the window lives; `longest` is the longest time between two beats, ms.
+
+    `busiest` is the most of the window's own thread: what a busy machine does not lengthen.
+    """
 
     def __init__(self) -> None:
         self._timer = QTimer()
         self._timer.setInterval(1)
         self._timer.timeout.connect(self._beat)
         self._timer.start()
-        self._last = time.perf_counter()
-        self.longest = 0.0
+        self._last, self._spent = time.perf_counter(), time.thread_time()
+        self.longest = self.busiest = 0.0
 
     def _beat(self) -> None:
-        now = time.perf_counter()
+        now, spent = time.perf_counter(), time.thread_time()
         self.longest = max(self.longest, 1000 * (now - self._last))
-        self._last = now
+        self.busiest = max(self.busiest, 1000 * (spent - self._spent))
+        self._last, self._spent = now, spent
 
-    def during(self, act: Callable[[], object], until: Callable[[], bool]) -> float:
-        """Do something, and return the longest time until it has come to an end."""
+    def during(self, act: Callable[[], object], until: Callable[[], bool]) -> tuple[float, float]:
+        """Do something; return the longest stall until it has come to an end, and the most CPU time of one, ms."""
         live(0.3)
-        self.longest = 0.0
+        self.longest = self.busiest = 0.0
         act()
         while not until():
             live(0.02)
         live(0.3)
-        return self.longest
+        return self.longest, self.busiest
 
 
 def live(seconds: float) -> None:
@@ -87,6 +91,11 @@ def moves(widget: object, dock: FlatMapDock) -> tuple[float, float]:
     return float(np.mean(spent)), max(spent)
 
 
+def told(what: str, took: tuple[float, float]) -> None:
+    """Print a stall."""
+    print(f"  {what:26} {took[0]:6.0f} {took[1]:6.0f}")
+
+
 def main() -> None:
     """Flatten once, let the map come many times, and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -111,30 +120,29 @@ def main() -> None:
             live(0.02)
         return Run(made.result(), "sheet")
 
-    print(f"{len(flat_map):,} points; longest stall, ms")
+    print(f"{len(flat_map):,} points; longest stall, ms, and the most CPU time of one")
     run = another()
     found: list[FlatMapDock] = []
-    print(
-        f"  the dock opens             {pulse.during(lambda: found.append(open_flat_map(viewer)), lambda: True):6.0f}"
-    )
+    told("the dock opens", pulse.during(lambda: found.append(open_flat_map(viewer)), lambda: True))
     dock = found[0]
 
-    def come(run: Run) -> float:
+    def come(run: Run) -> tuple[float, float]:
         return pulse.during(lambda: workbench.add(run), lambda: workbench.is_settled and dock.is_drawn)
 
     stalls, memory = [come(run)], []
-    print(f"  run 1                      {stalls[0]:6.0f}")
+    told("run 1", stalls[0])
     for _ in range(asked.runs - 1):
         del run
         run = another()
         stalls.append(come(run))
         memory.append(process.memory_info().rss / 1e6)
-    print(f"  runs 2 to {asked.runs}              {max(stalls[1:]):6.0f}   the last {stalls[-1]:.0f}")
+    told(f"runs 2 to {asked.runs}", tuple(np.max(stalls[1:], axis=0)))
+    told("  the median", tuple(np.median(stalls[1:], axis=0)))
     print(f"  memory after run 2: {memory[0]:.0f} MB, after run {asked.runs}: {memory[-1]:.0f} MB")
     print(f"  layers: {len(viewer.layers)}, widgets: {len(QApplication.allWidgets())}")
     for n in range(dock.contents.count()):
         took = pulse.during(lambda n=n: dock.contents.setCurrentIndex(n), lambda: dock.is_drawn)
-        print(f"  shows {dock.contents.itemText(n):20} {took:6.0f}")
+        told(f"shows {dock.contents.itemText(n)}", took)
     print("a move of the mouse, ms: mean, longest")
     print("  over the map, slices         {:6.1f} {:6.1f}".format(*moves(dock.canvas.viewport(), dock)))
     print("  over the slices              {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))

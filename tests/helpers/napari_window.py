@@ -63,6 +63,18 @@ def run(widget, qtbot, timeout=PATIENCE):
     qtbot.waitUntil(lambda: Workbench.of(widget._viewer).is_settled, timeout=timeout)
 
 
+def map_dock(viewer, qtbot):
+    """The dock *Flat map*, once it shows what is chosen."""
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
+    wait_for_picture(dock, qtbot)
+    return dock
+
+
+def wait_for_picture(dock, qtbot):
+    """Wait until the dock *Flat map* shows what is chosen."""
+    qtbot.waitUntil(lambda: dock.is_drawn, timeout=PATIENCE)
+
+
 def open_file(viewer, qtbot, path):
     """Open a file by voxflat, and wait until all layers are there; return those that are new."""
     before = set(viewer.layers)

@@ -1,6 +1,7 @@
 """napari's window, and what happens in it."""
 
 import pytest
+from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
 
 
 @pytest.fixture
@@ -15,6 +16,24 @@ def open_widget(make_napari_viewer):
         return viewer, widget
 
     return opened
+
+
+@pytest.fixture
+def flattened(open_widget, qtbot):
+    """A function that flattens a layer in a window, and opens the dock *Flat map*."""
+    from napari.layers import Labels
+
+    def opened(*layers, **how):
+        viewer, widget = open_widget(*layers, show=True, **how)
+        viewer.window._qt_window.resize(1300, 800)
+        if isinstance(widget.form.surface.layer, Labels):
+            qtbot.waitUntil(lambda: widget.form.label.count() == 1 and "voxels" in widget.form.label.currentText())
+        run(widget, qtbot)
+        wait_until_drawn(viewer, qtbot)
+        return viewer, widget, map_dock(viewer, qtbot)
+
+    yield opened
+    wait_for_threads(qtbot)
 
 
 @pytest.fixture

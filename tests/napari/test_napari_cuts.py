@@ -2,6 +2,8 @@
 
 import json
 
+import lab
+import nibabel as nib
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +21,7 @@ from qtpy.QtWidgets import QFileDialog  # noqa: E402
 from voxflat._napari.editing.drawing import Drawing  # noqa: E402
 from voxflat._napari.workbench import Workbench  # noqa: E402
 from voxflat.errors import InputError  # noqa: E402
+from voxflat.surfaces.standard.template import read_template  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -100,10 +103,12 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     assert np.linalg.norm(points[list(stops)] - points[clicked], axis=1).max() < 4  # an edge is 2.5 mm long
     assert dock.cuts.rowCount() == 1
     assert len(viewer.layers["cuts"].data) == len(dock.drawing.paths()[0]) - 1
-    dock.undo.click()
-    assert dock.drawing.cuts[0].stops == stops[:2]
-    dock.redo.click()
-    assert dock.drawing.cuts[0].stops == stops
+    control, shift = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+    for where in (canvas, dock.cuts):  # keys work in both
+        qtbot.keyClick(where, Qt.Key.Key_Z, control)
+        assert dock.drawing.cuts[0].stops == stops[:2]
+        qtbot.keyClick(where, Qt.Key.Key_Z, control | shift)
+        assert dock.drawing.cuts[0].stops == stops
 
     dock.weigh.click()
     wait()
@@ -137,4 +142,68 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     viewer.window.remove_dock_widget(dock)
     assert [layer.name for layer in viewer.layers if layer.name in ("cuts", "stops of cuts")] == []
     assert viewer.layers["ball"].visible
-    assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"])) == 1  # closing the dock loses nothing
+    assert len(Workbench.of(viewer).cuts_of(viewer.layers["ball"]).paths) == 1  # closing the dock loses nothing
+
+
+def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
+    make_napari_viewer, qtbot, tmp_path, monkeypatch
+):
+    lab.write(tmp_path)
+    ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
+    nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
+    expected = voxflat.cut(tmp_path / "lh.white", cuts="standard", relax=False)
+    viewer = make_napari_viewer()
+    viewer.open(str(tmp_path / "lh.white"), plugin="voxflat")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    assert not dock.template.isEnabled()
+    for button in (dock.begin, dock.standard):
+        button.click()
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    left_out = expected.left_out
+    assert 0 < len(left_out) < 400
+    assert_array_equal(dock.drawing.left_out, left_out)
+    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    assert (seen[left_out, 0] > seen[left_out, 2]).all()
+
+    dock.undo.click()
+    assert len(dock.drawing.left_out) == 0
+    assert (seen[left_out, 0] > seen[left_out, 2]).all()
+    seen = viewer.layers["lh.white, to be cut"].vertex_colors
+    assert (seen[:, 0] == seen[:, 2]).all()
+    dock.redo.click()
+
+    for name, button in (("cuts", dock.save), ("mine", dock.template)):
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, name=name: (str(tmp_path / name), ""))
+        button.click()
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    assert json.loads((tmp_path / "cuts.json").read_text())["drop"] == left_out.tolist()
+    assert "the same cuts for every brain" in dock.status.text(), dock.status.text()
+    assert [line.name for line in read_template(tmp_path / "mine.json").cuts] == [cut.name for cut in expected.cuts]
+    again = voxflat.cut(tmp_path / "lh.white", cuts=tmp_path / "mine.json", relax=False)
+    for one, other in zip(expected.cuts, again.cuts, strict=True):
+        assert one.ids.tolist() == other.ids.tolist()
+
+    dock.use.click()
+    asked = widget.form.options.options("voxflat")
+    assert_array_equal(asked["drop"], left_out)
+    for one, other in zip(expected.cuts, asked["cuts"], strict=True):
+        assert_array_equal(one.ids, other)
+
+
+def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monkeypatch):
+    viewer, dock = open_widget(Surface(sphere(150), name="ball"), name="Draw cuts")
+    dock.begin.click()
+    qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    for stop in (0, 40):
+        dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "t.json"), ""))
+    dock.template.click()
+    qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    assert dock.status.text() not in ("", "making the template…")
+    assert not (tmp_path / "t.json").exists()
+    viewer.bind_key("Shift-N", print)
+    _, flat = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")  # which leaves the user's key alone
+    for one in (dock, flat):
+        viewer.window.remove_dock_widget(one)
+    assert [*viewer.keymap.values()] == [print]

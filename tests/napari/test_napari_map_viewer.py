@@ -4,7 +4,18 @@ import gc
 
 import numpy as np
 import pytest
-from napari_window import PATIENCE, bumps, cap, choose_whole, run, sphere, wait_for_threads, wait_until_drawn
+from napari_window import (
+    PATIENCE,
+    bumps,
+    cap,
+    choose_whole,
+    map_dock,
+    run,
+    sphere,
+    wait_for_picture,
+    wait_for_threads,
+    wait_until_drawn,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
@@ -20,17 +31,6 @@ pytestmark = pytest.mark.slow  # a window
 SCALE, CORNER = np.array([2.0, 0.5, 3.0]), np.array([5.0, -40.0, 7.0])  # world's axes are y, x, z of LPS in "SPL" …
 
 
-def map_dock(viewer, qtbot):
-    """The dock, once it shows what is chosen."""
-    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
-    wait_for_picture(dock, qtbot)
-    return dock
-
-
-def wait_for_picture(dock, qtbot):
-    qtbot.waitUntil(lambda: dock.is_drawn, timeout=PATIENCE)
-
-
 def move(widget, qtbot, at):
     """Move the mouse to a place of a widget, from one beside it."""
     for shift in (3, 0):
@@ -40,23 +40,6 @@ def move(widget, qtbot, at):
 
 def to_map(dock, qtbot, u, v):
     move(dock.canvas.viewport(), qtbot, dock.canvas.position(u, v))
-
-
-@pytest.fixture
-def flattened(open_widget, qtbot):
-    """A function that flattens a layer in a window."""
-
-    def opened(*layers, **how):
-        viewer, widget = open_widget(*layers, show=True, **how)
-        viewer.window._qt_window.resize(1300, 800)
-        if isinstance(widget.form.surface.layer, Labels):
-            qtbot.waitUntil(lambda: widget.form.label.count() == 1 and "voxels" in widget.form.label.currentText())
-        run(widget, qtbot)
-        wait_until_drawn(viewer, qtbot)
-        return viewer, widget, map_dock(viewer, qtbot)
-
-    yield opened
-    wait_for_threads(qtbot)
 
 
 @pytest.mark.parametrize("unit", ["mm", "micrometer"])
@@ -338,9 +321,12 @@ def test_what_is_drawn_on_a_map_of_voxels(flattened, qtbot):
     assert_allclose(regions.data_to_world((3, 4, 5)), (6, 8, 10))
 
     dock.click.setCurrentText("measures a distance")
-    click(dock, qtbot, (u - 9, v), (u + 9, v))
-    wait_for_picture(dock, qtbot)
+    for reach in (5, 9):  # the second takes the place of the first
+        click(dock, qtbot, (u - reach, v), (u + reach, v))
+        wait_for_picture(dock, qtbot)
     over = float(dock.text.text().split()[0])
+    assert viewer.layers["way over the surface"].shape_type == ["path"]
+    assert len(dock.canvas.annotations.lines) == 1
     assert abs(over - 18) < 2
     way = viewer.layers["way over the surface"].data[0]
     assert_allclose(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), over, atol=0.1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +19,22 @@ from voxflat._napari.results.run import Run
 if TYPE_CHECKING:
     from napari import Viewer
     from napari.layers import Layer
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCuts:
+    """Cuts that someone drew, by what the vertices are in the input.
+
+    Parameters
+    ----------
+    paths : list of ndarray of int64
+        As `cuts` of `voxflat.flatten`.
+    left_out : ndarray of int64
+        As its `drop`; empty for nothing.
+    """
+
+    paths: list[NDArray[np.int64]]
+    left_out: NDArray[np.int64]
 
 
 class Workbench:
@@ -45,7 +61,7 @@ class Workbench:
         self._runs: dict[Run, ListedLayers] = {}
         self._current: Run | None = None
         self._opened: weakref.WeakSet[Run] = weakref.WeakSet()  # runs whose layers come one by one
-        self._cuts: weakref.WeakKeyDictionary[Layer, tuple[NDArray[np.int64], ...]] = weakref.WeakKeyDictionary()
+        self._cuts: weakref.WeakKeyDictionary[Layer, DrawnCuts] = weakref.WeakKeyDictionary()
         self.keeps_earlier = False
         """Whether earlier runs stay when a new one comes, unless it says otherwise."""
 
@@ -137,7 +153,7 @@ class Workbench:
     def _adopt(self, event: Any) -> None:
         """Take up a map that comes with its layers, as from a file that is opened, as a run of its own."""
         flat_map = event.value.metadata.get("voxflat")
-        if flat_map is None:
+        if flat_map is None or event.value.source.path is None:
             return
         viewer = self._viewer()
         assert viewer is not None
@@ -154,20 +170,20 @@ class Workbench:
             QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # what came in colours is not yet
             self.changed.emit()
 
-    def set_cuts(self, layer: Layer, paths: Sequence[NDArray[np.int64]]) -> None:
+    def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         """Keep cuts that were drawn on a layer's surface.
 
         Parameters
         ----------
         layer : Layer
             What is to be cut so.
-        paths : sequence of ndarray of int64
-            As `cuts` of `voxflat.flatten`.
+        cuts : DrawnCuts
+            The cuts.
         """
-        self._cuts[layer] = tuple(paths)
+        self._cuts[layer] = cuts
         self.cuts_drawn.emit()
 
-    def cuts_of(self, layer: Layer | None) -> tuple[NDArray[np.int64], ...]:
+    def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
         """Return the cuts that were drawn on a layer's surface.
 
         Parameters
@@ -177,7 +193,7 @@ class Workbench:
 
         Returns
         -------
-        tuple of ndarray of int64
-            None are an empty tuple.
+        DrawnCuts or None
+            None if nobody did.
         """
-        return () if layer is None else self._cuts.get(layer, ())
+        return None if layer is None else self._cuts.get(layer)

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["borders", "chains", "outline", "region_corners"]
+__all__ = ["borders", "chains", "ellipse", "outline", "region_corners", "rim"]
 
 _STEPS = 60  # of smoothing
 _NEAREST = 0.1  # to a vertex, as a part of the edge that the line crosses
+_AROUND = 256  # corners of the polygon that stands for an ellipse
 
 
 def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
@@ -28,9 +29,43 @@ def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.flo
     list of ndarray of float64, shape (k, 2)
         A closed line's first and last place are the same.
     """
-    edges, _, counts = _edges(faces, len(uv))
-    rim = edges[counts == 1]
-    return [uv[line] for line in chains(rim)]
+    return [uv[line] for line in rim(faces, len(uv))]
+
+
+def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
+    """Return the edges that only one triangle has, as lines.
+
+    Parameters
+    ----------
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+    count : int
+        How many points there are.
+
+    Returns
+    -------
+    list of ndarray of int64, shape (k,)
+        Points; a closed line's first and last one are the same.
+    """
+    edges, _, counts = _edges(faces, count)
+    return chains(edges[counts == 1])
+
+
+def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ellipse that a parallelogram encloses, as a polygon.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (4, D)
+        Of the parallelogram, in order.
+
+    Returns
+    -------
+    ndarray, shape (256, D)
+    """
+    a, b, middle = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2, corners.mean(axis=0)
+    turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
+    return np.asarray(middle + np.cos(turn) * a + np.sin(turn) * b)
 
 
 def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int64]) -> list[NDArray[np.float64]]:

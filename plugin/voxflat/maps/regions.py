@@ -27,6 +27,7 @@ from voxflat.io.svg import Outline, read_outlines
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import Depths
+from voxflat.maps.lines import ellipse
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
@@ -505,9 +506,7 @@ def _of_shapes(layer: Any) -> list[Outline]:
             raise InputError(f"shape {n} of {layer.name} is a {kind}, which encloses nothing: draw polygons")
         world = np.array([layer.data_to_world(corner) for corner in np.asarray(corners, dtype=np.float64)])[:, -2:]
         if kind == "ellipse":
-            a, b, middle = (world[1] - world[0]) / 2, (world[3] - world[0]) / 2, world.mean(axis=0)
-            turn = np.linspace(0, 2 * np.pi, 256, endpoint=False)[:, None]
-            world = middle + np.cos(turn) * a + np.sin(turn) * b
+            world = ellipse(world)
         name = f"region {n + 1}" if names is None else str(names[n])
         outlines.append(Outline(name, _loops(np.column_stack([world[:, 1], -world[:, 0]]), name)))
     return outlines

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from app_model.types import KeyCode, KeyMod
 from napari.layers import Layer
 from napari.utils.notifications import show_error, show_info
 from qtpy.QtCore import QEvent, Qt
@@ -26,10 +27,11 @@ from qtpy.QtWidgets import (
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import FindCuts, MakeSurface, WeighCuts
+from voxflat._napari.editing.works import FindCuts, MakeSurface, SaveTemplate, WeighCuts
+from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of
-from voxflat._napari.workbench import Workbench
+from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.surfaces.cut import Cut, CutSurface
@@ -37,6 +39,11 @@ from voxflat.surfaces.cut import Cut, CutSurface
 if TYPE_CHECKING:
     from napari import Viewer
 
+_UNDO, _REDO, _END_CUT = (
+    KeyMod.CtrlCmd | KeyCode.KeyZ,
+    KeyMod.CtrlCmd | KeyMod.Shift | KeyCode.KeyZ,
+    KeyMod.Shift | KeyCode.KeyX,
+)
 _CLICK = 3  # pixels that the mouse may move within a click
 _COLUMNS = ("cut", "length", "gain")
 _GAIN = "By how much distances are further off without the cut, in a sketch of the map"
@@ -63,15 +70,22 @@ class DrawCuts(QWidget):
         self.draw = self._button("Draw", "Click on the surface: a cut takes the shortest way from stop to stop", None)
         self.draw.setCheckable(True)
         self.draw.toggled.connect(self._on_draw)
-        self.end_cut = self._button("Next cut", "The next click begins a new cut", self._on_end_cut)
-        self.undo = self._button("Undo", "Take the last step back", self._on_undo)
-        self.redo = self._button("Redo", "Do again what was undone last", self._on_redo)
+        self.end_cut = self._button(
+            "Next cut", f"The next click begins a new cut ({key_text(_END_CUT)})", self._on_end_cut
+        )
+        self.undo = self._button("Undo", f"Take the last step back ({key_text(_UNDO)})", self._on_undo)
+        self.redo = self._button("Redo", f"Do again what was undone last ({key_text(_REDO)})", self._on_redo)
         self.remove = self._button("Remove", "Take the chosen cut away", self._on_remove)
         self.standard = self._button("Standard", "Begin with cuts that are the same for every brain", self._standard)
         self.automatic = self._button("Automatic", "Begin with cuts that suit this surface best", self._automatic)
         self.weigh = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_weigh)
         self.save = self._button("Save…", "As a file that cuts= and --cuts take", self._on_save)
         self.load = self._button("Load…", "A file of cuts, or a template", self._on_load)
+        self.template = self._button(
+            "Save template…",
+            "As a file that makes the same cuts on every brain (cuts=, --cuts)",
+            self._on_save_template,
+        )
         self.use = self._button("Use for Flatten surface", "Choose these cuts in the form", self._on_use)
         self.cuts = QTableWidget(0, len(_COLUMNS))
         self.cuts.setHorizontalHeaderLabels(_COLUMNS)
@@ -86,6 +100,8 @@ class DrawCuts(QWidget):
         self.status = QLabel("Choose a surface, then press Begin.")
         self.status.setWordWrap(True)
         self._lay_out()
+        buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
+        self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
     def _button(self, text: str, tip: str, pressed: Callable[[], None] | None) -> QPushButton:
@@ -107,7 +123,8 @@ class DrawCuts(QWidget):
         below = QGridLayout()
         below.addWidget(self.remove, 0, 0)
         below.addWidget(self.weigh, 0, 1)
-        below.addWidget(self.use, 1, 0, 1, 2)
+        below.addWidget(self.template, 1, 0)
+        below.addWidget(self.use, 1, 1)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
@@ -220,11 +237,12 @@ class DrawCuts(QWidget):
 
     def _on_found(self, found: CutSurface) -> None:
         names = [cut.name or f"{cut.reason} {number}" for number, cut in enumerate(found.cuts, 1)]
-        self._do(lambda drawing: drawing.set_cuts([cut.ids for cut in found.cuts], names))
+        self._do(lambda drawing: drawing.set_cuts([cut.ids for cut in found.cuts], names, found.left_out))
 
     def _on_weigh(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
-            self._work(WeighCuts(self.drawing.surface, paths), "weighing the cuts", self._on_weighed)
+            work = WeighCuts(self.drawing.surface, paths, self.drawing.left_out)
+            self._work(work, "weighing the cuts", self._on_weighed)
 
     def _on_weighed(self, weighed: tuple[float, list[float]]) -> None:
         error, gains = weighed
@@ -235,24 +253,38 @@ class DrawCuts(QWidget):
     # -------------------------------------------------------------------------------------------- using
 
     def _on_save(self) -> None:
-        path, _ = QFileDialog.getSaveFileName(self, "Save the cuts", "cuts.json", "cuts (*.json)")
-        if not path or self.drawing is None:
+        path = self._asked_file("Save the cuts", "cuts.json")
+        if path is None or self.drawing is None:
             return
         try:
-            self._as_cut_surface().save(Path(path).with_suffix(".json"), overwrite=True)
+            self._as_cut_surface(self.drawing).save(path, overwrite=True)
             show_info(f"saved {path}")
         except (VoxflatError, OSError) as error:
             self._fail(error)
 
-    def _as_cut_surface(self) -> CutSurface:
-        drawing = self.drawing
-        assert drawing is not None
+    def _on_save_template(self) -> None:
+        path, drawing = self._asked_file("Save a template of the cuts", "template.json"), self.drawing
+        if path is None or drawing is None:
+            return
+        names = [cut.name for cut in drawing.cuts if len(cut.stops) > 1]
+        work = SaveTemplate(drawing.surface, drawing.paths(), names, drawing.left_out, path)
+        self._work(work, "making the template", self._on_template)
+
+    def _on_template(self, path: Path) -> None:
+        self.status.setText(f"Saved {path}: the same cuts for every brain.")
+
+    def _asked_file(self, title: str, name: str) -> Path | None:
+        path, _ = QFileDialog.getSaveFileName(self, title, name, "cuts (*.json)")
+        return Path(path).with_suffix(".json") if path else None
+
+    def _as_cut_surface(self, drawing: Drawing) -> CutSurface:
         cuts = [Cut(path, None, "given") for path in drawing.paths()]
-        return CutSurface(drawing.surface, tuple(cuts), drawing.surface.ids[:0], provenance=drawing.surface.provenance)
+        whole = drawing.surface
+        return CutSurface(whole, tuple(cuts), drawing.left_out, provenance=whole.provenance)
 
     def _on_use(self) -> None:
         if self.drawing is not None and self._layer is not None:
-            Workbench.of(self._viewer).set_cuts(self._layer, self.drawing.paths())
+            Workbench.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
             self.status.setText(f"Flatten surface will cut '{self._layer.name}' so.")
 
     # ------------------------------------------------------------------------------------------- working
@@ -305,7 +337,7 @@ class DrawCuts(QWidget):
         self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
         self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
         self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
-        for button in (self.remove, self.weigh, self.save, self.use):
+        for button in (self.remove, self.weigh, self.save, self.template, self.use):
             button.setEnabled(idle and drawing is not None and bool(drawing.cuts))
 
     # -------------------------------------------------------------------------------------------- ending
@@ -322,6 +354,7 @@ class DrawCuts(QWidget):
         if event.type() == QEvent.Type.ParentChange and self.parent() is None:
             if self._worker is not None:
                 self._worker.quit()
+            self._keys.release()
             self.form.release()
             self._end()
         return bool(super().event(event))

@@ -36,6 +36,7 @@ class Drawn:
 class _State:
     cuts: tuple[Drawn, ...] = ()
     is_open: bool = False  # whether the next stop goes on with the last cut
+    left_out: Stops = ()
 
 
 @dataclass(eq=False)
@@ -64,6 +65,11 @@ class Drawing:
         return self._done[-1].is_open
 
     @property
+    def left_out(self) -> NDArray[np.int64]:
+        """What no map shall show, such as the medial wall: vertices by what they are in the input."""
+        return np.asarray(self.surface.ids[np.array(self._done[-1].left_out, dtype=np.int64)])
+
+    @property
     def can_undo(self) -> bool:
         """Whether something was done."""
         return len(self._done) > 1
@@ -88,12 +94,13 @@ class Drawing:
         """
         now = self._done[-1]
         if not now.is_open:
-            self._do(_State((*now.cuts, Drawn((vertex,), f"drawn {self._next_number()}")), True))
+            cut = Drawn((vertex,), f"drawn {self._next_number()}")
+            self._do(replace(now, cuts=(*now.cuts, cut), is_open=True))
             return
         last = now.cuts[-1]
         if vertex != last.stops[-1]:
             self._way(last.stops[-1], vertex)  # refuses other components
-            self._do(_State((*now.cuts[:-1], replace(last, stops=(*last.stops, vertex))), True))
+            self._do(replace(now, cuts=(*now.cuts[:-1], replace(last, stops=(*last.stops, vertex)))))
 
     def end_cut(self) -> None:
         """Let the next stop begin a new cut."""
@@ -111,9 +118,11 @@ class Drawing:
         now = self._done[-1]
         is_last = number == len(now.cuts) - 1
         kept = (*now.cuts[:number], *now.cuts[number + 1 :])
-        self._do(_State(kept, now.is_open and not is_last))
+        self._do(replace(now, cuts=kept, is_open=now.is_open and not is_last))
 
-    def set_cuts(self, paths: Sequence[NDArray[Any]], names: Sequence[str]) -> None:
+    def set_cuts(
+        self, paths: Sequence[NDArray[Any]], names: Sequence[str], left_out: NDArray[np.int64] | None = None
+    ) -> None:
         """Put other cuts in the place of all.
 
         Parameters
@@ -122,6 +131,8 @@ class Drawing:
             Vertices by what they are in the input, as `voxflat.cut` gives them.
         names : sequence of str
             One a cut.
+        left_out : ndarray of int64, optional
+            What no map shall show, in the same way.
 
         Raises
         ------
@@ -129,7 +140,9 @@ class Drawing:
             If one is not on the surface.
         """
         found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
-        self._do(_State(tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))))
+        cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
+        beside = () if left_out is None else tuple(self.surface.find(left_out, "what is left out").tolist())
+        self._do(_State(cuts, left_out=beside))
 
     def undo(self) -> None:
         """Take the last step back."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _GREYS = (0.72, 0.45)  # of gyri and sulci
 _OURS: dict[str, Any] = {"voxflat": None}  # metadata of layers that are not to be flattened
 _CUT = "#ff5a36"
+_LEFT_OUT = (0.55, 0.4, 0.35)  # of red, green and blue where no map shows the surface
 _WIDTH = 0.006  # of the surface's size
 
 
@@ -57,10 +58,11 @@ class Scene:
         common = {"units": None if unit is None else (unit,) * 3, "metadata": dict(_OURS)}
         gyri, sulci = _GREYS
         greys = np.where(curvature < 0, sulci, gyri)
-        colours = np.column_stack([greys, greys, greys, np.ones(len(greys))])
+        self._colours = np.column_stack([greys, greys, greys, np.ones(len(greys))])
+        self._left_out = drawing.left_out
         self.surface = SurfaceLayer(
             (places, drawing.surface.faces),
-            vertex_colors=colours,
+            vertex_colors=self._colours,
             shading="smooth",
             name=f"{name}, to be cut",
             **common,
@@ -110,6 +112,11 @@ class Scene:
         ways = [self._places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
         pieces = [np.stack([way[:-1], np.diff(way, axis=0)], axis=1) for way in ways]
         self.lines.data = np.concatenate([np.empty((0, 2, 3)), *pieces])
+        if not np.array_equal(self._drawing.left_out, self._left_out):
+            self._left_out = self._drawing.left_out
+            colours = self._colours.copy()
+            colours[self._drawing.surface.find(self._left_out), :3] *= _LEFT_OUT
+            self.surface.vertex_colors = colours
         last = self._drawing.cuts[-1].stops if self._drawing.is_open else ()
         self.stops.data = self._places[np.array(last, dtype=np.int64)]
 

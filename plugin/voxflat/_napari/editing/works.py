@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from voxflat.arguments import Progress
 from voxflat.surfaces.cut import CutSurface, cut
 from voxflat.surfaces.making import surface
 from voxflat.surfaces.region import cut_out, sketch_error
+from voxflat.surfaces.standard.registration import register
+from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.surfaces.surface import Surface
 
 
@@ -67,6 +70,46 @@ class FindCuts:
 
 
 @dataclass(frozen=True, eq=False)
+class SaveTemplate:
+    """Turns cuts into a template for every brain, by the surface's sphere, or by its folds where it has none.
+
+    Parameters
+    ----------
+    surface : Surface
+        What is cut.
+    paths : sequence of ndarray of int64
+        As `cuts` of `voxflat.flatten`.
+    names : sequence of str
+        One a path.
+    left_out : ndarray of int64
+        As `drop`; empty for nothing.
+    file : Path
+        Where it is written to.
+    """
+
+    surface: Surface
+    paths: Sequence[NDArray[np.int64]]
+    names: Sequence[str]
+    left_out: NDArray[np.int64]
+    file: Path
+
+    def run(self, progress: Progress) -> Path:
+        """Write it.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        sphere = sphere_beside(self.surface) or register(self.surface, progress=progress)
+        drop = self.left_out if len(self.left_out) else None
+        found = cut(self.surface, cuts=list(self.paths), drop=drop, sphere=sphere, relax=False, progress=progress)
+        named = [replace(one, name=name) for one, name in zip(found.cuts, self.names, strict=False)]
+        replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(self.file, overwrite=True)
+        return self.file
+
+
+@dataclass(frozen=True, eq=False)
 class WeighCuts:
     """Says what each cut is worth.
 
@@ -74,12 +117,15 @@ class WeighCuts:
     ----------
     surface : Surface
         What is cut.
-    paths : sequence of array_like
+    paths : sequence of ndarray of int64
         As `cuts` of `voxflat.flatten`.
+    left_out : ndarray of int64
+        As `drop`; empty for nothing.
     """
 
     surface: Surface
     paths: Sequence[NDArray[np.int64]]
+    left_out: NDArray[np.int64]
 
     def run(self, progress: Progress) -> tuple[float, list[float]]:
         """Sketch the map with all cuts, and without each.
@@ -96,6 +142,6 @@ class WeighCuts:
         return with_all, [self._error(paths, progress) - with_all for paths in others]
 
     def _error(self, paths: Sequence[NDArray[np.int64]], progress: Progress) -> float:
-        opened = cut_out(self.surface, cuts=list(paths), relax=False, progress=progress) if paths else None
-        opened = opened or cut_out(self.surface, cuts="automatic", relax=False, progress=progress)
+        cuts, drop = list(paths) or "automatic", self.left_out if len(self.left_out) else None
+        opened = cut_out(self.surface, cuts=cuts, drop=drop, relax=False, progress=progress)
         return sketch_error(opened.part, None, progress)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from qtpy.QtCore import Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QSpinBox, QWidget
 
 from voxflat._napari.forms.fields import choice, offer, show_row, spin
+from voxflat._napari.workbench import DrawnCuts
 from voxflat.methods.options import OPTIONS, default
 
 _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
@@ -78,7 +78,7 @@ class OptionsForm(QWidget):
         self.fields: dict[str, QWidget] = {}
         for name in ("cuts", "relax"):
             self._add_choice(name)
-        self._drawn: tuple[NDArray[np.int64], ...] = ()
+        self._drawn: DrawnCuts | None = None
         self._cuts = self._chosen("cuts")
         self._cuts.currentIndexChanged.connect(self.changed)
         self.mirror = QCheckBox("left and right exchanged")
@@ -116,21 +116,21 @@ class OptionsForm(QWidget):
         cuts: str | None = self._cuts.currentData()
         return cuts
 
-    def offer_drawn(self, paths: tuple[NDArray[np.int64], ...], chosen: bool = False) -> None:
+    def offer_drawn(self, drawn: DrawnCuts | None, chosen: bool = False) -> None:
         """Offer cuts that someone drew, or none.
 
         Parameters
         ----------
-        paths : tuple of ndarray of int64
-            As `cuts` of `voxflat.flatten`.
+        drawn : DrawnCuts or None
+            The cuts.
         chosen : bool
             Whether they are chosen at once.
         """
-        self._drawn = paths
-        offer(self._cuts, {_DRAWN: ""}, _DRAWN, bool(paths))
-        if paths:
+        self._drawn = drawn
+        offer(self._cuts, {_DRAWN: ""}, _DRAWN, drawn is not None)
+        if drawn is not None:
             index = self._cuts.findData(_DRAWN)
-            self._cuts.setItemText(index, f"the {len(paths)} drawn")
+            self._cuts.setItemText(index, f"the {len(drawn.paths)} drawn")
             if chosen:
                 self._cuts.setCurrentIndex(index)
 
@@ -170,8 +170,10 @@ class OptionsForm(QWidget):
             "bound": self.bound.value(),
         }
         of_method = {name: value for name, value in values.items() if method in OPTIONS[name] and value is not None}
-        if of_method.get("cuts") == _DRAWN:
-            of_method["cuts"] = list(self._drawn)
+        if of_method.get("cuts") == _DRAWN and self._drawn is not None:
+            of_method["cuts"] = self._drawn.paths
+            if len(self._drawn.left_out):
+                of_method["drop"] = self._drawn.left_out
         changed = {name: value for name, value in of_method.items() if not _is_same(value, default(name, method))}
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
@@ -190,4 +192,4 @@ class OptionsForm(QWidget):
 
 
 def _is_same(value: Any, usual: Any) -> bool:
-    return not isinstance(value, list) and bool(value == usual)
+    return not isinstance(value, list | np.ndarray) and bool(value == usual)

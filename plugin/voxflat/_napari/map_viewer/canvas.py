@@ -19,6 +19,8 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from voxflat._napari.map_viewer.annotation_item import AnnotationItem
+from voxflat._napari.map_viewer.annotations import OnMap
 from voxflat._napari.map_viewer.cursor import RingItem
 from voxflat._napari.map_viewer.pictures import Picture
 
@@ -67,8 +69,9 @@ class MapCanvas(QGraphicsView):
         self._halo, self.lines = (
             self._path_item(QPen(colour, width)) for colour, width in ((_HALO, 4.5), (_LINE, 2.0))
         )
+        self.annotations = AnnotationItem()
         self.ring = RingItem()
-        for item in (self._rim, self.ring):
+        for item in (self._rim, self.annotations, self.ring):
             self._scene.addItem(item)
         self._is_fitted = True
         self._pressed: Any = None
@@ -114,6 +117,7 @@ class MapCanvas(QGraphicsView):
         """
         self._put(self.folds, folds)
         self.show_picture(None)
+        self.show_annotations(None)
         self._rim.setPath(_path(rim))
         around = self._map_rect()
         wide = max(around.width(), around.height())
@@ -125,6 +129,7 @@ class MapCanvas(QGraphicsView):
         self.folds.setPixmap(QPixmap())
         self._rim.setPath(QPainterPath())
         self.show_picture(None)
+        self.show_annotations(None)
 
     def show_picture(self, picture: Picture | None) -> None:
         """Show a picture over the folds.
@@ -153,6 +158,16 @@ class MapCanvas(QGraphicsView):
             path.addEllipse(QPointF(u, -v), radius, radius)
         for item in (self._halo, self.lines):
             item.setPath(path)
+
+    def show_annotations(self, found: OnMap | None) -> None:
+        """Show what is drawn in the volume.
+
+        Parameters
+        ----------
+        found : OnMap or None
+            None for nothing.
+        """
+        self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
         """Mark a place.

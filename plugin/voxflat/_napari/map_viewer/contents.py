@@ -141,6 +141,17 @@ class ContentChoice(QComboBox):
         """
         self.setCurrentIndex(self._offered.index(content))
 
+    def step(self, steps: int) -> None:
+        """Choose what stands so many places farther down; after the last comes the first.
+
+        Parameters
+        ----------
+        steps : int
+            How many.
+        """
+        if self._offered:
+            self.setCurrentIndex((self.currentIndex() + steps) % len(self._offered))
+
     def show_run(self, run: Run | None) -> None:
         """Offer what a run's map may show, and choose what it was made to show, or the first measure.
 

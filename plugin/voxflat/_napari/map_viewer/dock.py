@@ -6,20 +6,24 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from napari.layers import Image, Labels
+from app_model.types import KeyCode, KeyMod
+from napari.layers import Image, Labels, Points
 from numpy.typing import NDArray
 from qtpy.QtCore import QEvent, Qt, QTimer
 from qtpy.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 from superqt import QLabeledDoubleSlider
 
+from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.sampled import shown
 from voxflat._napari.map_viewer import drawings
+from voxflat._napari.map_viewer.annotations import Annotation, OnMap, VolumeAnnotations, on_map
 from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
 from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.link import ViewerLink
 from voxflat._napari.map_viewer.measures import Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
+from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
@@ -46,6 +50,11 @@ GO, MARK, REGION, MEASURE = _CLICKS = (
     "measures a distance",
 )
 """What a click on the map may do."""
+
+_NEXT, _PREVIOUS, _IN_3D, _OUTLINE, _WHOLE = (
+    KeyMod.Shift | key for key in (KeyCode.KeyN, KeyCode.KeyB, KeyCode.KeyC, KeyCode.KeyO, KeyCode.KeyW)
+)
+_OF_CLICKS = [KeyMod.Shift | key for key in (KeyCode.KeyG, KeyCode.KeyM, KeyCode.KeyR, KeyCode.KeyD)]
 
 NOTHING = "Flatten a surface: its map is shown here."
 _HINT = "Point at the map or in the volume to see the place in both; click to go there."
@@ -93,11 +102,15 @@ class FlatMapDock(QWidget):
         self.picture: Picture | None = None
         """What is shown over the folds."""
         self._corners: list[drawings.Place] = []
-        self._points: list[drawings.Place] = []
+        self._points: list[drawings.Place] = []  # that are about to be in the volume
         self._regions: list[list[drawings.Place]] = []
+        self._annotations: list[Annotation] = []
         self._carrier = Latest(self)
         self._carrier.done.connect(self._on_carried)
         self._carrier.failed.connect(self._on_not_carried)
+        self._annotator = Latest(self)
+        self._annotator.done.connect(self._on_annotated)
+        self._annotator.failed.connect(self._on_not_annotated)
         self._painter = Latest(self)
         self._painter.done.connect(self._on_drawn)
         self._painter.failed.connect(self._on_failed)
@@ -108,8 +121,11 @@ class FlatMapDock(QWidget):
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
         self.painted = PaintedSurface(napari_viewer)
+        self.outline = PatchOutline(napari_viewer, self)
+        self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
         self._connect()
+        self._keys = Keys(napari_viewer, self, self._of_keys())
         self._on_theme()
         self._on_runs()
 
@@ -123,7 +139,10 @@ class FlatMapDock(QWidget):
         self.keep.setToolTip("Else a new map takes the place of the one before")
         self.keep.setChecked(self._workbench.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
-        self.contents.setToolTip("What the map shows: what flattening changed, or a layer of the viewer")
+        self.contents.setToolTip(
+            "What the map shows: what flattening changed, or a layer of the viewer "
+            f"({key_text(_NEXT)}: the next, {key_text(_PREVIOUS)}: the one before)"
+        )
         self.depths = QLabeledDoubleSlider(Qt.Orientation.Horizontal)
         self.depths.setToolTip("How deep the layer is sampled")
         self.depth_unit = QComboBox()
@@ -133,17 +152,28 @@ class FlatMapDock(QWidget):
         self.opacity.setValue(_CLEAR)
         self.opacity.setToolTip("Less of it, and the folds show")
         self.on_surface = QCheckBox("In 3D")
-        self.on_surface.setToolTip("Show the surface in the colours of the map, in the viewer")
+        self.on_surface.setToolTip(f"Show the surface in the colours of the map, in the viewer ({key_text(_IN_3D)})")
+        self.outlined = QCheckBox("Outline")
+        self.outlined.setToolTip(
+            "Show in slices where the surface of the map lies, and marks where it is cut; in 3D its border and cuts "
+            f"({key_text(_OUTLINE)})"
+        )
         self.click = QComboBox()
         self.click.addItems([*_CLICKS])
-        self.click.setToolTip("What a click on the map does")
+        self.click.setToolTip(
+            "What a click on the map does: "
+            + ", ".join(f"{key_text(key)} {what}" for key, what in zip(_OF_CLICKS, _CLICKS, strict=True))
+        )
         self.whole = QPushButton("Whole map")
-        self.whole.setToolTip("The wheel zooms, dragging moves; also by a double click")
+        self.whole.setToolTip(f"The wheel zooms, dragging moves; also by a double click ({key_text(_WHOLE)})")
         self.canvas = MapCanvas()
         self.strip = Strip()
         self.text = QLabel(NOTHING)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.left_out = QLabel()
+        self.left_out.setWordWrap(True)
+        self.left_out.hide()
         self._limit_depth()
 
     def _lay_out(self) -> None:
@@ -155,6 +185,7 @@ class FlatMapDock(QWidget):
         first.addWidget(QLabel("Shows"))
         first.addWidget(self.contents, 1)
         first.addWidget(self.on_surface)
+        first.addWidget(self.outlined)
         first.addWidget(self.whole)
         first.addWidget(self.keep)
         self._depth_row = QWidget()
@@ -177,6 +208,7 @@ class FlatMapDock(QWidget):
         layout.addWidget(self.canvas, 1)
         layout.addWidget(self.strip)
         layout.addWidget(self.text)
+        layout.addWidget(self.left_out)
 
     def _connect(self) -> None:
         self._workbench.changed.connect(self._on_runs)
@@ -190,6 +222,7 @@ class FlatMapDock(QWidget):
         self.opacity.valueChanged.connect(self._on_opacity)
         self.canvas.picture.setOpacity(_CLEAR)
         self.on_surface.toggled.connect(self._on_surface)
+        self.outlined.toggled.connect(self._on_outlined)
         self.whole.clicked.connect(self.canvas.fit)
         self.canvas.pointed.connect(self._on_map_pointed)
         self.canvas.clicked.connect(self._on_map_clicked)
@@ -199,6 +232,18 @@ class FlatMapDock(QWidget):
         self.canvas.zoomed.connect(self._on_zoomed)
         self.link.pointed.connect(self._on_viewer_pointed)
         self.link.clicked.connect(self._on_viewer_clicked)
+        self.annotations.changed.connect(self._annotate)
+        self.outline.failed.connect(self._on_failed)
+
+    def _of_keys(self) -> dict[int, Any]:
+        """Return what keys do."""
+        buttons = {_IN_3D: self.on_surface, _OUTLINE: self.outlined, _WHOLE: self.whole}
+        return {
+            _NEXT: partial(self.contents.step, 1),
+            _PREVIOUS: partial(self.contents.step, -1),
+            **{key: button.click for key, button in buttons.items()},
+            **{key: partial(self.click.setCurrentText, what) for key, what in zip(_OF_CLICKS, _CLICKS, strict=True)},
+        }
 
     # -------------------------------------------------------------------------------------------- runs
 
@@ -223,7 +268,8 @@ class FlatMapDock(QWidget):
     def _show_run(self, run: Run | None) -> None:
         self._run, self.sheet, self.link.sheet = run, None, None
         self._told = None
-        self._points, self._regions = [], []
+        self._points, self._regions, self._annotations = [], [], []
+        self._say_left_out("")
         self._forget_corners()
         self.link.mark(None)
         self.canvas.place_ring(None)
@@ -234,6 +280,8 @@ class FlatMapDock(QWidget):
             self.canvas.hide_map()
             self.strip.show_marks([], None)
             self.strip.show_colours(None)
+            self.painted.remove()
+            self.outline.remove()
 
     def _set_depth(self, run: Run | None) -> None:
         """Start at the depth at which the run was asked to sample, and offer fractions where they are known."""
@@ -251,7 +299,8 @@ class FlatMapDock(QWidget):
     @property
     def is_drawn(self) -> bool:
         """Whether the canvas shows what is chosen, and the viewer what was drawn."""
-        return not (self._painter.is_busy or self._carrier.is_busy or self._soon.isActive())
+        threads = (self._painter, self._carrier, self._annotator, self.annotations, self.outline)
+        return not (self._soon.isActive() or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
         for event in self._looks:
@@ -331,6 +380,12 @@ class FlatMapDock(QWidget):
         else:
             self.painted.remove()
 
+    def _on_outlined(self, outlined: bool) -> None:
+        if not outlined:
+            self.outline.remove()
+        elif self.sheet is not None:
+            self.outline.show(self.sheet)
+
     def _on_drawn(self, result: _Drawn) -> None:
         sheet, picture, colours = result
         if sheet.run is not self._run:
@@ -340,6 +395,8 @@ class FlatMapDock(QWidget):
             self.canvas.show_map(sheet.folds, sheet.outline)
             self.strip.show_marks(sheet.directions, sheet.side)
             self.text.setText(_HINT)
+            self._annotate()
+            self._on_outlined(self.outlined.isChecked())
         self.picture = picture
         self.canvas.show_picture(picture)
         self.strip.show_colours(None if picture is None else picture.scale)
@@ -352,6 +409,36 @@ class FlatMapDock(QWidget):
         self.canvas.show_picture(None)
         self.strip.show_colours(None)
         self.text.setText(" ".join(str(error).split()))
+
+    # ------------------------------------------------------------------------------ drawn in the volume
+
+    def _annotate(self) -> None:
+        """Have points and shapes of the volume carried to the map in a thread, if there are others than before."""
+        if self.sheet is None:
+            return
+        try:
+            found = self.annotations.taken(self.sheet.origin.get("world_axes", "RAS"))
+        except VoxflatError as error:
+            self._on_not_annotated(error)
+            return
+        before, self._annotations = self._annotations, found
+        if len(found) != len(before) or not all(one.is_same(other) for one, other in zip(found, before, strict=True)):
+            self._annotator.ask(partial(_annotated, self.sheet, found))
+
+    def _on_annotated(self, result: tuple[Sheet, OnMap]) -> None:
+        sheet, found = result
+        if sheet is self.sheet:
+            self.canvas.show_annotations(found)
+            self._say_left_out(found.left_out)
+
+    def _on_not_annotated(self, error: Exception) -> None:
+        self._annotations = []
+        self.canvas.show_annotations(None)
+        self._say_left_out(" ".join(str(error).split()))
+
+    def _say_left_out(self, what: str) -> None:
+        self.left_out.setText(what[:1].upper() + what[1:])
+        self.left_out.setVisible(bool(what))
 
     # -------------------------------------------------------------------------------------------- link
 
@@ -393,8 +480,10 @@ class FlatMapDock(QWidget):
             self._carrier.ask(partial(drawings.regions, self.sheet, [*self._regions]))
 
     def _on_carried(self, drawn: drawings.Drawn) -> None:
-        drawings.put(self._viewer, drawn.layer)
-        self._show_drawn(drawn.lines)
+        layer = drawings.put(self._viewer, drawn.layer)
+        if isinstance(layer, Points):
+            self._points = []
+        self._show_drawn([])
         if drawn.told:
             self.text.setText(drawn.told)
 
@@ -407,7 +496,7 @@ class FlatMapDock(QWidget):
         self._show_drawn([])
 
     def _show_drawn(self, lines: list[NDArray[np.float64]]) -> None:
-        """Show what is drawn now, and the points and regions that were drawn before."""
+        """Show what is drawn now, and the regions that were drawn before."""
         earlier = [np.array([*corners, corners[0]]) for corners in self._regions]
         self.canvas.show_lines([*earlier, *lines], [*self._points, *self._corners])
 
@@ -456,10 +545,14 @@ class FlatMapDock(QWidget):
 
     def _release(self) -> None:
         self._soon.stop()
+        self._keys.release()
         self._painter.stop()
         self._carrier.stop()
+        self._annotator.stop()
+        self.annotations.release()
         self.link.release()
         self.painted.remove()
+        self.outline.release()
         self.contents.release()
         for event in self._looks:
             event.disconnect(self._on_look)
@@ -474,6 +567,10 @@ def _drawn(run: Run, sheet: Sheet | None, draw: Any, opacity: float | None) -> _
     ready = Sheet.of(run) if sheet is None else sheet
     picture = None if draw is None else draw(ready)
     return ready, picture, None if opacity is None else ready.colours(picture, opacity)
+
+
+def _annotated(sheet: Sheet, annotations: list[Annotation]) -> tuple[Sheet, OnMap]:
+    return sheet, on_map(sheet, annotations)
 
 
 def _joined(numbers: tuple[int, ...]) -> str:

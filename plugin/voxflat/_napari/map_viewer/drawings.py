@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.flat_layers import LayerData, units
+from voxflat._napari.results.listed import insert
 from voxflat.distances.path import path
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
@@ -26,7 +27,6 @@ Place: TypeAlias = tuple[float, float]
 
 _COLOUR = "#ffd23f"
 _CORTEX = (-0.5, 3.0)  # mm outside the surface: where a region lies unless white and pial surface are known
-_JUMP = 4.0  # of the usual step; a line that jumps farther crosses a cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,12 @@ class Drawn:
     ----------
     layer : LayerData
         In the viewer.
-    lines : list of ndarray, shape (k, 2)
-        On the map, mm.
     told : str
         In words.
     """
 
     layer: LayerData
-    lines: list[NDArray[np.float64]]
-    told: str
+    told: str = ""
 
 
 def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
@@ -67,10 +64,10 @@ def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
         "name": "points of the map",
         "face_color": _COLOUR,
         "size": 2,
-        "features": {"vertex": [str(spot.vertex) for spot in spots]},
+        "features": {"vertex": [str(spot.vertex) for spot in spots], "surface": [sheet.run.name] * len(spots)},
         **_placement(sheet),
     }
-    return Drawn((_world(sheet, np.array([spot.point for spot in spots])), keywords, "points"), [], "")
+    return Drawn((_world(sheet, np.array([spot.point for spot in spots])), keywords, "points"))
 
 
 def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
@@ -94,13 +91,12 @@ def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
     """
     flat_map = _map(sheet)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
-    lines = [np.array([*corners, corners[0]]) for corners in polygons]
     told = f"{len(polygons)} region{'s' * (len(polygons) > 1)}"
     keywords: dict[str, Any] = {"name": "regions of the map", **_placement(sheet)}
     if not flat_map.is_voxels:
         surface = (_world(sheet, sheet.points), flat_map.faces[~flat_map.torn], drawn.labels.astype(np.float32))
         look = {"colormap": "turbo", "contrast_limits": (0.0, float(len(polygons)))}
-        return Drawn((surface, {**keywords, **look}, "surface"), lines, told)
+        return Drawn((surface, {**keywords, **look}, "surface"), told)
     labels = flat_map.paint(drawn.labels.astype(np.int32))
     if not np.isnan(flat_map.normals).all():  # of what has an outside, where the cortex lies
         cortex = drawn.volume(Volume(labels, flat_map.affine), depth=None if sheet.pial_is_known else _CORTEX)
@@ -110,7 +106,7 @@ def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
     affine = np.eye(4)
     affine[:3, 3] = corners[0]
     affine[:3, :3] = (corners[1:] - corners[0]).T
-    return Drawn((labels, {**keywords, "affine": affine}, "labels"), lines, told)
+    return Drawn((labels, {**keywords, "affine": affine}, "labels"), told)
 
 
 def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
@@ -142,9 +138,6 @@ def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
         rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
     start, end = (int(merged[row]) for row in ends if row is not None)
     found = path((flat_map.points[rows], merged[faces]), start, end, geodesic="exact")
-    places = flat_map.points_to_map(found.points)[0]
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    jumps = np.flatnonzero(steps > _JUMP * max(float(np.median(steps)), flat_map.spacing)) + 1
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     told = f"{found.length:.1f} mm over the surface, {flat:.1f} mm on the map"
     line = _world(sheet, flat_map.space.to_scanner(found.points))
@@ -155,11 +148,11 @@ def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
         "edge_width": 0.7,
         **_placement(sheet),
     }
-    return Drawn(([line], keywords, "shapes"), [part for part in np.split(places, jumps) if len(part) > 1], told)
+    return Drawn(([line], keywords, "shapes"), told)
 
 
 def put(viewer: Viewer, data: LayerData) -> Layer:
-    """Put a layer into the viewer, in the place of the last one of its name.
+    """Put a layer into the viewer, in the place of the last one of its name; points come to those that are there.
 
     Parameters
     ----------
@@ -173,17 +166,23 @@ def put(viewer: Viewer, data: LayerData) -> Layer:
     Layer
     """
     values, keywords, kind = data
-    before = set(viewer.layers.selection)
+    features = keywords.get("features", {})
     earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)
-    if isinstance(earlier, Labels | Points | Surface) and type(earlier).__name__.lower() == kind:
-        earlier.data = values
-        if "features" in keywords:
-            earlier.features = keywords["features"]
+    if isinstance(earlier, Points) and kind == "points" and earlier.ndim == 3:
+        told = {name: [*earlier.features.get(name, [""] * len(earlier.data)), *new] for name, new in features.items()}
+        earlier.data = np.concatenate([earlier.data, [earlier.world_to_data(place) for place in values]])
+        earlier.features = told
+        earlier.visible = True
         return earlier
-    if isinstance(earlier, Shapes):
-        viewer.layers.remove(earlier)
-    layer = viewer.add_layer(Layer.create(values, keywords, kind))
-    viewer.layers.selection = {one for one in before if one in viewer.layers}
+    if isinstance(earlier, Labels | Surface) and type(earlier).__name__.lower() == kind:
+        earlier.data = values
+        return earlier
+    if isinstance(earlier, Shapes) and kind == "shapes" and earlier.ndim == 3:
+        earlier.data = [(line, keywords["shape_type"]) for line in values]  # one that is new may crash OpenGL
+        earlier.visible = True
+        return earlier
+    layer = Layer.create(values, keywords, kind)
+    insert(viewer, layer)
     return layer
 
 

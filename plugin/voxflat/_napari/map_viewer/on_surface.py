@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.flat_layers import units
+from voxflat._napari.results.listed import insert
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -67,7 +68,7 @@ class PaintedSurface:
         if source in self._viewer.layers:
             self._covered = self._viewer.layers[source]  # it lies at the same place, or around it
             self._was_visible, self._covered.visible = self._covered.visible, False
-        self._viewer.add_layer(self.layer)
+        insert(self._viewer, self.layer)
 
     def remove(self) -> None:
         """Take the layer out of the viewer."""

@@ -15,8 +15,11 @@ from voxflat._napari.results.run import Run
 from voxflat.figures.flat_maps import folds
 from voxflat.figures.marks import Direction, directions, side
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.lines import outline
+from voxflat.maps.lines import rim
 from voxflat.maps.plane import LIMIT, Planar
+
+FAR = LIMIT
+"""mm: what lies farther from the surface, farther than cortex is thick, has no place on the map."""
 
 _PIXELS = 1e6  # of the map's bounding box: about as many as a large dock has
 _FINER = 4  # than the run's own pixels: of small maps more cannot be seen
@@ -58,8 +61,8 @@ class Sheet:
         Of what is shown, mm: finer than the run's own pixels, so that nothing looks blocky.
     folds : Picture
         Sulci and gyri in two greys.
-    outline : list of ndarray, shape (k, 2)
-        The map's rim, mm.
+    rim : list of ndarray of int64, shape (k,)
+        The map's rim: points, in order.
     directions : list of Direction
         Where right, anterior and superior are.
     side : {"L", "R", None}
@@ -72,7 +75,7 @@ class Sheet:
     planar: Planar
     pixel_size: float
     folds: Picture
-    outline: list[NDArray[np.float64]]
+    rim: list[NDArray[np.int64]]
     directions: list[Direction]
     side: str | None
     points: NDArray[np.float64]
@@ -96,17 +99,19 @@ class Sheet:
         pixel_size = max(float(np.sqrt(np.ptp(of.uv, axis=0).prod() / _PIXELS)), planar.pixel_size / _FINER)
         raster = planar.raster(pixel_size)
         if isinstance(flat_map, FlatMap):
-            grey, rim = folds(flat_map, raster), outline(of.uv, of.faces[~of.torn])
+            grey, lines = folds(flat_map, raster), rim(of.faces[~of.torn], len(of.uv))
         else:
             grey = np.zeros((*raster.shape, 4), dtype=np.uint8)
             grey[..., :3], grey[..., 3] = _EVEN, 255 * raster.inside
-            rim = outline(flat_map.page().uv, flat_map.uv_faces)
+            corner = np.zeros(len(flat_map.uv), dtype=np.int64)  # one of those of the triangles around each place
+            corner[flat_map.uv_faces] = of.faces
+            lines = [corner[line] for line in rim(flat_map.uv_faces, len(flat_map.uv))]
         found = cls(
             run,
             planar,
             pixel_size,
             Picture(grey, raster.origin, pixel_size),
-            rim,
+            lines,
             directions(flat_map) if isinstance(flat_map, FlatMap) else [],
             side(flat_map) if isinstance(flat_map, FlatMap) else None,
             of.on_surface.space.to_scanner(of.on_surface.points),
@@ -121,6 +126,11 @@ class Sheet:
         """Of which layer it is: its name, the world's axes, the unit."""
         told: dict[str, str] = self.run.flat_map.metadata.get("napari", {})
         return told
+
+    @property
+    def outline(self) -> list[NDArray[np.float64]]:
+        """The map's rim, mm: lines of shape (k, 2)."""
+        return [self.planar._triangles.uv[line] for line in self.rim]
 
     @property
     def pial_is_known(self) -> bool:
@@ -186,9 +196,23 @@ class Sheet:
         (u, v) in mm, or None
             None farther from the surface than cortex is thick.
         """
-        uv, _ = self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(point), LIMIT)
-        u, v = uv.tolist()
+        u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
+
+    def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Look up points in space on the map.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 3)
+            RAS+ mm in scanner space.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (u, v) of the nearest place of the surface, mm; NaN farther from it than `FAR`.
+        """
+        return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Find where a ray meets the surface first.
@@ -203,34 +227,43 @@ class Sheet:
         ndarray, shape (3,), or None
         """
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
-        apart = self.points - start
-        far = apart @ along
-        beside = np.einsum("ij,ij->i", apart, apart) - far**2
-        of = self.planar._triangles
-        if of.torn.any():  # where there is no surface between points, they are what a ray meets
-            return self._met_point(start, along, far, beside)
+        beside = np.zeros(len(self.points))  # its square; axis by axis, which is faster than products of matrices
+        for across in np.linalg.svd(along[None])[2][1:]:
+            x, y, z = (places * share for places, share in zip(self._axes, across.tolist(), strict=True))
+            beside += (x + y + z - across @ start) ** 2
+        if self.planar._triangles.torn.any():  # where there is no surface between points, they are what a ray meets
+            return self._met_point(start, along, beside)
         close = beside <= self._longest_edge**2  # of a triangle that a ray meets all corners are
-        faces = of.faces[close[of.faces].all(axis=1)].astype(np.int64)
-        a, b, c = (self.points[faces[:, corner]] for corner in range(3))
+        first, second, third = self._corners
+        near = np.flatnonzero(close[first])
+        near = near[close[second[near]] & close[third[near]]]
+        a, b, c = (self.points[corner[near]] for corner in self._corners)
         hit = _distances_along(start, along, a, b - a, c - a)
-        first = float(np.min(hit, initial=np.inf))
-        return start + first * along if np.isfinite(first) else None
+        nearest = float(np.min(hit, initial=np.inf))
+        return start + nearest * along if np.isfinite(nearest) else None
 
     def _met_point(
-        self,
-        start: NDArray[Any],
-        along: NDArray[np.float64],
-        far: NDArray[np.float64],
-        beside: NDArray[np.float64],
+        self, start: NDArray[Any], along: NDArray[np.float64], beside: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Find the first point that a ray passes by; `far` along it, and the square of how far `beside`."""
-        reach = _NEAR * self._spacing
+        """Find the first point that a ray passes by; `beside` is the square of how far beside it they are."""
+        reach = _NEAR * self.spacing
         hits = np.flatnonzero(beside <= reach**2)
         if not len(hits):
             return None
-        first = hits[far[hits] <= far[hits].min() + 2 * reach]
-        nearest = first[beside[first].argmin()]
-        return np.asarray(start + far[nearest] * along)
+        far = (self.points[hits] - start) @ along
+        first = far <= far.min() + 2 * reach
+        nearest = beside[hits[first]].argmin()
+        return np.asarray(start + far[first][nearest] * along)
+
+    @cached_property
+    def _axes(self) -> NDArray[np.float64]:
+        """The points' coordinates, shape (3, N)."""
+        return np.ascontiguousarray(self.points.T)
+
+    @cached_property
+    def _corners(self) -> NDArray[np.int64]:
+        """The triangles' corners, shape (3, F): to look at one corner of all takes a third of all."""
+        return np.ascontiguousarray(self.planar._triangles.faces.T, dtype=np.int64)
 
     @cached_property
     def _longest_edge(self) -> float:
@@ -271,7 +304,8 @@ class Sheet:
         return nearest[0][rows, columns], nearest[1][rows, columns]
 
     @property
-    def _spacing(self) -> float:
+    def spacing(self) -> float:
+        """How far apart the surface's points are, mm."""
         of = self.run.flat_map
         return of.spacing if isinstance(of, FlatMap) else 2 * self.planar.pixel_size
 

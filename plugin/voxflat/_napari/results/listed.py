@@ -109,7 +109,7 @@ class ListedLayers:
             return
         layer = Layer.create(*hidden(data))
         self._layers.append(layer)
-        self._steps.appendleft(partial(_insert, layer=layer))
+        self._steps.appendleft(partial(_insert_hidden, layer=layer))
 
     def _take_out(self, viewer: Viewer, layer: Layer) -> None:
         self._layers.remove(layer)
@@ -117,16 +117,28 @@ class ListedLayers:
             viewer.layers.remove(layer)
 
 
-def _insert(viewer: Viewer, layer: Layer) -> None:
+def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
+    insert(viewer, layer)
+    layer.visible = False
+
+
+def insert(viewer: Viewer, layer: Layer) -> None:
     """Put a layer into the list, and leave the selection alone.
 
     napari selects what is new, and makes controls for it, which takes as long as all the rest.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    layer : Layer
+        The layer.
     """
+    viewer = getattr(viewer, "__wrapped__", viewer)  # which napari gives widgets, and whose switch is private
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
     try:
         viewer.add_layer(layer)
-        layer.visible = False
     finally:
         layers._activate_on_insert = True
     if set(layers.selection) != before:  # where the switch is none

@@ -1,0 +1,74 @@
+"""Keys of a dock: they work in the viewer and in the dock itself, for as long as it is open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from app_model.backends.qt import QKeyBindingSequence
+from app_model.types import KeyBinding
+from qtpy.QtCore import Qt
+from qtpy.QtGui import QKeySequence, QShortcut  # type: ignore[attr-defined]  # in Qt 5 it is elsewhere
+from qtpy.QtWidgets import QWidget
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+
+def key_text(key: int) -> str:
+    """Return how a key is called on this system, such as Ctrl+Z.
+
+    Parameters
+    ----------
+    key : int
+        Of app-model's `KeyMod` and `KeyCode`.
+
+    Returns
+    -------
+    str
+    """
+    return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
+
+
+class Keys:
+    """Binds keys; what someone else has bound in the viewer stays theirs.
+
+    napari knows only keys that are pressed over its canvas, Qt those in the dock.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    dock : QWidget
+        The dock's widget.
+    actions : mapping of int to callable
+        What the keys do: `KeyMod` and `KeyCode` of app-model, so that Ctrl is Cmd on a Mac.
+    """
+
+    def __init__(self, viewer: Viewer, dock: QWidget, actions: Mapping[int, Callable[[], object]]) -> None:
+        self._viewer = viewer
+        self._bound: list[int] = []
+        for key, act in actions.items():
+            shortcut = QShortcut(_sequence(key), dock)
+            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.activated.connect(act)
+            if KeyBinding.from_int(key) not in viewer.keymap:
+                viewer.bind_key(key, _for_viewer(act))
+                self._bound.append(key)
+
+    def release(self) -> None:
+        """Give the viewer's keys back."""
+        for key in self._bound:
+            self._viewer.bind_key(key, None)
+        self._bound = []
+
+
+def _for_viewer(act: Callable[[], object]) -> Callable[[Viewer], None]:
+    def pressed(viewer: Viewer) -> None:  # napari asks for its name
+        act()
+
+    return pressed
+
+
+def _sequence(key: int) -> QKeySequence:
+    return QKeyBindingSequence(KeyBinding.from_int(key))

@@ -1,0 +1,94 @@
+"""How points and shapes of the volume look on the map: of one size at every zoom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from qtpy.QtCore import QPointF, QRectF, Qt
+from qtpy.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF
+from qtpy.QtWidgets import QGraphicsItem
+
+from voxflat._napari.map_viewer.annotations import OnMap
+
+_DOT, _LINE, _RIM = 8.0, 2.0, 1.25  # pixels: across, wide, and of the dark rim around both
+_HALO = QColor(0, 0, 0, 190)
+_TONES = 32  # of red, green and blue each: as many colours are told apart at most
+
+
+class AnnotationItem(QGraphicsItem):
+    """Dots and lines on the map, light and dark ones with a dark rim."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: list[tuple[QColor, QPainterPath]] = []
+        self._dots: list[tuple[QColor, NDArray[np.float64]]] = []
+        self._around = QRectF()
+        self.setZValue(4)
+        self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
+
+    def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
+        """Show what is drawn.
+
+        Parameters
+        ----------
+        found : OnMap or None
+            None for nothing.
+        around : QRectF
+            Where all of it lies, in the scene.
+        """
+        self.prepareGeometryChange()
+        self._around = around
+        self._lines, self._dots = [], []
+        if found is not None:
+            for colour, rows in _by_colour(found.line_colours):
+                path = QPainterPath()
+                for row in rows.tolist():
+                    path.addPolygon(_polygon(found.lines[row]))
+                self._lines.append((colour, path))
+            self._dots = [(colour, found.dots[rows]) for colour, rows in _by_colour(found.colours)]
+        self.update()
+
+    @property
+    def dots(self) -> NDArray[np.float64]:
+        """Where the dots are, (u, v) in mm, shape (P, 2)."""
+        return np.concatenate([np.empty((0, 2)), *(places for _, places in self._dots)])
+
+    @property
+    def lines(self) -> list[QPainterPath]:
+        """The lines, one path a colour, in the scene."""
+        return [path for _, path in self._lines]
+
+    def boundingRect(self) -> QRectF:  # noqa: N802 - Qt's name
+        return self._around
+
+    def paint(self, painter: QPainter | None, *_: Any) -> None:
+        assert painter is not None
+        for colour, path in self._lines:
+            for ink, width in ((_HALO, _LINE + 2 * _RIM), (colour, _LINE)):
+                painter.strokePath(path, _pen(ink, width))
+        for colour, places in self._dots:
+            dots = _polygon(places)
+            for ink, width in ((_HALO, _DOT + 2 * _RIM), (colour, _DOT)):
+                painter.setPen(_pen(ink, width))
+                painter.drawPoints(dots)
+
+
+def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int64]]]:
+    """Return colours, opaque, and which rows have each."""
+    step = 256 // _TONES
+    tones, which = np.unique(colours[:, :3] // step, axis=0, return_inverse=True)
+    order = np.argsort(which.ravel(), kind="stable")
+    rows = np.split(order, np.cumsum(np.bincount(which.ravel(), minlength=len(tones)))[:-1]) if len(tones) else []
+    return [(QColor(*colours[own[0], :3].tolist()), own) for own in rows]
+
+
+def _pen(colour: QColor, width: float) -> QPen:
+    pen = QPen(colour, width, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin)
+    pen.setCosmetic(True)
+    return pen
+
+
+def _polygon(places: NDArray[np.float64]) -> QPolygonF:
+    return QPolygonF([QPointF(u, -v) for u, v in places.tolist()])

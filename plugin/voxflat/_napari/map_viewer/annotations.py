@@ -1,0 +1,314 @@
+"""Points and shapes of the volume, shown on the map at the nearest place of the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.layers import Points, Shapes
+from numpy.typing import NDArray
+from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+
+from voxflat._napari.layers.world import LayerPlace, moved
+from voxflat._napari.map_viewer.sheet import FAR, Sheet
+from voxflat.maps.lines import ellipse
+
+if TYPE_CHECKING:
+    from napari import Viewer
+    from napari.layers import Layer
+
+_CLOSED = ("polygon", "rectangle", "ellipse")
+_LOOKS = ("data", "set_data", "visible", "face_color", "current_face_color", "border_color", "current_border_color")
+_SHAPES = ("edge_color", "current_edge_color", "edge_width")
+_PLACE = ("scale", "translate", "rotate", "shear", "affine", "units")
+_FINER = 2  # than the surface's points lie apart: steps along a line
+_JUMP = 4.0  # of the usual step; a line that jumps farther crosses a cut
+
+
+@dataclass(frozen=True, eq=False)
+class Annotation:
+    """What a layer has drawn in space, at the time that is shown.
+
+    Parameters
+    ----------
+    points : ndarray, shape (P, 3)
+        RAS+ mm in scanner space.
+    colours : ndarray of uint8, shape (P, 4)
+        One a point.
+    lines : list of ndarray, shape (k, 3)
+        RAS+ mm; of what is closed the last place is the first.
+    line_colours : ndarray of uint8, shape (L, 4)
+        One a line.
+    """
+
+    points: NDArray[np.float64]
+    colours: NDArray[np.uint8]
+    lines: list[NDArray[np.float64]]
+    line_colours: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> Annotation:
+        """Take what a layer shows.
+
+        Parameters
+        ----------
+        layer : Points or Shapes
+            Of three dimensions or more, the last three of which are space.
+        world : str
+            One of `WORLDS`.
+        point : sequence of float
+            Where the viewer is, in its world.
+
+        Returns
+        -------
+        Annotation
+
+        Raises
+        ------
+        InputError
+            If its axes are no lengths.
+        """
+        leading = layer.ndim - 3
+        affine = LayerPlace.of(layer, world, leading).affine
+        now = np.asarray(layer.world_to_data(np.asarray(point)[-layer.ndim :]))[:leading]
+        if isinstance(layer, Shapes):
+            seen = [n for n, corners in enumerate(layer.data) if _is_now(corners[:1], now)[0]]
+            lines = [moved(_line(layer.data[n][:, leading:], layer.shape_type[n]), affine) for n in seen]
+            colours = np.where((layer.edge_color[:, 3:] > 0), layer.edge_color, layer.face_color)[seen]
+            return cls(np.empty((0, 3)), np.empty((0, 4), dtype=np.uint8), lines, _bytes(colours))
+        data = np.asarray(layer.data, dtype=np.float64)
+        seen = layer.shown & _is_now(data, now)
+        colours = np.where(layer.face_color[:, 3:] > 0, layer.face_color, layer.border_color)[seen]
+        return cls(moved(data[seen][:, leading:], affine), _bytes(colours), [], np.empty((0, 4), dtype=np.uint8))
+
+    def is_same(self, other: Annotation) -> bool:
+        """Say whether another one would be shown alike.
+
+        Parameters
+        ----------
+        other : Annotation
+            The other one.
+
+        Returns
+        -------
+        bool
+        """
+        own, others = self._arrays, other._arrays
+        return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
+
+    @property
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [self.points, self.colours, self.line_colours, *self.lines]
+
+
+@dataclass(frozen=True, eq=False)
+class OnMap:
+    """What is drawn in the volume, on the map.
+
+    Parameters
+    ----------
+    dots : ndarray, shape (P, 2)
+        mm.
+    colours : ndarray of uint8, shape (P, 4)
+        One a dot.
+    lines : list of ndarray, shape (k, 2)
+        mm.
+    line_colours : ndarray of uint8, shape (L, 4)
+        One a line.
+    left_out : str
+        What lies too far from the surface, in words; empty if nothing does.
+    """
+
+    dots: NDArray[np.float64]
+    colours: NDArray[np.uint8]
+    lines: list[NDArray[np.float64]]
+    line_colours: NDArray[np.uint8]
+    left_out: str
+
+
+def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
+    """Carry annotations to the nearest places of a map's surface; called by a thread.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        The map.
+    annotations : sequence of Annotation
+        What is drawn.
+
+    Returns
+    -------
+    OnMap
+        Without what lies farther than `FAR` from the surface. Lines follow the surface between their corners, and are
+        broken where the map is cut.
+    """
+    points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
+    colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
+    dots = sheet.places(points)
+    known = np.isfinite(dots[:, 0])
+    lines, line_colours, shapes, far = [], [], 0, 0
+    for one in annotations:
+        for line, colour in zip(one.lines, one.line_colours, strict=True):
+            places = sheet.places(_along(line, sheet))
+            parts = split(places, sheet.spacing)
+            lines += parts
+            line_colours += [colour] * len(parts)
+            shapes += 1
+            far += bool(np.isnan(places).any())
+    beyond = int((~known).sum())
+    told = [f"{beyond} of {len(points)} point{'s' * (len(points) > 1)}"] if beyond else []
+    told += [f"all or parts of {far} of {shapes} shape{'s' * (shapes > 1)}"] if far else []
+    left_out = f"not on the map, since farther than {FAR:g} mm from the surface: {', '.join(told)}" if told else ""
+    all_colours = np.array(line_colours, dtype=np.uint8).reshape(-1, 4)
+    return OnMap(dots[known], colours[known], lines, all_colours, left_out)
+
+
+def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
+    """Break a line of the map where it is unknown, and where it jumps over a cut.
+
+    Parameters
+    ----------
+    places : ndarray, shape (k, 2)
+        mm; NaN where there is none.
+    spacing : float
+        How far apart the surface's points are, mm.
+
+    Returns
+    -------
+    list of ndarray, shape (m, 2)
+        Lines of two places or more.
+    """
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+    breaks = np.flatnonzero(~(steps <= _JUMP * max(usual, spacing))) + 1
+    return [part for part in np.split(places, breaks) if len(part) > 1]
+
+
+def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
+    """Return places along a line in space, so near to each other that none of the surface's points is left out.
+
+    What lies beyond all of the surface is one place that is NaN, however long it is.
+    """
+    low, high = sheet.points.min(axis=0) - FAR, sheet.points.max(axis=0) + FAR
+    step = sheet.spacing / _FINER
+    found = []
+    for a, b in pairwise(line):
+        along = b - a
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.sort([(low - a) / along, (high - a) / along], axis=0)
+        inside = (low <= a) & (a <= high)  # of axes along which it does not lead
+        start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))
+        end = min(1.0, np.min(np.where(along == 0, np.inf, ends[1])))
+        if not start <= end:
+            found.append(np.full((1, 3), np.nan))
+            continue
+        count = 2 + int((end - start) * np.linalg.norm(along) / step)
+        beyond = [np.full((1, 3), np.nan)] if start > 0 else [], [np.full((1, 3), np.nan)] if end < 1 else []
+        found += [*beyond[0], a + np.linspace(start, end, count)[:, None] * along, *beyond[1]]
+    return np.concatenate([np.empty((0, 3)), *found])
+
+
+def _line(corners: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+    """Return a shape's outline; that of what is closed ends where it begins."""
+    line = ellipse(corners) if kind == "ellipse" else np.asarray(corners, dtype=np.float64)
+    return np.concatenate([line, line[:1]]) if kind in _CLOSED else line
+
+
+def _is_now(data: NDArray[Any], now: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether places belong to the time, and what else comes before space, that is shown."""
+    return np.asarray((np.abs(data[:, : len(now)] - now) <= 0.5).all(axis=1))
+
+
+def _bytes(colours: NDArray[Any]) -> NDArray[np.uint8]:
+    return np.round(255 * np.asarray(colours, dtype=np.float64)).astype(np.uint8).reshape(-1, 4)
+
+
+class VolumeAnnotations(QObject):
+    """Follows the viewer's Points and Shapes layers that can be seen.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QObject
+        The parent.
+    """
+
+    changed = Signal()
+    """Something may have been drawn, moved, coloured, shown or hidden; several changes at once are one."""
+
+    def __init__(self, viewer: Viewer, parent: QObject) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self._events: list[Any] = []
+        self._soon = QTimer(self)
+        self._soon.setSingleShot(True)
+        self._soon.setInterval(0)
+        self._soon.timeout.connect(self.changed)
+        for event in self._of_list:
+            event.connect(self._on_layers)
+        self._on_layers()
+
+    @property
+    def _of_list(self) -> tuple[Any, ...]:
+        return self._viewer.layers.events.inserted, self._viewer.layers.events.removed
+
+    @property
+    def layers(self) -> list[Layer]:
+        """Those that are followed; what voxflat itself draws elsewhere, such as cuts on another surface, is not."""
+        return [
+            layer
+            for layer in self._viewer.layers
+            if isinstance(layer, Points | Shapes) and layer.ndim >= 3 and "voxflat" not in layer.metadata
+        ]
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a change is about to be told."""
+        return bool(self._soon.isActive())
+
+    def taken(self, world: str) -> list[Annotation]:
+        """Take what is drawn now.
+
+        Parameters
+        ----------
+        world : str
+            One of `WORLDS`.
+
+        Returns
+        -------
+        list of Annotation
+            One a layer that can be seen.
+
+        Raises
+        ------
+        InputError
+            If the axes of a layer are no lengths.
+        """
+        point = self._viewer.dims.point
+        return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]
+
+    def release(self) -> None:
+        """Stop following the viewer."""
+        self._soon.stop()
+        self._follow([])
+        for event in self._of_list:
+            event.disconnect(self._on_layers)
+
+    def _on_layers(self) -> None:
+        self._follow(self.layers)
+        self._soon.start()
+
+    def _follow(self, layers: list[Layer]) -> None:
+        for event in self._events:
+            event.disconnect(self._on_change)
+        names = (*_LOOKS, *_SHAPES, *_PLACE)
+        self._events = [getattr(layer.events, name) for layer in layers for name in names if name in layer.events]
+        for event in self._events:
+            event.connect(self._on_change)
+
+    def _on_change(self) -> None:
+        self._soon.start()

@@ -1,0 +1,259 @@
+"""Where the flattened part lies: its surface in slices, its border and its cuts."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from napari.layers import Vectors
+from numpy.typing import NDArray
+from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from scipy.spatial import cKDTree
+
+from voxflat._napari.layers.world import from_ras, to_ras
+from voxflat._napari.map_viewer.latest import Latest
+from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
+from voxflat._napari.results.flat_layers import units
+from voxflat._napari.results.listed import insert
+
+if TYPE_CHECKING:
+    from napari import Viewer
+
+_PART, _CUT = np.array([1.0, 0.82, 0.25, 1.0]), np.array([1.0, 0.35, 0.21, 1.0])  # red, green, blue, opacity
+_WIDTH = 0.006  # of the surface's size: as wide are lines in 3D, half as wide in slices
+_MARK = 1.5  # of that: half the length of the mark of a cut in a slice
+
+Segments: TypeAlias = NDArray[np.float64]
+"""Segments, shape (S, 2, 3): their ends, RAS+ mm in scanner space."""
+
+
+def width(sheet: Sheet) -> float:
+    """Return how wide lines on a surface are, that they are seen from as far as all of it, mm."""
+    return _WIDTH * float(np.linalg.norm(np.ptp(sheet.points, axis=0)))
+
+
+def edges(sheet: Sheet) -> tuple[Segments, Segments]:
+    """Return the border of the part that is on a map, and the cuts, which are there from both sides.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        The map.
+
+    Returns
+    -------
+    border, cuts : ndarray, shape (S, 2, 3)
+        RAS+ mm. Of the page of an atlas its seams are cuts.
+    """
+    pairs = np.concatenate(
+        [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
+    )
+    rows, which = np.unique(pairs, return_inverse=True)
+    same = np.unique(sheet.points[rows], axis=0, return_inverse=True)[1].ravel()  # both sides of a cut are at one place
+    ends = np.sort(same[which].reshape(-1, 2), axis=1)
+    _, first, counts = np.unique(ends, axis=0, return_index=True, return_counts=True)
+    found = sheet.points[pairs[first]]
+    return found[counts == 1], found[counts > 1]
+
+
+def lifted(sheet: Sheet, segments: Segments) -> Segments:
+    """Return segments a little outside of a surface on which they lie, so that it does not hide them.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        The map.
+    segments : ndarray, shape (S, 2, 3)
+        Between its points, mm.
+
+    Returns
+    -------
+    ndarray, shape (S, 2, 3)
+    """
+    rows = cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
+    outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
+    return np.asarray(segments + width(sheet) / 2 * outwards.reshape(segments.shape))
+
+
+def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
+    """Return where the surface of a map meets a plane, and marks across it where the plane meets cuts.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        The map.
+    cuts : ndarray, shape (S, 2, 3)
+        Of `edges`.
+    axis : int
+        Across which of R, A, S the plane lies.
+    level : float
+        Where, mm.
+
+    Returns
+    -------
+    surface, marks : ndarray, shape (S, 2, 3)
+        RAS+ mm, in the plane.
+    """
+    of, points = sheet.planar._triangles, sheet.points
+    height = points[:, axis] - level
+    above = height > 0
+    corners = above[of.faces]
+    met = of.faces[(corners.any(axis=1) & ~corners.all(axis=1)) & ~of.torn].astype(np.int64)
+    lone = above[met].sum(axis=1) == 1
+    alone = np.argmax(above[met] == lone[:, None], axis=1)  # the corner that is on a side of its own
+    own = met[np.arange(len(met)), alone]
+    ends = [
+        _between(points[own], points[other], height[own], height[other], axis, level)
+        for other in (met[np.arange(len(met)), (alone + step) % 3] for step in (1, 2))
+    ]
+    surface = np.stack(ends, axis=1)
+    a, b = cuts[:, 0], cuts[:, 1]
+    crossing = (a[:, axis] > level) != (b[:, axis] > level)
+    a, b = a[crossing], b[crossing]
+    places = _between(a, b, a[:, axis] - level, b[:, axis] - level, axis, level)
+    if not len(places) or not len(surface):
+        return surface, np.empty((0, 2, 3))
+    nearest = cKDTree(surface.mean(axis=1)).query(places)[1]
+    along = surface[nearest, 1] - surface[nearest, 0]
+    across = np.cross(along, np.eye(3)[axis])
+    across *= _MARK * width(sheet) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    return surface, np.stack([places - across, places + across], axis=1)
+
+
+def _between(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    height_a: NDArray[np.float64],
+    height_b: NDArray[np.float64],
+    axis: int,
+    level: float,
+) -> NDArray[np.float64]:
+    """Return where edges from one side of a plane to the other meet it."""
+    share = height_a / (height_a - height_b)
+    found = a + share[:, None] * (b - a)
+    found[:, axis] = level
+    return np.asarray(found)
+
+
+_View: TypeAlias = tuple[int, float] | None
+"""The slice that is shown: across which axis of RAS, and where, mm; None in 3D."""
+
+
+def _drawn(sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View) -> tuple[Any, ...]:
+    """Find what is shown; called by a thread."""
+    found = edges(sheet) if known is None else known
+    part, marks = (lifted(sheet, one) for one in found) if view is None else in_slice(sheet, found[1], *view)
+    segments = from_ras(np.concatenate([part, marks]), sheet.origin.get("world_axes", "RAS"))
+    return sheet, found, segments.reshape(-1, 2, 3), len(part)
+
+
+class PatchOutline(QObject):
+    """A Vectors layer that shows, in slices, the surface that is on the map, and its cuts; in 3D its border and cuts.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    parent : QObject
+        The parent.
+    """
+
+    failed = Signal(object)
+    """It could not be found, for this error."""
+
+    def __init__(self, viewer: Viewer, parent: QObject) -> None:
+        super().__init__(parent)
+        self._viewer = viewer
+        self._sheet: Sheet | None = None
+        self._known: tuple[Segments, Segments] | None = None
+        self._view: _View | str = "none yet"
+        self.layer: Vectors | None = None
+        self._finder = Latest(self)
+        self._finder.done.connect(self._on_found)
+        self._finder.failed.connect(self.failed)
+        self._events = (viewer.dims.events.point, viewer.dims.events.ndisplay, viewer.dims.events.order)
+        for event in self._events:
+            event.connect(self._on_view)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether what is shown is about to change."""
+        return self._finder.is_busy
+
+    def show(self, sheet: Sheet) -> None:
+        """Show where the part lies that is on a map.
+
+        Parameters
+        ----------
+        sheet : Sheet
+            The map.
+        """
+        if sheet is not self._sheet:
+            self._sheet, self._known = sheet, None
+        self._view = "none yet"
+        self._on_view()
+
+    def remove(self) -> None:
+        """Take the layer out of the viewer."""
+        self._sheet = self._known = None
+        if self.layer is not None and self.layer in self._viewer.layers:
+            self._viewer.layers.remove(self.layer)
+        self.layer = None
+
+    def release(self) -> None:
+        """Stop following the viewer, and take the layer out of it."""
+        self._finder.stop()
+        for event in self._events:
+            event.disconnect(self._on_view)
+        self.remove()
+
+    def _on_view(self) -> None:
+        """Have drawn what is seen now, if it is another slice."""
+        if self._sheet is None or (self.layer is not None and self.layer not in self._viewer.layers):
+            return  # someone took it out
+        dims = self._viewer.dims
+        view: _View = None
+        if dims.ndisplay == 2 and dims.ndim >= 3:
+            across = [axis - dims.ndim + 3 for axis in dims.not_displayed if axis >= dims.ndim - 3]
+            if len(across) != 1:  # a slice along time
+                return
+            world = self._sheet.origin.get("world_axes", "RAS")
+            point = np.asarray(dims.point, dtype=np.float64)[-3:] * mm_per_unit(self._viewer)
+            axis = int(np.abs(to_ras(np.eye(3)[across], world)[0]).argmax())
+            view = axis, float(to_ras(point[None], world)[0, axis])
+        if view != self._view:
+            self._view = view
+            self._finder.ask(partial(_drawn, self._sheet, self._known, view))
+
+    def _on_found(self, found: tuple[Any, ...]) -> None:
+        sheet, known, segments, parts = found
+        if sheet is not self._sheet or self._sheet is None:
+            return
+        self._known = known
+        if self.layer is None:
+            flat_units = units(self._sheet.run.flat_map)
+            step = self._step()
+            self.layer = Vectors(
+                np.empty((0, 2, 3)),
+                ndim=3,
+                scale=(step,) * 3,
+                units=None if flat_units is None else ("mm",) * 3,
+                vector_style="line",
+                metadata={"voxflat": self._sheet.run.flat_map},
+            )
+            insert(self._viewer, self.layer)
+        vectors = np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / self.layer.scale[0]
+        self.layer.metadata = {"voxflat": self._sheet.run.flat_map}
+        self.layer.name = f"{self._sheet.run.name}, the part on the map"
+        self.layer.edge_width = width(self._sheet) / self.layer.scale[0] / (1 if self._view is None else 2)
+        self.layer.data = vectors
+        self.layer.edge_color = np.where(np.arange(len(vectors))[:, None] < parts, _PART, _CUT)
+
+    def _step(self) -> float:
+        """Return how far apart slices are at most, mm: a layer of finer steps would let the sliders take those."""
+        if self._viewer.dims.ndim < 3:
+            return 1.0
+        steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
+        return float(np.max(steps)) or 1.0

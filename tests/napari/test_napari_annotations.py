@@ -1,0 +1,302 @@
+"""What is drawn in the volume, on the map; and what is on the map, outlined in the volume."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from napari_window import PATIENCE, bumps, open_file, run, sphere, wait_for_picture, wait_for_threads, wait_until_drawn
+from numpy.testing import assert_allclose, assert_array_equal
+
+import voxflat
+
+napari = pytest.importorskip("napari")
+from napari.layers import Image, Points, Shapes, Surface  # noqa: E402
+from qtpy.QtCore import Qt  # noqa: E402
+
+from voxflat._napari.map_viewer.annotations import FAR, Annotation, on_map  # noqa: E402
+from voxflat._napari.map_viewer.patch_outline import edges, in_slice, width  # noqa: E402
+from voxflat._napari.map_viewer.sheet import Sheet  # noqa: E402
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget  # noqa: E402
+from voxflat._napari.results.flat_layers import FlatLayers  # noqa: E402
+from voxflat._napari.results.run import Run  # noqa: E402
+
+RADIUS = 20.0
+
+
+def sheet_of(points, faces, **how):
+    flat_map = voxflat.flatten((points, faces), sources=20, **how)
+    return Sheet.of(Run(FlatLayers(flat_map, []), "it"))
+
+
+@pytest.fixture(scope="module")
+def plane():
+    """A flat sheet at the height 7, 2 mm apart, whose map is itself, turned."""
+    points, faces, _ = bumps(15)
+    points[:, 2] = 7
+    return sheet_of(points, faces)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A sphere, which was cut open."""
+    return sheet_of(*sphere(250, RADIUS))
+
+
+def paths(*lines):
+    lines = [np.asarray(line, dtype=float) for line in lines]
+    return Annotation(
+        np.empty((0, 3)), np.empty((0, 4), np.uint8), lines, np.full((len(lines), 4), 255, dtype=np.uint8)
+    )
+
+
+inside = st.floats(0, 28)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(inside, inside, st.floats(-9, 9)), min_size=2, max_size=5))
+def test_above_a_plane_places_are_its_own(plane, corners):
+    """Points go straight down, lines stay straight, and what is too high is left out and counted."""
+    corners = np.array(corners)
+    points = corners + np.array([0, 0, 7])
+    colours = np.arange(4 * len(points), dtype=np.uint8).reshape(-1, 4)
+    found = on_map(plane, [Annotation(points, colours, [], np.empty((0, 4), np.uint8))])
+    near = np.abs(corners[:, 2]) <= FAR
+    assert_array_equal(found.colours, colours[near])
+    flat = np.column_stack([points[:, :2], np.full(len(points), 7)])
+    assert_allclose(found.dots, plane.places(flat)[near], atol=1e-6)
+    known = plane.run.flat_map.look_up(found.dots).points
+    assert_allclose(known[:, :2], corners[near, :2], atol=1e-6)
+    assert (f"{(~near).sum()} of {len(near)} points" in found.left_out) == (not near.all())
+
+    low = flat + np.array([0, 0, 3])
+    found = on_map(plane, [paths(low)])
+    assert found.left_out == ""
+    length = np.linalg.norm(np.diff(low, axis=0), axis=1).sum()
+    assert_allclose(
+        sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in found.lines), length, rtol=0.005, atol=0.02
+    )
+
+
+def test_lines_that_leave_the_surface(plane):
+    """Only what is near is shown, of however long a line, and it is told."""
+    long = [[-1e9, 14, 7], [1e9, 14, 7]]
+    beside = [[-30, -30, 7], [-40, 90, 7]]
+    far = [[0, 0, 1e6], [9, 9, 1e6]]
+    found = on_map(plane, [paths(long), paths(beside, far)])
+    assert len(found.lines) == 1
+    first, last = found.lines[0][[0, -1]]
+    assert_allclose(np.linalg.norm(last - first), 28, atol=0.1)
+    assert "all or parts of 3 of 3 shapes" in found.left_out
+    nothing = on_map(plane, [])
+    assert (len(nothing.dots), nothing.lines, nothing.left_out) == (0, [], "")
+
+
+def test_a_line_is_broken_at_a_cut(ball):
+    turn = np.linspace(0, 2 * np.pi, 60)
+    rings = [
+        RADIUS * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]),
+        RADIUS * np.column_stack([0 * turn, np.cos(turn), np.sin(turn)]),
+    ]
+    found = on_map(ball, [paths(*rings)])
+    assert found.left_out == ""
+    assert len(found.lines) > 2  # a closed surface is cut at least once around
+    steps = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in found.lines])
+    assert steps.max() < 4 * ball.spacing
+    assert 0.8 < steps.sum() / (2 * 2 * np.pi * RADIUS) < 1.3
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_slice_of_a_ball_is_a_circle(ball, axis):
+    level = 6.5
+    border, cuts = edges(ball)
+    assert len(border) == 0  # of a closed surface all of the rim is cut
+    rim = sum(np.linalg.norm(np.diff(ball.points[line], axis=0), axis=1).sum() for line in ball.rim)
+    assert_allclose(2 * np.linalg.norm(cuts[:, 1] - cuts[:, 0], axis=1).sum(), rim)
+    surface, marks = in_slice(ball, cuts, axis, level)
+    assert_allclose(surface[..., axis], level, atol=1e-12)
+    others = [n for n in range(3) if n != axis]
+    radius = np.sqrt(RADIUS**2 - level**2)
+    assert_allclose(np.linalg.norm(surface[..., others], axis=2), radius, rtol=0.05)
+    assert_allclose(np.linalg.norm(surface[:, 1] - surface[:, 0], axis=1).sum(), 2 * np.pi * radius, rtol=0.05)
+    crossed = (cuts[:, 0, axis] > level) != (cuts[:, 1, axis] > level)
+    assert len(marks) == crossed.sum()
+    assert_allclose(np.linalg.norm(marks[:, 1] - marks[:, 0], axis=1), 3 * width(ball))
+    assert in_slice(ball, cuts, axis, 2 * RADIUS)[0].shape == (0, 2, 3)
+
+
+def test_the_border_of_a_part(plane):
+    border, cuts = edges(plane)
+    assert len(cuts) == 0
+    assert_allclose(np.linalg.norm(border[:, 1] - border[:, 0], axis=1).sum(), 4 * 28)
+
+
+# ------------------------------------------------------------------------------------------- in the window
+
+
+def dots(dock, qtbot):
+    wait_for_picture(dock, qtbot)
+    return dock.canvas.annotations.dots
+
+
+@pytest.mark.slow
+def test_the_map_follows_what_is_drawn_in_the_volume(flattened, qtbot):
+    points, faces, values = bumps(13)
+    place = {"scale": (2000.0, 500.0, 3000.0), "translate": (5e3, -4e3, 7e3), "units": "um"}
+    viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", **place))
+    assert not dock.left_out.isVisible()
+    spots, shift = points[[30, 100, 120]], np.array([1, 0, 0])
+    foci = viewer.add_points(spots, name="foci", face_color=["red", "red", "lime"], **place)
+    flat_map = dock.sheet.run.flat_map
+
+    def expected(spots):
+        return flat_map.points_to_map(spots * [2, 0.5, 3] + [5, -4, 7])[0]
+
+    def same(found, spots):
+        wanted = expected(spots)
+        assert_allclose(found[np.lexsort(found.T)], wanted[np.lexsort(wanted.T)], atol=1e-6)
+
+    same(dots(dock, qtbot), spots)
+    foci.add([points[90], points[90] + [0, 0, 100]])
+    same(dots(dock, qtbot), np.array([*spots, points[90]]))
+    assert dock.left_out.isVisible()
+    assert "1 of 5 points" in dock.left_out.text()
+    foci.selected_data = {3, 4}
+    foci.remove_selected()
+    foci.data = foci.data + shift
+    same(dots(dock, qtbot), spots + shift)
+    assert not dock.left_out.isVisible()
+    foci.translate = np.array(foci.translate) - [2000, 0, 0]
+    same(dots(dock, qtbot), spots)
+    foci.shown = [True, False, True]
+    same(dots(dock, qtbot), spots[[0, 2]])
+    foci.visible = False
+    assert len(dots(dock, qtbot)) == 0
+    foci.visible = True
+    same(dots(dock, qtbot), spots[[0, 2]])
+
+    assert dock.canvas.annotations.lines == []
+    drawn = viewer.add_shapes([points[[30, 34]]], shape_type="path", edge_color="cyan", name="line", **place)
+    wait_for_picture(dock, qtbot)
+    line = dock.canvas.annotations.lines[0]
+    for at, spot in ((0, 30), (line.elementCount() - 1, 34)):
+        assert_allclose((line.elementAt(at).x, -line.elementAt(at).y), expected(points[spot]), atol=1e-6)
+    drawn.visible = False
+    wait_for_picture(dock, qtbot)
+    assert dock.canvas.annotations.lines == []
+
+    # what was marked on one map is on the next one, and edits of the marks stay
+    dock.click.setCurrentText("marks a point")
+    dock._on_map_clicked(*expected(points[100]))
+    wait_for_picture(dock, qtbot)
+    marked = viewer.layers["points of the map"]
+    marked.selected_data = {0}
+    marked.remove_selected()
+    dock._on_map_clicked(*expected(points[90]))
+    wait_for_picture(dock, qtbot)
+    assert len(marked.data) == 1
+    foci.visible = False
+    run(widget, qtbot)
+    wait_for_picture(dock, qtbot)
+    flat_map = dock.sheet.run.flat_map
+    same(dots(dock, qtbot), points[[90]])
+    dock._on_map_clicked(*expected(points[30]))
+    wait_for_picture(dock, qtbot)
+    assert [*marked.features["surface"]] == ["bumps", "bumps"]
+    assert [*marked.features["vertex"]] == ["90", "30"]
+    same(dots(dock, qtbot), points[[90, 30]])
+
+
+@pytest.mark.slow
+def test_of_a_series_the_time_that_is_shown(flattened, qtbot):
+    points, faces, values = bumps(13)
+    film = Image(np.zeros((3, 30, 30, 9), dtype=np.uint8), name="film")
+    viewer, _, dock = flattened(Surface((points, faces, values), name="bumps"), film)
+    flat_map = dock.sheet.run.flat_map
+    viewer.add_points([[0, *points[30]], [2, *points[100]]], name="seen at times")
+    viewer.add_layer(Shapes([[[2, *points[30]], [2, *points[34]]]], shape_type="line", name="then"))
+    viewer.add_layer(Points([[3, 3]], name="flat"))
+    for time, spots, lines in ((0, [30], 0), (1, [], 0), (2, [100], 1)):
+        viewer.dims.set_point(0, time)
+        assert_allclose(dots(dock, qtbot), flat_map.points_to_map(points[spots].reshape(-1, 3))[0], atol=1e-6)
+        assert len(dock.canvas.annotations.lines) == lines
+    assert not dock.left_out.isVisible()
+
+
+@pytest.mark.slow
+def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
+    points, faces = sphere(200)
+    volume = Image(np.zeros((20, 20, 25)), name="v", scale=(3, 3, 2), translate=(-27, -27, -24), units="mm")
+    viewer, widget, dock = flattened(Surface((points, faces), name="ball", units="mm"), volume)
+    chosen, ranges = set(viewer.layers.selection), viewer.dims.range
+    dock.outlined.click()
+    wait_for_picture(dock, qtbot)
+    layer = viewer.layers["ball, the part on the map"]
+    assert set(viewer.layers.selection) == chosen
+    assert viewer.dims.range == ranges  # the sliders' steps are what they were
+
+    def seen():
+        wait_for_picture(dock, qtbot)
+        vectors = layer.data * layer.scale
+        return vectors[:, 0], vectors[:, 0] + vectors[:, 1], layer.edge_color
+
+    for order in ((0, 1, 2), (2, 0, 1)):
+        viewer.dims.order = order
+        for level in (-6.0, 9.0):
+            viewer.dims.set_point(order[0], level)
+            starts, ends, colours = seen()
+            here = viewer.dims.point[order[0]]
+            part = (colours == colours[0]).all(axis=1)
+            assert_allclose(starts[part][:, order[0]], here)
+            assert_allclose(np.linalg.norm(ends[part], axis=1), 20, rtol=0.08)
+            assert 0 < (~part).sum() < part.sum()
+    viewer.dims.set_point(order[0], 24)
+    assert len(seen()[0]) == 0
+    viewer.dims.ndisplay = 3
+    wait_until_drawn(viewer, qtbot)
+    starts, _, colours = seen()
+    assert len(np.unique(colours, axis=0)) == 1  # all of it is cut
+    assert np.linalg.norm(starts, axis=1).min() > 19  # outside, so that the surface does not hide it
+
+    run(widget, qtbot)  # the next map's
+    wait_for_picture(dock, qtbot)
+    assert len(seen()[0]) == len(edges(dock.sheet)[1])
+    canvas = canvas_widget(dock)
+    for where in (canvas, dock.canvas):  # keys work in both
+        qtbot.keyClick(where, Qt.Key.Key_O, Qt.KeyboardModifier.ShiftModifier)
+        wait_for_picture(dock, qtbot)
+        is_there = "ball, the part on the map" in viewer.layers
+        assert dock.outlined.isChecked() == is_there == (where is not canvas)
+    dock.contents.setCurrentIndex(0)
+    for key, wanted in ((Qt.Key.Key_N, "Areas"), (Qt.Key.Key_B, "Distances"), (Qt.Key.Key_B, "Folds only")):
+        qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
+        assert dock.contents.currentText() == wanted
+    for key in (Qt.Key.Key_M, Qt.Key.Key_R, Qt.Key.Key_D, Qt.Key.Key_G):
+        before = dock.click.currentText()
+        qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
+        assert dock.click.currentText() != before
+    wait_for_picture(dock, qtbot)
+    wait_for_picture(dock, qtbot)
+    viewer.layers.remove("ball, the part on the map")
+    viewer.dims.ndisplay = 2  # someone took it out: it stays away
+    wait_for_picture(dock, qtbot)
+    assert "ball, the part on the map" not in viewer.layers
+    viewer.window.remove_dock_widget(dock)
+
+
+@pytest.mark.slow
+def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_viewer):
+    points, faces, _ = bumps(9)
+    voxflat.flatten((points, faces), sources=20).save(tmp_path / "map.voxflat")
+    viewer = make_napari_viewer(show=True)
+    open_file(viewer, qtbot, tmp_path / "map.voxflat")
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")
+    wait_for_picture(dock, qtbot)
+    listed = len(viewer.layers)
+    dock.on_surface.click()
+    dock.outlined.click()
+    qtbot.waitUntil(lambda: dock.is_drawn and len(viewer.layers) == listed + 2, timeout=PATIENCE)
+    wait_for_threads(qtbot)
+    assert [layer.visible for layer in viewer.layers][listed:] == [True, True]
+    dock.on_surface.click()
+    dock.outlined.click()
+    assert len(viewer.layers) == listed
