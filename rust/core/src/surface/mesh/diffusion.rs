@@ -93,7 +93,8 @@ impl Stiffness {
             let ap = applied(&p);
             let alpha = over(rz, dot(&p, &ap));
             let before = rz;
-            let of_batch = |(n, (y, r)): (usize, (&mut [Vector3<f64>], &mut [Vector3<f64>]))| {
+            let batches = y.par_chunks_mut(BATCH).zip(r.par_chunks_mut(BATCH)).enumerate();
+            let sums = batches.map(|(n, (y, r))| {
                 let mut rz = Vector3::zeros();
                 for (v, (y, r)) in (n * BATCH..).zip(y.iter_mut().zip(r)) {
                     *y += alpha.component_mul(&p[v]);
@@ -101,9 +102,8 @@ impl Stiffness {
                     rz += r.component_mul(&(*r / diagonal[v]));
                 }
                 rz
-            };
-            let batches = y.par_chunks_mut(BATCH).zip(r.par_chunks_mut(BATCH)).enumerate();
-            rz = batches.map(of_batch).collect::<Vec<Vector3<f64>>>().iter().sum();
+            });
+            rz = sums.collect::<Vec<Vector3<f64>>>().iter().sum();
             let beta = over(rz, before);
             let along = p.par_iter_mut().zip(&r).zip(&diagonal).with_min_len(BATCH);
             along.for_each(|((p, r), d)| *p = r / *d + beta.component_mul(p));
