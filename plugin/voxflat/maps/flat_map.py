@@ -396,7 +396,7 @@ class FlatMap(Planar):
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
-        structure, point_data = self.metadata.get("structure"), {"distortion": self.distortion.per_point}
+        structure, point_data = self.metadata.get("structure"), {"distance_error": self.distortion.per_point}
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
     def _mesh_of_vertices(self) -> Mesh:
