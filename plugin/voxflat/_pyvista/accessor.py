@@ -196,7 +196,12 @@ class VoxflatAccessor:
         return check(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
 
     def geodesic(
-        self, sources: Seed | Sequence[Seed], *, method: str = "graph", progress_bar: bool = False
+        self,
+        sources: Seed | Sequence[Seed],
+        *,
+        method: str = "graph",
+        progress_bar: bool = False,
+        progress: Progress | None = None,
     ) -> pv.DataSet:
         """Measure distances along the surface of a mesh.
 
@@ -208,6 +213,8 @@ class VoxflatAccessor:
             What measures them, as ``geodesic`` of `voxflat.geodesic`.
         progress_bar : bool
             Show how far it is.
+        progress : callable, optional
+            As in `voxflat.geodesic`.
 
         Returns
         -------
@@ -222,9 +229,9 @@ class VoxflatAccessor:
         """
         skin = self._skin(None)
         numbers = np.atleast_1d(skin.points(sources, "sources"))
-        whole = surface(skin.mesh)
-        with shown(progress_bar, None) as progress:
-            rows = geodesic(whole, numbers, geodesic=method, progress=progress)
+        with shown(progress_bar, progress) as told:
+            whole = surface(skin.mesh, progress=told)
+            rows = geodesic(whole, numbers, geodesic=method, progress=told)
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
