@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -108,6 +109,8 @@ class VoxflatAccessor:
         flat_map = self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
         flat = to_polydata(flat_map)
         flat.point_data["vertex_ids"] = skin.point_ids[flat_map.ids]
+        told = {**flat_map.description(), "vertices": self._mesh.n_points}  # as vertex_ids count them
+        flat.field_data["voxflat"] = [json.dumps(told)]
         skin.carry(flat, flat_map.ids)
         flat.set_active_scalars("distance_error", preference="point")
         return flat
