@@ -9,7 +9,7 @@ arrays, bit by bit. Options are attributes; to change one makes the filter run a
 >>> plane.SetResolution(8, 8)
 >>> flatten = voxflat.vtk.FlattenSurface(sources=9)
 >>> flatten.SetInputConnection(plane.GetOutputPort())
->>> flatten.Update()
+>>> _ = flatten.Update()
 >>> flatten.GetOutput().GetNumberOfPoints()
 81
 """

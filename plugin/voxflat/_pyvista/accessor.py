@@ -66,8 +66,8 @@ class VoxflatAccessor:
     >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
     >>> flat = pv.Plane().voxflat()  # meshes, too: every array is carried over
-    >>> page = pv.Sphere().voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
-    >>> distances = pv.Sphere().voxflat.geodesic(0)  # along the surface, from a point
+    >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
+    >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from a point
     """
 
     to_polydata = staticmethod(to_polydata)
@@ -363,7 +363,7 @@ class VoxflatAccessor:
         Examples
         --------
         >>> import pyvista as pv
-        >>> opened = pv.Sphere().voxflat.cut()
+        >>> opened = pv.Icosphere(nsub=2).voxflat.cut()
         >>> flat = opened.voxflat()  # the map with these cuts
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
         """
@@ -418,7 +418,7 @@ class VoxflatAccessor:
         Examples
         --------
         >>> import pyvista as pv
-        >>> mesh = pv.ParametricEnneper(u_res=20, v_res=20)
+        >>> mesh = pv.ParametricEnneper(u_res=12, v_res=12)
         >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any map
         >>> measured = mesh.voxflat.measure(shadow)
         >>> worst = measured["distance_error"].max()
@@ -482,7 +482,7 @@ class VoxflatAccessor:
         >>> import numpy as np
         >>> import pyvista as pv
         >>> board = np.kron([[0, 255], [255, 0]], np.ones((8, 8))).astype("uint8")
-        >>> flat = pv.ParametricEnneper(u_res=20, v_res=20).voxflat()
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> surface, texture = flat.voxflat.texture(board, 0.05, repeat=True)
         >>> surface.plot(texture=texture)  # doctest: +SKIP
         """
@@ -538,7 +538,7 @@ class VoxflatAccessor:
         Examples
         --------
         >>> import pyvista as pv
-        >>> flat = pv.ParametricEnneper(u_res=20, v_res=20).voxflat()
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> plotter = flat.voxflat.plot("areal", off_screen=True)
         """
         view = side_by_side(
@@ -571,7 +571,7 @@ class VoxflatAccessor:
         Examples
         --------
         >>> import pyvista as pv
-        >>> morph = pv.ParametricEnneper(u_res=20, v_res=20).voxflat.morph(10)
+        >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(10)
         >>> halfway = morph.at(0.5)
         >>> morph.save("unfold.gif")  # doctest: +SKIP
         """

@@ -105,7 +105,8 @@ def _refuse(path: str, surface: object | None) -> None:
 
 
 def _polydata(mesh: Mesh) -> pv.PolyData:
-    made: pv.PolyData = pv.PolyData.from_regular_faces(mesh.points, mesh.faces)
+    triangles: Any = mesh.faces
+    made: pv.PolyData = pv.PolyData.from_regular_faces(mesh.points, triangles)
     for name, array in mesh.point_data.items():
         made.point_data[name] = array
     return made
@@ -125,10 +126,10 @@ def _patch(path: str, surface: object | None) -> pv.PolyData:
     row[patch.vertex_ids] = np.arange(len(patch.vertex_ids))
     merged, one = whole.merged.T
     row[one] = np.where(row[one] < 0, row[merged], row[one])
-    made: Any = pv.PolyData.from_regular_faces(patch.points, row[faces])
+    triangles: Any = row[faces]
+    made: pv.PolyData = pv.PolyData.from_regular_faces(patch.points, triangles)
     made.point_data["vertex_ids"] = patch.vertex_ids
     at = np.zeros((whole.count, 3))
     at[whole.vertices] = whole.points
     made.point_data["surface_points"] = at[patch.vertex_ids]
-    flat: pv.PolyData = made
-    return flat
+    return made

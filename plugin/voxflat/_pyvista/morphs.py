@@ -42,7 +42,7 @@ class Morph(Sequence[pv.PolyData]):
     Examples
     --------
     >>> import pyvista as pv
-    >>> morph = pv.ParametricEnneper(u_res=20, v_res=20).voxflat.morph(5)
+    >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(5)
     >>> len(morph), morph[-1].n_points == morph.at(0.3).n_points
     (5, True)
     """

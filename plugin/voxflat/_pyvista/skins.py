@@ -68,6 +68,8 @@ class Skin:
         if isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines:  # come first, and are no surface
             faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
             numbered = numbered.extract_cells(faces)
+        if isinstance(numbered, pv.ExplicitStructuredGrid):  # of which VTK's filter leaves data of the cells unset
+            numbered = numbered.cast_to_unstructured_grid()
         if not isinstance(numbered, pv.PolyData):
             outside = vtkDataSetSurfaceFilter()  # extract_surface has other arguments in each version of PyVista
             outside.SetInputData(numbered)
@@ -76,10 +78,12 @@ class Skin:
         triangles = numbered.triangulate()
         if not triangles.n_cells:
             raise InputError(f"{type(dataset).__name__} of {dataset.n_cells} cells: it has no faces to flatten")
-        ids = triangles.point_data[_POINT], triangles.cell_data[_CELL]
-        point_ids, cell_ids = (np.asarray(array, dtype=np.int64) for array in ids)
-        mesh = pv.PolyData.from_regular_faces(triangles.points, triangles.regular_faces)
-        return cls(dataset, mesh, point_ids, cell_ids)
+        # of a grid VTK makes the points at its edges anew for each of its sides
+        point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
+        faces = row.reshape(-1)[triangles.regular_faces]
+        mesh = pv.PolyData.from_regular_faces(np.asarray(triangles.points)[first], faces)
+        cell_ids = np.asarray(triangles.cell_data[_CELL], dtype=np.int64)
+        return cls(dataset, mesh, point_ids.astype(np.int64), cell_ids)
 
     @property
     def is_dataset(self) -> bool:
