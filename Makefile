@@ -132,6 +132,7 @@ $(T1PREP):
 
 gallery: setup $(T1PREP) ## the pictures of docs/gallery.md
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
+	$(SCREEN) $(RUN) python docs/gallery/pyvista_verbs.py
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

@@ -22,10 +22,8 @@ from voxflat._pyvista.flat import (
 )
 from voxflat._pyvista.images import volume_of
 from voxflat._pyvista.judged import rows_of
-from voxflat._pyvista.morphs import Morph
 from voxflat._pyvista.pictures import textured
 from voxflat._pyvista.skins import Skin
-from voxflat._pyvista.views import side_by_side
 from voxflat.arguments import Progress, is_number
 from voxflat.atlases.making import patches
 from voxflat.distances.geodesic import geodesic
@@ -42,7 +40,9 @@ from voxflat.surfaces.making import surface
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from voxflat._pyvista.morphs import Morph
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed
+    from voxflat.lab.map_page import MapPage
 
 _SEVERAL = ("polygon", "sources")  # options that may name several points
 _REGIONS = ("keep", "drop")
@@ -541,6 +541,8 @@ class VoxflatAccessor:
         >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
         >>> plotter = flat.voxflat.plot("areal", off_screen=True)
         """
+        from voxflat._pyvista.views import side_by_side  # colours are matplotlib's, which takes long to import
+
         view = side_by_side(
             self._laid(progress_bar, options), scalars, cmap, clim, window_size=window_size, off_screen=off_screen
         )
@@ -575,7 +577,70 @@ class VoxflatAccessor:
         >>> halfway = morph.at(0.5)
         >>> morph.save("unfold.gif")  # doctest: +SKIP
         """
+        from voxflat._pyvista.morphs import Morph  # colours are matplotlib's, which takes long to import
+
         return Morph(self._laid(progress_bar, options), n)
+
+    def show(
+        self, title: str = "Flat map", *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
+    ) -> MapPage:
+        """Show the surface and its flat map in a notebook, side by side, linked under the pointer.
+
+        All arrays with a number a point or a triangle can be chosen; a slider leads from the surface to the map.
+
+        Parameters
+        ----------
+        title : str
+            Above it.
+        progress_bar, **options
+            As of a call of the accessor; of a mesh that is a flat map already, none.
+
+        Returns
+        -------
+        MapPage
+            Which Jupyter shows by itself; `MapPage.save` writes it.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
+        >>> page = flat.voxflat.show("Enneper's surface")
+        >>> page.save("enneper.html")  # doctest: +SKIP
+        """
+        from voxflat._pyvista.browser import page_of  # colours are matplotlib's, which takes long to import
+
+        return page_of(self._laid(progress_bar, options), title)
+
+    def export_html(
+        self,
+        path: str | os.PathLike[str],
+        title: str = "Flat map",
+        *,
+        progress_bar: bool = False,
+        **options: Unpack[FlattenOptions],
+    ) -> None:
+        """Write what `show` shows as one file of HTML that needs no network.
+
+        Parameters
+        ----------
+        path : path
+            An ``.html`` file. It holds at most about 20,000 points, those of the map that stand for all.
+        title, progress_bar, **options
+            As of `show`.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `show`; or if the name has another ending.
+        OSError
+            If it cannot be written.
+        """
+        self.show(title, progress_bar=progress_bar, **options).save(path)
 
     def volume(self, scalars: str | None = None) -> Volume:
         """Return an array of the image as a volume with its affine, without a copy.

@@ -13,7 +13,8 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.views import Shown
+from voxflat._pyvista.laying import laid
+from voxflat._pyvista.views import Shown, look_at
 from voxflat.arguments import is_number, is_whole
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, by_ending, naming
@@ -52,7 +53,7 @@ class Morph(Sequence[pv.PolyData]):
             raise InputError(f"n is {n!r}; give at least 2 frames")
         self._flat, self._n = flat, int(n)
         self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
-        self._turn, self._laid = _laid(np.asarray(flat.points, dtype=np.float64), self._surface)
+        self._turn, self._laid = laid(np.asarray(flat.points, dtype=np.float64), self._surface)
 
     def __repr__(self) -> str:
         return f"<Morph: {self._n} frames of {self._flat.n_points} points>"
@@ -212,29 +213,13 @@ class Morph(Sequence[pv.PolyData]):
         mesh = what.mesh(self._surface)
         what.add(plotter, mesh, bar=True, lighting=True)
         both = np.concatenate([self._surface, self._laid])
-        middle, apart = (both.min(axis=0) + both.max(axis=0)) / 2, both.max(axis=0) - both.min(axis=0)
-        reach = float(np.linalg.norm(apart))
-        plotter.camera_position = [middle + 2 * reach * self._turn[:, 2], middle, self._turn[:, 1]]
-        plotter.enable_parallel_projection()
-        width, height = (np.ptp(both @ self._turn[:, axis]) for axis in (0, 1))
-        shape = how["window_size"]
-        plotter.camera.parallel_scale = 0.58 * max(height, width * shape[1] / shape[0])
-        plotter.reset_camera_clipping_range()
+        look_at(plotter, both, self._turn, how["window_size"], bar=True)
 
         def moved(share: float) -> None:
             mesh.SetPoints(pv.vtk_points(self._places(share)))
             what.turned(mesh)
 
         return plotter, moved
-
-
-def _laid(uv: NDArray[np.float64], surface: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the rotation, (3, 3), that lays a map nearest to its surface, and the places that its points get."""
-    flat, middle = uv - uv.mean(axis=0), surface.mean(axis=0)
-    left, _, right = np.linalg.svd((surface - middle).T @ flat)
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    turn = left @ sign @ right
-    return turn, flat @ turn.T + middle
 
 
 def _write_gif(path: Path, pictures: Iterator[NDArray[np.uint8]], fps: float) -> None:

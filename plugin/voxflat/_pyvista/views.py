@@ -9,8 +9,10 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
+from voxflat._pyvista.laying import laid
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS, Look
+from voxflat.maps.colours import label_colours
 
 _LABELLED = 24  # different whole numbers that get colours of their own
 _BAR = {
@@ -37,6 +39,8 @@ class Shown:
         The map.
     values : ndarray
         As they are shown, a point or a triangle each; of colours three or four.
+    numbers : ndarray
+        What is told of each place: the values, or the numbers for which the colours stand.
     name : str
         The array's.
     of_points : bool
@@ -49,6 +53,7 @@ class Shown:
 
     flat: pv.PolyData
     values: NDArray[Any]
+    numbers: NDArray[Any]
     name: str
     of_points: bool
     look: Look
@@ -89,13 +94,14 @@ class Shown:
             raise InputError(
                 f"the array {name!r} is {values.dtype} of shape {values.shape}; give one with a number each"
             )
-        if is_colour:
-            return cls(flat, values, name, of_points, Look(name, "viridis"), None)
+        if is_colour or name in _PATCHES:
+            colours = values if is_colour else label_colours(values[:, None] + 1.0)[:, 0, :3]
+            return cls(flat, colours, values, name, of_points, Look(name, "viridis"), None)
         look = LOOKS.get(name) or Look(name, _usual_cmap(values))
         shown = look.factor * values.astype(np.float64)
         usual = look.limits if name in LOOKS else _range
         limits = usual(shown) if clim is None else _checked(clim)
-        return cls(flat, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
+        return cls(flat, shown, shown, name, of_points, Look(look.label, cmap or look.cmap), limits)
 
     def mesh(self, points: NDArray[np.float64]) -> pv.PolyData:
         """Return a mesh of the map's triangles with these places and the values alone.
@@ -144,9 +150,9 @@ class Shown:
         """
         light = {"ambient": 0.35, "diffuse": 0.75, "specular": 0.0} if lighting else {"lighting": False}
         if self.clim is None:
-            plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light)
+            plotter.add_mesh(mesh, scalars=self.look.label, rgb=True, **light).GetProperty().SetInterpolationToPhong()
             return
-        plotter.add_mesh(
+        actor = plotter.add_mesh(
             mesh,
             scalars=self.look.label,
             cmap=self.look.cmap,
@@ -156,6 +162,7 @@ class Shown:
             scalar_bar_args={"title": f"{self.look.label}\n", **_BAR} if bar else None,
             **light,
         )
+        actor.GetProperty().SetInterpolationToPhong()
 
     def told(self, point: int, cell: int) -> str:
         """Say what is shown at a place.
@@ -171,12 +178,13 @@ class Shown:
         """
         ids = next((self.flat.point_data[name] for name in _IDS if name in self.flat.point_data), None)
         which = point if ids is None else np.asarray(ids)[point].tolist()
-        value = self.values[point if self.of_points else cell]
+        value = self.numbers[point if self.of_points else cell]
         shown = ", ".join(map(str, value)) if np.ndim(value) else f"{value:.4g}"
         return f"point {which}\n{self.look.label}: {shown}"
 
 
 _IDS = ("vertex_ids", "voxel_ids")
+_PATCHES = ("patch", "piece")  # numbers that have colours as in files and textures of a page
 
 
 def side_by_side(
@@ -203,31 +211,46 @@ def side_by_side(
         As in `Shown.of`.
     """
     what = Shown.of(flat, scalars, cmap, clim)
-    surface, plane = np.array(flat.point_data["surface_points"]), np.asarray(flat.points)
+    surface, plane = (np.array(of, dtype=np.float64) for of in (flat.point_data["surface_points"], flat.points))
     plotter: Any = pv.Plotter(shape=(1, 2), border=False, **how)
     plotter.set_background("white")
+    width, height = plotter.window_size
     meshes = []
-    for column, points in enumerate((surface, plane)):
+    for column, (points, turn) in enumerate(((surface, laid(plane, surface)[0]), (plane, np.eye(3)))):
         plotter.subplot(0, column)
         meshes.append(what.mesh(points))
         what.add(plotter, meshes[-1], bar=column == 1, lighting=column == 0)
-        if column == 0:
-            plotter.reset_camera()
-        else:
-            _face(plotter, plane)
+        look_at(plotter, points, turn, (width / 2, height), bar=column == 1)
     _Link(plotter, what, meshes)
     shown: pv.Plotter = plotter
     return shown
 
 
-def _face(plotter: Any, plane: NDArray[np.float64]) -> None:
-    """Look at a map from above, all of it in sight and above the colour bar."""
-    low, high = plane.min(axis=0), plane.max(axis=0)
-    middle, size = (low + high) / 2, high - low
-    columns, rows = plotter.window_size[0] / 2, plotter.window_size[1]
-    reach = 0.64 * max(size[1], size[0] * rows / columns) or 1.0
-    middle = middle - [0, 0.15 * reach, 0]
-    plotter.camera_position = [middle + np.array([0, 0, 4 * reach]), middle, (0, 1, 0)]
+def look_at(
+    plotter: Any, points: NDArray[np.float64], turn: NDArray[np.float64], size: tuple[float, float], *, bar: bool
+) -> None:
+    """Look at points along an axis, all of them in sight and above the colour bar.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+        Whose camera is moved.
+    points : ndarray, shape (N, 3)
+        What is seen.
+    turn : ndarray, shape (3, 3)
+        In its columns what is to the right, what is up, and from where it is seen.
+    size : tuple of 2 floats
+        Width and height of the picture, in any unit.
+    bar : bool
+        Whether there is a colour bar below.
+    """
+    along = points @ turn
+    low, high = along.min(axis=0), along.max(axis=0)
+    middle, (width, height, depth) = (low + high) / 2, high - low
+    reach = (0.64 if bar else 0.55) * max(height, width * size[1] / size[0]) or 1.0
+    middle[1] -= 0.15 * reach if bar else 0.0
+    focus, away = turn @ middle, turn[:, 2] * (4 * reach + depth)
+    plotter.camera_position = [focus + away, focus, turn[:, 1]]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = reach
     plotter.reset_camera_clipping_range()
