@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -50,8 +50,11 @@ lint-python: setup
 test-rust: setup ## tests of the core
 	cargo test --release --quiet --workspace
 
-test-python: setup ## tests of the Python package, napari's real window among them
+test-python: setup debian-vtk ## tests of the Python package, napari's real window among them
 	$(PYTEST)
+
+debian-vtk: setup ## Debian's VTK and the PyVista for it, on which the filters of VTK are tested, too
+	@.ci/debian-vtk $(UV)
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
 	$(RUN) python docs/benchmarks/rows.py
@@ -133,6 +136,7 @@ $(T1PREP):
 gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional data
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
 	$(RUN) python docs/gallery/functional.py docs/pictures
+	$(SCREEN) $(RUN) python docs/gallery/pyvista_verbs.py
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

@@ -42,7 +42,7 @@ def main() -> None:
     patch = image.voxflat.to_surface_polydata(flat_map)
     patch.points += 0.5 * patch.point_normals  # mm, above the contour, where both would lie
     title = "mean relative error of distances (%)\n"
-    flat[title] = 100 * flat["distortion"]
+    flat[title] = 100 * flat["distance_error"]
 
     picture = colour_wheel()
     light = {"smooth_shading": True, "ambient": 0.3, "diffuse": 0.8, "specular": 0.0}

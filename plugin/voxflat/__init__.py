@@ -5,7 +5,11 @@ it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whethe
 the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
 whatever tool, and `compare` several of them. `patches` flattens a surface of any topology in pieces, as a `FlatAtlas`,
 with bounds of the distortion that are proven.
+
+``voxflat.vtk`` has filters of VTK; it is imported when it is first asked for.
 """
+
+from typing import TYPE_CHECKING
 
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
@@ -75,3 +79,15 @@ __all__ = [
     "register",
     "surface",
 ]
+
+if TYPE_CHECKING:
+    from voxflat import vtk as vtk
+else:
+
+    def __getattr__(name: str) -> object:
+        """Import what needs packages that not everybody has."""
+        if name == "vtk":
+            import importlib
+
+            return importlib.import_module("voxflat.vtk")
+        raise AttributeError(f"module 'voxflat' has no attribute {name!r}")

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 import voxflat
 
 pytest.importorskip("napari")
-from voxflat._napari.map_viewer.measures import angle_changes
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.run import Run
+from voxflat.distortion.triangles import angle_changes
 
 
 def grid(count, side=10.0):
@@ -62,9 +62,10 @@ def test_a_ray_meets_the_triangle_in_front_however_large_it_is():
 def test_angles_of_a_plane_that_is_stretched():
     sheet = sheet_of(*grid(9))
     flat_map = sheet.run.flat_map
-    assert_allclose(angle_changes(flat_map), 0, atol=0.1)
-    stretched = replace(flat_map, uv=flat_map.points[:, :2] * [2, 1])
+    faces = flat_map.faces
+    assert_allclose(angle_changes(flat_map.points, faces, flat_map.uv), 0, atol=0.1)
+    found = angle_changes(flat_map.points, faces, flat_map.points[:, :2] * [2, 1])
     inside = np.all((flat_map.points[:, :2] > 0.1) & (flat_map.points[:, :2] < 9.9), axis=1)
     # of six angles two are right and stay so; 45 degrees become atan 2 or atan 1/2
     expected = 4 * (np.degrees(np.arctan(2)) - 45) / 6
-    assert_allclose(angle_changes(stretched)[inside], expected, rtol=1e-6)
+    assert_allclose(found[inside], expected, rtol=1e-6)

@@ -12,7 +12,7 @@ pv = pytest.importorskip("pyvista")
 import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
 from voxflat._pyvista import VoxflatAccessor, to_polydata, to_surface_polydata  # noqa: E402
-from voxflat._pyvista.options import FlattenOptions, PlaceOptions  # noqa: E402
+from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions  # noqa: E402
 
 SHAPE = (20, 26, 10)
 PLACES = {
@@ -190,16 +190,16 @@ def test_colours_are_sampled_onto_the_map(flat_map):
 
 def test_a_mesh_is_flattened_with_all_its_arrays():
     mesh = bumpy()
-    mesh["distortion"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
+    mesh["distance_error"] = np.full(mesh.n_points, 7.0)  # the map has one of this name
     mesh.cell_data["area"] = mesh.compute_cell_sizes()["Area"]
     mesh.cell_data["torn"] = np.arange(mesh.n_cells)  # and of this one
     mesh.field_data["subject"] = ["bert"]
     before = mesh.copy()
-    with pytest.warns(UserWarning, match="'(distortion|torn)' of its own: the mesh's is called 'mesh_"):
+    with pytest.warns(UserWarning, match="'(distance_error|torn)' of its own: the mesh's is called 'mesh_"):
         flat = mesh.voxflat(sources=60)
     flat_map = mesh.voxflat.flatten(sources=60)
     assert mesh == before  # it stays as it is
-    np.testing.assert_array_equal(flat.point_data["mesh_distortion"], 7)
+    np.testing.assert_array_equal(flat.point_data["mesh_distance_error"], 7)
     assert flat.field_data["subject"].tolist() == ["bert"]
     in_space = flat.copy()
     in_space.points = flat["surface_points"]
@@ -213,8 +213,8 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     for name in ("height", "right", "colour", "name", "Normals"):
         np.testing.assert_array_equal(flat.point_data[name], mesh.point_data[name][ids])
         assert flat.point_data[name].dtype == mesh.point_data[name].dtype
-    np.testing.assert_array_equal(flat.point_data["distortion"], flat_map.distortion.per_point)
-    assert flat.active_scalars_name == "distortion"
+    np.testing.assert_array_equal(flat.point_data["distance_error"], flat_map.distortion.per_point)
+    assert flat.active_scalars_name == "distance_error"
     np.testing.assert_array_equal(flat.point_data["surface_points"], mesh.points[ids])
     np.testing.assert_array_equal(flat.points[:, :2], flat_map.uv.astype(flat.points.dtype))
     assert not flat.points[:, 2].any()
@@ -412,6 +412,8 @@ def test_patches_leave_the_mesh_as_it_is():
 def test_options_are_those_of_the_functions():
     taken = inspect.signature(voxflat.flatten).parameters.keys() - {"surface", "spacing", "affine"}
     assert FlattenOptions.__annotations__.keys() == taken
+    taken = inspect.signature(voxflat.cut).parameters.keys() - {"surface", "spacing", "affine"}
+    assert CutOptions.__annotations__.keys() == taken
     place = PlaceOptions.__annotations__.keys()
     for function in (voxflat.check, voxflat.surface, voxflat.patches):
         assert place <= inspect.signature(function).parameters.keys()
@@ -457,11 +459,11 @@ def test_polydata_holds_the_map(flat_map):
     np.testing.assert_allclose(mesh.points[:, :2], flat_map.uv, atol=1e-4)
     assert (mesh.points[:, 2] == 0).all()
     np.testing.assert_array_equal(mesh.regular_faces, flat_map.faces)
-    np.testing.assert_array_equal(mesh.point_data["distortion"], flat_map.distortion.per_point)
+    np.testing.assert_array_equal(mesh.point_data["distance_error"], flat_map.distortion.per_point)
     np.testing.assert_array_equal(mesh.point_data["voxel_ids"], flat_map.ids)
     np.testing.assert_array_equal(mesh.point_data["surface_points"], flat_map.points)
     np.testing.assert_array_equal(mesh.cell_data["torn"], flat_map.torn)
-    assert mesh.active_scalars_name == "distortion"
+    assert mesh.active_scalars_name == "distance_error"
     assert (mesh.compute_normals(auto_orient_normals=False)["Normals"][:, 2] > 0.99).all()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,26 +12,39 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.flat import to_page_polydata, to_polydata, to_surface_polydata
+from voxflat._pyvista.flat import (
+    is_map,
+    to_cut_polydata,
+    to_judged_polydata,
+    to_page_polydata,
+    to_polydata,
+    to_surface_polydata,
+)
 from voxflat._pyvista.images import volume_of
+from voxflat._pyvista.judged import rows_of
+from voxflat._pyvista.pictures import textured
 from voxflat._pyvista.skins import Skin
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, is_number
 from voxflat.atlases.making import patches
 from voxflat.distances.geodesic import geodesic
 from voxflat.distances.path import path
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
+from voxflat.judging.measure import compare
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.flatten import flatten
 from voxflat.surfaces.check import Check, check
+from voxflat.surfaces.cut import cut
 from voxflat.surfaces.making import surface
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from voxflat._pyvista.options import FlattenOptions, PlaceOptions
+    from voxflat._pyvista.morphs import Morph
+    from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed
+    from voxflat.lab.map_page import MapPage
 
-_NUMBERED = ("seed_point", "polygon", "sources")  # options that may name points by their numbers
+_SEVERAL = ("polygon", "sources")  # options that may name several points
 _REGIONS = ("keep", "drop")
 
 
@@ -52,8 +66,8 @@ class VoxflatAccessor:
     >>> flat_map = image.voxflat.flatten()  # the same as voxflat.FlatMap
     >>> patch = image.voxflat.to_surface_polydata(flat_map)  # and the surface, with the same data
     >>> flat = pv.Plane().voxflat()  # meshes, too: every array is carried over
-    >>> page = pv.Sphere().voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
-    >>> distances = pv.Sphere().voxflat.geodesic(0)  # along the surface, from a point
+    >>> page = pv.Icosphere(nsub=2).voxflat.patches(max_angle=20)  # a surface of any topology, in certified patches
+    >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)  # along the surface, from a point
     """
 
     to_polydata = staticmethod(to_polydata)
@@ -95,8 +109,10 @@ class VoxflatAccessor:
         flat_map = self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
         flat = to_polydata(flat_map)
         flat.point_data["vertex_ids"] = skin.point_ids[flat_map.ids]
+        told = {**flat_map.description(), "vertices": self._mesh.n_points}  # as vertex_ids count them
+        flat.field_data["voxflat"] = [json.dumps(told)]
         skin.carry(flat, flat_map.ids)
-        flat.set_active_scalars("distortion", preference="point")
+        flat.set_active_scalars("distance_error", preference="point")
         return flat
 
     def flatten(
@@ -111,11 +127,12 @@ class VoxflatAccessor:
         progress_bar : bool
             Show how far it is.
         **options
-            For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point=(i, j, k)``, of a mesh the
-            number of a point, and ``radius=45.0`` (mm) cut out a patch. ``keep`` and ``drop`` may be names of other
-            arrays of this dataset, or other images. These and all others are the keyword arguments of
-            `voxflat.flatten`. Voxel indices count from 0 at the image's first point or cell; `voxel_at` finds them
-            from coordinates.
+            For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point`` and ``radius=45.0`` (mm)
+            cut out a patch. A seed is the number of a point, a cell (``mesh.get_cell(9)``) or a position of three
+            floats; of images a voxel (i, j, k) or a position. So are ``sources`` and the corners of a ``polygon``.
+            ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images. These and all others
+            are the keyword arguments of `voxflat.flatten`. Voxel indices count from 0 at the image's first point or
+            cell; `voxel_at` finds them from coordinates.
 
         Returns
         -------
@@ -131,9 +148,7 @@ class VoxflatAccessor:
             As in `voxflat.flatten`.
         """
         if self._is_image:
-            given: dict[str, Any] = {**options}
-            given |= {name: self._region(given[name]) for name in _REGIONS if name in given}
-            return self._flatten(self.volume(scalars), progress_bar, given)
+            return self._flatten(self.volume(scalars), progress_bar, self._of_image(scalars, options))
         skin = self._skin(scalars)
         return self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
 
@@ -184,24 +199,31 @@ class VoxflatAccessor:
         return check(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
 
     def geodesic(
-        self, sources: int | Sequence[int], *, method: str = "graph", progress_bar: bool = False
+        self,
+        sources: Seed | Sequence[Seed],
+        *,
+        method: str = "graph",
+        progress_bar: bool = False,
+        progress: Progress | None = None,
     ) -> pv.DataSet:
         """Measure distances along the surface of a mesh.
 
         Parameters
         ----------
-        sources : int or sequence of int
-            Numbers of points.
+        sources : int, position, pyvista.Cell, or several of them
+            Numbers of points; positions, of three floats, of which the nearest point is taken; or cells.
         method : {"graph", "marching", "exact"}
             What measures them, as ``geodesic`` of `voxflat.geodesic`.
         progress_bar : bool
             Show how far it is.
+        progress : callable, optional
+            As in `voxflat.geodesic`.
 
         Returns
         -------
         pyvista.DataSet
             A copy of the mesh with point data ``geodesic_distance`` (active): from the nearest source, in the mesh's
-            unit; NaN where no way leads, or no surface is.
+            unit; NaN where no way leads, or no surface is. Points that were merged with another have its distance.
 
         Raises
         ------
@@ -209,24 +231,27 @@ class VoxflatAccessor:
             As in `voxflat.geodesic`.
         """
         skin = self._skin(None)
-        numbers = skin.points(np.atleast_1d(np.asarray(sources)), "sources")
-        with shown(progress_bar, None) as progress:
-            rows = geodesic(skin.mesh, numbers, geodesic=method, progress=progress)
+        numbers = np.atleast_1d(skin.points(sources, "sources"))
+        with shown(progress_bar, progress) as told:
+            whole = surface(skin.mesh, progress=told)
+            rows = geodesic(whole, numbers, geodesic=method, progress=told)
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
         distances[skin.point_ids[rows.ids]] = np.where(np.isfinite(nearest), nearest, np.nan)
+        merged, one = skin.point_ids[whole.merged].T
+        distances[merged] = distances[one]
         measured.point_data["geodesic_distance"] = distances
         measured.set_active_scalars("geodesic_distance", preference="point")
         return measured
 
-    def path(self, a: int, b: int, *further: int, method: str = "exact") -> pv.PolyData:
+    def path(self, a: Seed, b: Seed, *further: Seed, method: str = "exact") -> pv.PolyData:
         """Find the shortest path over the surface of a mesh.
 
         Parameters
         ----------
-        a, b, *further : int
-            Numbers of points: the ends, and further stops after `b`.
+        a, b, *further : int, position or pyvista.Cell
+            The ends, and further stops after `b`, each as a source of `geodesic`.
         method : {"exact", "graph", "marching", "edges"}
             As ``geodesic`` of `voxflat.path`.
 
@@ -241,7 +266,7 @@ class VoxflatAccessor:
             As in `voxflat.path`.
         """
         skin = self._skin(None)
-        stops = skin.points([a, b, *further], "stops").tolist()
+        stops = [skin.point(stop, "stops") for stop in (a, b, *further)]
         found = path(skin.mesh, *stops, geodesic=method)
         line: pv.PolyData = pv.MultipleLines(found.points)
         line.point_data["vertex_ids"] = np.where(found.ids >= 0, skin.point_ids[found.ids], -1)
@@ -307,6 +332,316 @@ class VoxflatAccessor:
             page.set_active_scalars("patch", preference="cell")
         return page
 
+    def cut(
+        self, scalars: str | None = None, *, progress_bar: bool = False, **options: Unpack[CutOptions]
+    ) -> pv.PolyData:
+        """Cut the surface open, as it is before it is flattened.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        progress_bar : bool
+            Show how far it is.
+        **options
+            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others as in `voxflat.cut`; seeds as in
+            `flatten`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The surface in space, with two points wherever it is cut. Point data ``cut`` (active): the number of the cut
+            on which a point lies, from 0, else -1; ``vertex_ids`` or ``voxel_ids``. Of a mesh all arrays are carried
+            over. Field data ``voxflat``: ``cuts`` with ``ids``, ``length`` (mm), ``reason`` and ``name`` each, and
+            ``remarks``.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.cut`.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> opened = pv.Icosphere(nsub=2).voxflat.cut()
+        >>> flat = opened.voxflat()  # the map with these cuts
+        >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
+        """
+        skin = None if self._is_image else self._skin(scalars)
+        given = self._of_image(scalars, options) if skin is None else self._of_skin(skin, options)
+        with shown(progress_bar, given.pop("progress", None)) as progress:
+            done = cut(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+        mesh = to_cut_polydata(done, None if skin is None else skin.point_ids)
+        if skin is not None:
+            skin.carry(mesh, done.surface.ids)
+            mesh.set_active_scalars("cut", preference="point")
+        return mesh
+
+    def measure(
+        self,
+        flat: object,
+        scalars: str | None = None,
+        *,
+        sources: int = 300,
+        reference: str | None = None,
+        seed: int = 0,
+        progress_bar: bool = False,
+        **options: Unpack[PlaceOptions],
+    ) -> pv.PolyData:
+        """Measure a flat map of the surface, whoever made it.
+
+        Parameters
+        ----------
+        flat : pyvista.PolyData, FlatMap, path, or array_like of shape (n_points, 2)
+            A map of this accessor, with its cuts; one of any tool with as many points as the dataset; or another map,
+            as in `voxflat.measure`.
+        scalars : str, optional
+            For images the name of the array; by default the active one, or the only one.
+        sources, reference, seed
+            As in `voxflat.measure`.
+        progress_bar : bool
+            Show how far it is.
+        **options
+            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.surface`.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The map in the plane z = 0 with its measures, named as in `to_polydata`; field data ``voxflat``:
+            ``distortion``, its figures. Of a mesh all arrays are carried over.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `voxflat.measure`.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> mesh = pv.ParametricEnneper(u_res=12, v_res=12)
+        >>> shadow = mesh.project_points_to_plane(normal=(0, 0, 1))  # any map
+        >>> measured = mesh.voxflat.measure(shadow)
+        >>> worst = measured["distance_error"].max()
+        >>> measured.voxflat.plot("areal")  # doctest: +SKIP
+        """
+        skin = None if self._is_image else self._skin(scalars)
+        given: dict[str, Any] = {**options}
+        how: dict[str, Any] = {"sources": sources, "reference": reference, "seed": seed}
+        with shown(progress_bar, given.pop("progress", None)) as progress:
+            whole = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+            how |= {"threads": given.get("threads"), "progress": progress}
+            judged = compare(whole, {"": rows_of(flat, whole, skin)}, **how).maps[""]
+        at = np.empty(whole.count, dtype=np.int64)
+        at[whole.vertices] = np.arange(len(whole))
+        ids = whole.ids[at[judged.vertex_ids]]
+        points = whole.points[at[judged.vertex_ids]]
+        if skin is None:
+            return to_judged_polydata(judged, points, ids, in_voxels=True)
+        mesh = to_judged_polydata(judged, points, skin.point_ids[ids])
+        skin.carry(mesh, ids)
+        mesh.set_active_scalars("distance_error", preference="point")
+        return mesh
+
+    def texture(
+        self,
+        picture: object,
+        texel_size: float | None = None,
+        *,
+        repeat: bool = False,
+        progress_bar: bool = False,
+        **options: Unpack[FlattenOptions],
+    ) -> tuple[pv.PolyData, pv.Texture]:
+        """Lay a picture onto the surface by its flat map.
+
+        Parameters
+        ----------
+        picture : path, ndarray or PIL.Image.Image
+            As in `FlatMap.textured`.
+        texel_size : float, optional
+            Side of a pixel of the picture, mm; by default the picture just covers the map's bounding box.
+        repeat : bool
+            Whether the picture goes on beyond its borders.
+        progress_bar, **options
+            As of a call of the accessor; of a mesh that is a flat map already, none.
+
+        Returns
+        -------
+        surface : pyvista.PolyData
+            In space, with texture coordinates and all data of the map but triangles that are torn; point data
+            ``colours``, uint8: the picture's at each point.
+        texture : pyvista.Texture
+            For ``surface.plot(texture=texture)``.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten` and in `FlatMap.textured`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pyvista as pv
+        >>> board = np.kron([[0, 255], [255, 0]], np.ones((8, 8))).astype("uint8")
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
+        >>> surface, texture = flat.voxflat.texture(board, 0.05, repeat=True)
+        >>> surface.plot(texture=texture)  # doctest: +SKIP
+        """
+        return textured(self._laid(progress_bar, options), picture, texel_size, repeat=repeat)
+
+    def plot(
+        self,
+        scalars: str | None = None,
+        *,
+        cmap: str | None = None,
+        clim: tuple[float, float] | None = None,
+        window_size: tuple[int, int] = (1600, 800),
+        off_screen: bool | None = None,
+        screenshot: str | os.PathLike[str] | None = None,
+        show: bool = True,
+        progress_bar: bool = False,
+        **options: Unpack[FlattenOptions],
+    ) -> pv.Plotter:
+        """Show the surface and its flat map side by side, in one scale of colours.
+
+        A click on either marks the same place on both, and tells the point's number and the value there.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Which array of the map is shown: a measure, such as ``"areal"``, or one that was carried over; by default
+            the active one.
+        cmap : str, optional
+            Name of the colour map; by default that of the measure.
+        clim : tuple of 2 floats, optional
+            The values at both ends of the colours, as the bar shows them; by default up to their 99th percentile.
+        window_size : tuple of 2 ints
+            Pixels.
+        off_screen : bool, optional
+            Whether no window is opened; by default as PyVista is set.
+        screenshot : path, optional
+            A picture to be written.
+        show : bool
+            Whether it is shown now; if not, `Plotter.show` does it, after whatever else is added.
+        progress_bar, **options
+            As of a call of the accessor; of a mesh that is a flat map already, none.
+
+        Returns
+        -------
+        pyvista.Plotter
+            Closed if it was shown.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`; or if the map has no such array.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
+        >>> plotter = flat.voxflat.plot("areal", off_screen=True)
+        """
+        from voxflat._pyvista.views import side_by_side  # colours are matplotlib's, which takes long to import
+
+        view = side_by_side(
+            self._laid(progress_bar, options), scalars, cmap, clim, window_size=window_size, off_screen=off_screen
+        )
+        if show or screenshot is not None:
+            view.show(screenshot=False if screenshot is None else os.fspath(screenshot))
+        return view
+
+    def morph(self, n: int = 25, *, progress_bar: bool = False, **options: Unpack[FlattenOptions]) -> Morph:
+        """Unfold the surface into its map, frame by frame.
+
+        Parameters
+        ----------
+        n : int
+            How many frames, both ends included.
+        progress_bar, **options
+            As of a call of the accessor; of a mesh that is a flat map already, none.
+
+        Returns
+        -------
+        Morph
+            A sequence of PolyData, from the surface to the map; `Morph.save` writes a film, `Morph.plot` has a slider.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`; or if there are fewer than two frames.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(10)
+        >>> halfway = morph.at(0.5)
+        >>> morph.save("unfold.gif")  # doctest: +SKIP
+        """
+        from voxflat._pyvista.morphs import Morph  # colours are matplotlib's, which takes long to import
+
+        return Morph(self._laid(progress_bar, options), n)
+
+    def show(
+        self, title: str = "Flat map", *, progress_bar: bool = False, **options: Unpack[FlattenOptions]
+    ) -> MapPage:
+        """Show the surface and its flat map in a notebook, side by side, linked under the pointer.
+
+        All arrays with a number a point or a triangle can be chosen; a slider leads from the surface to the map.
+
+        Parameters
+        ----------
+        title : str
+            Above it.
+        progress_bar, **options
+            As of a call of the accessor; of a mesh that is a flat map already, none.
+
+        Returns
+        -------
+        MapPage
+            Which Jupyter shows by itself; `MapPage.save` writes it.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `flatten`.
+
+        Examples
+        --------
+        >>> import pyvista as pv
+        >>> flat = pv.ParametricEnneper(u_res=12, v_res=12).voxflat()
+        >>> page = flat.voxflat.show("Enneper's surface")
+        >>> page.save("enneper.html")  # doctest: +SKIP
+        """
+        from voxflat._pyvista.browser import page_of  # colours are matplotlib's, which takes long to import
+
+        return page_of(self._laid(progress_bar, options), title)
+
+    def export_html(
+        self,
+        path: str | os.PathLike[str],
+        title: str = "Flat map",
+        *,
+        progress_bar: bool = False,
+        **options: Unpack[FlattenOptions],
+    ) -> None:
+        """Write what `show` shows as one file of HTML that needs no network.
+
+        Parameters
+        ----------
+        path : path
+            An ``.html`` file. It holds at most about 20,000 points, those of the map that stand for all.
+        title, progress_bar, **options
+            As of `show`.
+
+        Raises
+        ------
+        InputError, Cancelled
+            As in `show`; or if the name has another ending.
+        OSError
+            If it cannot be written.
+        """
+        self.show(title, progress_bar=progress_bar, **options).save(path)
+
     def volume(self, scalars: str | None = None) -> Volume:
         """Return an array of the image as a volume with its affine, without a copy.
 
@@ -363,6 +698,16 @@ class VoxflatAccessor:
     def _is_image(self) -> bool:
         return isinstance(self._mesh, pv.ImageData)
 
+    def _laid(self, progress_bar: bool, options: FlattenOptions) -> pv.PolyData:
+        """Return the map of this dataset; itself, if it is one."""
+        if not is_map(self._mesh):
+            return self(progress_bar=progress_bar, **options)
+        if options:
+            raise InputError(
+                f"{', '.join(options)}: the mesh is a flat map already; leave it out, or flatten the surface"
+            )
+        return self._mesh  # type: ignore[return-value]
+
     def _skin(self, scalars: str | None) -> Skin:
         if self._is_image:
             raise InputError("ImageData: make a surface of it first, image.voxflat.surface()")
@@ -376,22 +721,33 @@ class VoxflatAccessor:
             found: FlatMap = flatten(source, progress=told, **options)
         return found
 
-    def _of_skin(self, skin: Skin, options: FlattenOptions) -> dict[str, Any]:
+    def _of_skin(self, skin: Skin, options: CutOptions) -> dict[str, Any]:
         """Return options with numbers of points, and masks of them, as the surface has them."""
         given: dict[str, Any] = {**options}
         for name in _REGIONS:
             if name in given:
                 given[name] = self._mask_of(skin, self._region(given[name]), name)
-        if skin.is_dataset:
-            return given
-        for name in _NUMBERED:
-            numbers = given.get(name)
-            if numbers is None or (name == "sources" and np.ndim(numbers) == 0):  # how many
-                continue
-            found = skin.points(numbers, name)
-            given[name] = found if found.ndim else int(found)
+        if given.get("seed_point") is not None:
+            given["seed_point"] = skin.point(given["seed_point"], "seed_point")
+        for name in _SEVERAL:
+            if given.get(name) is not None and not is_number(given[name]):  # of sources a number says how many
+                given[name] = np.atleast_1d(skin.points(given[name], name))
         if isinstance(given.get("cuts"), Sequence) and not isinstance(given["cuts"], str):
-            given["cuts"] = [skin.points(one, "cuts") for one in given["cuts"]]
+            given["cuts"] = [np.atleast_1d(skin.points(one, "cuts")) for one in given["cuts"]]
+        return given
+
+    def _of_image(self, scalars: str | None, options: CutOptions) -> dict[str, Any]:
+        """Return options with regions as volumes, and positions as voxels."""
+        given: dict[str, Any] = {**options}
+        given |= {name: self._region(given[name]) for name in _REGIONS if name in given}
+        for name in ("seed_point", *_SEVERAL):
+            seeds = given.get(name)
+            if seeds is None or is_number(seeds):
+                continue
+            positions = np.asarray(seeds)
+            if positions.dtype.kind == "f" and positions.shape[-1:] == (3,):
+                voxels = [self.voxel_at(position, scalars) for position in positions.reshape(-1, 3)]
+                given[name] = voxels[0] if positions.ndim == 1 else np.array(voxels)
         return given
 
     def _mask_of(self, skin: Skin, region: object, name: str) -> object:

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.pieces import FIGURES
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.triangles import measure_arrays
+from voxflat.judging.measure import JudgedMap
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.pictures import place
+from voxflat.surfaces.cut import CutSurface
 
 
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
@@ -28,9 +32,10 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
     Returns
     -------
     pyvista.PolyData
-        Point data ``distortion`` (mean relative error of the distances from each point, a fraction; active),
-        ``voxel_ids`` (i, j, k) or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates, by which a
-        picture lies as in `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``:
+        Point data ``distance_error`` (active), ``areal`` and ``angle``, cell data ``isometric``, ``quasi_conformal``
+        and ``flipped``: `voxflat.distortion.triangles` says what each is. Point data ``voxel_ids`` (i, j, k) or
+        ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates, by which a picture lies as in
+        `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``:
         metadata and distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
     """
     return _mesh(flat_map, np.column_stack([flat_map.uv, np.zeros(len(flat_map))]), picture_shape)
@@ -66,9 +71,9 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     -------
     pyvista.PolyData
         Its cells are the surface's triangles, in their order. Cell data ``patch`` (active), ``piece`` (not the
-        same where patches are glued), ``isometric`` (C),
-        ``quasi_conformal`` (K) and ``areal``; point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm)
-        and texture coordinates, by which an image of the page lies on it; field data ``voxflat``: the metadata.
+        same where patches are glued), ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the areas'
+        ratio); point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates,
+        by which an image of the page lies on it; field data ``voxflat``: the metadata.
     """
     page = atlas.page(packing=packing)
     corners: Any = atlas.uv_faces
@@ -83,12 +88,106 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
     return mesh
 
 
+def to_judged_polydata(
+    judged: JudgedMap, points: NDArray[np.float64], ids: NDArray[np.int64], *, in_voxels: bool = False
+) -> pv.PolyData:
+    """Return a map that was judged as a mesh in the plane z = 0, in mm.
+
+    Parameters
+    ----------
+    judged : JudgedMap
+        The map beside its surface.
+    points : ndarray of float64, shape (N, 3)
+        Its points on the surface, RAS+ mm.
+    ids : ndarray of int64, shape (N,) or (N, 3)
+        What they are in the input.
+    in_voxels : bool
+        Whether these are voxels.
+
+    Returns
+    -------
+    pyvista.PolyData
+        With the measures as in `to_polydata`, ``vertex_ids`` or ``voxel_ids``, and ``surface_points``; field data
+        ``voxflat``: the distortion figures.
+    """
+    faces: Any = judged.faces.astype(np.int64)
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(np.column_stack([judged.uv, np.zeros(len(judged.uv))]), faces)
+    mesh.point_data["voxel_ids" if in_voxels else "vertex_ids"] = ids
+    mesh.point_data["surface_points"] = points
+    _add_measures(mesh, judged.distortion, points, judged.uv)
+    mesh.field_data["voxflat"] = [json.dumps({"distortion": judged.distortion.figures()})]
+    mesh.set_active_scalars("distance_error", preference="point")
+    return mesh
+
+
+def to_cut_polydata(done: CutSurface, point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
+    """Return a surface that was cut open as a mesh in space, RAS+ mm.
+
+    Parameters
+    ----------
+    done : CutSurface
+        As `voxflat.cut` returns it.
+    point_ids : ndarray of int64, optional
+        What the vertices of a mesh are called.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Point data ``cut`` (active): the number of the cut on which a point lies, else -1; ``vertex_ids`` or
+        ``voxel_ids``. Field data ``voxflat``: the cuts and the remarks.
+    """
+    whole = done.surface
+    faces: Any = whole.faces.astype(np.int64)
+    mesh: pv.PolyData = pv.PolyData.from_regular_faces(whole.points, faces)
+    named = np.asarray if point_ids is None else point_ids.__getitem__
+    number = np.full(len(whole), -1, dtype=np.int64)
+    for which, cut in enumerate(done.cuts):
+        is_on = np.isin(whole.ids, cut.ids) if whole.ids.ndim == 1 else in_rows(whole.ids, cut.ids)
+        number[is_on] = which
+    mesh.point_data["cut"] = number
+    mesh.point_data["voxel_ids" if whole.is_voxels else "vertex_ids"] = named(whole.ids)
+    cuts = [
+        {"ids": named(cut.ids).tolist(), "length": cut.length, "reason": cut.reason, "name": cut.name}
+        for cut in done.cuts
+    ]
+    mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
+    mesh.set_active_scalars("cut", preference="point")
+    return mesh
+
+
+def in_rows(rows: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Say which rows are among others."""
+    keys, which = np.unique(np.concatenate([of, rows]), axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    is_there = np.zeros(len(keys), dtype=np.bool_)
+    is_there[which[: len(of)]] = True
+    return is_there[which[len(of) :]]
+
+
+def is_map(mesh: pv.DataSet) -> bool:
+    """Say whether a dataset is a flat map or a page of ours, which knows its place on the surface."""
+    return isinstance(mesh, pv.PolyData) and "voxflat" in mesh.field_data and "surface_points" in mesh.point_data
+
+
 def _add_figures(mesh: pv.PolyData, atlas: Atlas) -> None:
     """Add to each triangle which patch it belongs to, and how much it is distorted."""
     mesh.cell_data["patch"] = atlas.patch_ids
     mesh.cell_data["piece"] = atlas.piece_ids
     for name in FIGURES:
         mesh.cell_data[name] = getattr(atlas, name)
+    with np.errstate(divide="ignore"):
+        mesh.cell_data["areal"] = np.log2(atlas.areal)  # as of maps
+
+
+def _add_measures(
+    mesh: pv.PolyData, distortion: Distortion, points: NDArray[np.float64], uv: NDArray[np.float64]
+) -> None:
+    """Add what the map does to each point and triangle."""
+    of_points, of_triangles = measure_arrays(distortion, points, np.asarray(mesh.regular_faces), uv)
+    for name, array in of_points.items():
+        mesh.point_data[name] = array
+    for name, array in of_triangles.items():
+        mesh.cell_data[name] = array
 
 
 def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[int, ...]) -> pv.PolyData:
@@ -97,8 +196,8 @@ def _mesh(flat_map: FlatMap, points: NDArray[np.float64], picture_shape: tuple[i
     mesh.cell_data["torn"] = flat_map.torn
     mesh.point_data["voxel_ids" if flat_map.is_voxels else "vertex_ids"] = flat_map.ids
     mesh.point_data["surface_points"] = flat_map.points
-    mesh.point_data["distortion"] = flat_map.distortion.per_point
+    _add_measures(mesh, flat_map.distortion, flat_map.points, flat_map.uv)
     mesh.active_texture_coordinates = place(flat_map.uv, picture_shape)
     mesh.field_data["voxflat"] = [json.dumps(flat_map.description())]
-    mesh.set_active_scalars("distortion", preference="point")
+    mesh.set_active_scalars("distance_error", preference="point")
     return mesh

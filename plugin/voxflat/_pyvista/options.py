@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TypedDict
+from typing import TypeAlias, TypedDict
 
+import pyvista as pv
 from numpy.typing import ArrayLike
 
 from voxflat.arguments import Progress
+
+Seed: TypeAlias = "int | Sequence[int] | Sequence[float] | ArrayLike | pv.Cell"
+"""A place on a dataset: the number of a point, a position (three floats), or a cell; of images a voxel, too."""
 
 
 class PlaceOptions(TypedDict, total=False):
@@ -29,20 +33,25 @@ class PartOptions(PlaceOptions, total=False):
 
     keep: object | None
     drop: object | None
-    seed_point: Sequence[int] | int | None
+    seed_point: Seed | None
     radius: float | None
     polygon: ArrayLike | None
     cuts: object | None
+    sphere: object | None
 
 
-class FlattenOptions(PartOptions, total=False):
+class CutOptions(PartOptions, total=False):
+    """Where it is cut further."""
+
+    relax: float | bool | None
+    adapt: float | None
+
+
+class FlattenOptions(CutOptions, total=False):
     """How it is flattened."""
 
     method: str
-    sphere: object | None
     mirror: bool
-    relax: float | bool | None
-    adapt: float | None
     sources: int | ArrayLike | None
     sampling: str | None
     geodesic: str | None

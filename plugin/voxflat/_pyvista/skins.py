@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
+from voxflat.arguments import log
 from voxflat.errors import InputError
 
 _POINT, _CELL = "voxflat_point", "voxflat_cell"
@@ -66,6 +68,8 @@ class Skin:
         if isinstance(numbered, pv.PolyData) and numbered.n_verts + numbered.n_lines:  # come first, and are no surface
             faces: Any = np.arange(numbered.n_verts + numbered.n_lines, numbered.n_cells)
             numbered = numbered.extract_cells(faces)
+        if isinstance(numbered, pv.ExplicitStructuredGrid):  # of which VTK's filter leaves data of the cells unset
+            numbered = numbered.cast_to_unstructured_grid()
         if not isinstance(numbered, pv.PolyData):
             outside = vtkDataSetSurfaceFilter()  # extract_surface has other arguments in each version of PyVista
             outside.SetInputData(numbered)
@@ -74,38 +78,73 @@ class Skin:
         triangles = numbered.triangulate()
         if not triangles.n_cells:
             raise InputError(f"{type(dataset).__name__} of {dataset.n_cells} cells: it has no faces to flatten")
-        ids = triangles.point_data[_POINT], triangles.cell_data[_CELL]
-        point_ids, cell_ids = (np.asarray(array, dtype=np.int64) for array in ids)
-        mesh = pv.PolyData.from_regular_faces(triangles.points, triangles.regular_faces)
-        return cls(dataset, mesh, point_ids, cell_ids)
+        # of a grid VTK makes the points at its edges anew for each of its sides
+        point_ids, first, row = np.unique(triangles.point_data[_POINT], return_index=True, return_inverse=True)
+        faces = row.reshape(-1)[triangles.regular_faces]
+        mesh = pv.PolyData.from_regular_faces(np.asarray(triangles.points)[first], faces)
+        cell_ids = np.asarray(triangles.cell_data[_CELL], dtype=np.int64)
+        return cls(dataset, mesh, point_ids.astype(np.int64), cell_ids)
 
     @property
     def is_dataset(self) -> bool:
         """Whether the surface is the dataset itself."""
         return self.mesh is self.dataset
 
-    def points(self, numbers: object, name: str) -> NDArray[np.int64]:
-        """Return which points of the surface are meant by numbers of points of the dataset.
+    def point(self, seed: object, name: str) -> int:
+        """Return which point of the surface is meant by a single seed.
 
         Parameters
         ----------
-        numbers : array_like of int
-            Of points of the dataset.
+        seed, name
+            As in `points`.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            As in `points`, or if there are several.
+        """
+        found = self.points(seed, name)
+        if found.ndim:
+            raise InputError(
+                f"{name} is {np.asarray(seed).tolist()}; give the number of one point, or a position as three floats"
+            )
+        return int(found)
+
+    def points(self, seeds: object, name: str) -> NDArray[np.int64]:
+        """Return which points of the surface are meant.
+
+        Parameters
+        ----------
+        seeds : int, position, pyvista.Cell, or several of them
+            Whole numbers are points of the dataset; three numbers with a fraction (of floating point) are a position,
+            of which the nearest point is taken; of a cell of the dataset that corner which is nearest to its middle.
         name : str
             What they are, for messages.
 
         Returns
         -------
-        ndarray of int64
+        ndarray of int64, shape () or (m,)
 
         Raises
         ------
         InputError
-            If one is not on the surface.
+            If one is not on the surface, or is none.
         """
-        wanted = np.asarray(numbers)
+        if isinstance(seeds, pv.Cell):
+            return self._of_cell(seeds, name)
+        if isinstance(seeds, list | tuple) and any(isinstance(seed, pv.Cell) for seed in seeds):
+            return np.array([int(self.points(seed, name)) for seed in seeds], dtype=np.int64)
+        wanted = np.asarray(seeds)
+        if wanted.dtype.kind == "f":
+            return self._nearest(wanted, name)
         if wanted.dtype.kind not in "iu":
-            raise InputError(f"{name} must be numbers of points, not {wanted.dtype}")
+            raise InputError(
+                f"{name} must be numbers of points, positions (three floats), or cells, not {wanted.dtype}"
+            )
         on_surface = np.full(self.dataset.n_points, -1, dtype=np.int64)
         on_surface[self.point_ids] = np.arange(len(self.point_ids))
         inside = (wanted >= 0) & (wanted < len(on_surface))
@@ -114,6 +153,37 @@ class Skin:
             missing = int(wanted[found < 0].flat[0])
             raise InputError(f"{name}: point {missing} is not on the surface of the {type(self.dataset).__name__}")
         return found
+
+    def _of_cell(self, cell: pv.Cell, name: str) -> NDArray[np.int64]:
+        """Return the corner of a cell that is nearest to its middle, of those on the surface."""
+        numbers = np.asarray(cell.point_ids)
+        is_there = (numbers < self.dataset.n_points) & np.isin(numbers, self.point_ids[self._used])
+        if not is_there.any() or not np.allclose(
+            cell.points, self.dataset.points[numbers.clip(max=len(self.dataset.points) - 1)]
+        ):
+            raise InputError(f"{name}: the cell is not on the surface of the {type(self.dataset).__name__}")
+        apart = np.linalg.norm(cell.points - cell.points.mean(axis=0), axis=1)
+        return self.points(numbers[np.where(is_there, apart, np.inf).argmin()], name)
+
+    def _nearest(self, positions: NDArray[np.float64], name: str) -> NDArray[np.int64]:
+        """Return the points of the surface that are nearest to positions; far ones are told."""
+        if positions.shape[-1:] != (3,) or positions.ndim > 2 or not np.isfinite(positions).all():
+            raise InputError(
+                f"{name} has shape {positions.shape} of {positions.dtype}; give positions (x, y, z), finite"
+            )
+        used = self._used
+        apart, found = KDTree(np.asarray(self.mesh.points)[used]).query(positions)
+        corners = np.asarray(self.mesh.points, dtype=np.float64)[self.mesh.regular_faces]
+        longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+        if np.any(apart > longest):
+            far = np.asarray(positions).reshape(-1, 3)[np.argmax(apart)].tolist()
+            log.warning("%s: the position %s is %.4g away from the surface", name, far, float(np.max(apart)))
+        return np.asarray(used[found], dtype=np.int64)
+
+    @property
+    def _used(self) -> NDArray[np.int64]:
+        """Points of the mesh that are corners of triangles."""
+        return np.unique(np.asarray(self.mesh.regular_faces, dtype=np.int64))
 
     def carry(self, flat: pv.PolyData, ids: NDArray[np.int64]) -> None:
         """Carry the data of the dataset over to a flat mesh.

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, is_number, log
 from voxflat.atlases.atlas import Atlas
-from voxflat.atlases.pieces import Piece, isometric, quasi_conformal
+from voxflat.atlases.pieces import Piece
+from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
 
 __all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue", "measured"]

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
+from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
 
-__all__ = ["FIGURES", "FlatPieces", "Piece", "isometric", "quasi_conformal"]
+__all__ = ["FIGURES", "FlatPieces", "Piece"]
 
 FIGURES = {
     "isometric": "C: by what factor lengths change at most",
@@ -125,17 +126,3 @@ class FlatPieces:
     def areal(self) -> NDArray[np.float64]:
         """Area in the plane by area on the surface of each triangle, σ1 σ2, shape (F,)."""
         return np.asarray(self.stretch.prod(axis=1))
-
-
-def isometric(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return max(σ1, 1/σ2) of triangles."""
-    most, least = stretch.T
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.maximum(most, 1 / least))
-
-
-def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return σ1/σ2 of triangles."""
-    most, least = stretch.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(most / least)

@@ -1,6 +1,8 @@
-"""Colours that several figures share: of errors, of areas, of patches."""
+"""Colours that several figures share: of errors, of areas, of all measures, of patches."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from voxflat.atlases.pieces import FlatPieces
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["AREAS", "AREA_LABEL", "ERRORS", "ERROR_LABEL", "patch_colours", "top", "top_error"]
+__all__ = ["AREAS", "AREA_LABEL", "ERRORS", "ERROR_LABEL", "LOOKS", "Look", "patch_colours", "top", "top_error"]
 
 ERRORS = "inferno"
 """The colour map of distortion, in the plane and in space."""
@@ -36,3 +38,52 @@ def top(values: NDArray[np.float64]) -> float:
     """Return the 99th percentile of the values that are defined, for the upper end of colours; it is not 0."""
     defined = values[np.isfinite(values)]
     return float(np.percentile(defined, 99)) or 1.0 if len(defined) else 1.0
+
+
+@dataclass(frozen=True)
+class Look:
+    """How values are shown.
+
+    Parameters
+    ----------
+    label : str
+        Beside the colour bar, with the unit.
+    cmap : str
+        The colour map's name.
+    factor : float
+        From the array to what is shown: 100 for %.
+    least : float or None
+        Where the colours begin; None where they lie around 0.
+    """
+
+    label: str
+    cmap: str
+    factor: float = 1.0
+    least: float | None = 0.0
+
+    def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
+        """Return what the ends of the colours stand for, with the 99th percentile as the upper one.
+
+        Parameters
+        ----------
+        values : ndarray
+            As they are shown; NaN where there is none.
+
+        Returns
+        -------
+        tuple of 2 floats
+        """
+        if self.least is None:
+            most = top(np.abs(values))
+            return -most, most
+        return self.least, max(top(values), self.least + 1e-4)
+
+
+LOOKS = {
+    "distance_error": Look(ERROR_LABEL, ERRORS, factor=100.0),
+    "areal": Look(AREA_LABEL, AREAS, least=None),
+    "angle": Look("mean change of angles (°)", "viridis"),
+    "isometric": Look("C, factor by which lengths change at most", ERRORS, least=1.0),
+    "quasi_conformal": Look("K, stretch one way by the other", "viridis", least=1.0),
+}
+"""The look of each measure that has a scale, by its name in `voxflat.distortion.triangles`."""

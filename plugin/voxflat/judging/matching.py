@@ -96,7 +96,7 @@ def match(whole: Surface, flat: object) -> Matched:
     ----------
     whole : Surface
         The surface.
-    flat : path, FlatMap, Mesh, (places, faces), or array_like of shape (V, 2) or (V, 3)
+    flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map, as in `voxflat.measure`.
 
     Returns
@@ -115,6 +115,8 @@ def match(whole: Surface, flat: object) -> Matched:
         return _of_map(whole, flat)
     if isinstance(flat, tuple) and len(flat) == 2 and np.ndim(flat[0]) == 2 and np.shape(flat[0])[1] == 2:
         flat = (np.pad(flat[0], ((0, 0), (0, 1))), flat[1])  # in the plane
+    if isinstance(flat, tuple) and len(flat) == 3:
+        return _of_rows(whole, *flat)
     mesh = as_mesh(flat)
     if mesh is None:
         places = np.asarray(flat)
@@ -169,10 +171,38 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
 
 
 def _of_map(whole: Surface, flat: FlatMap) -> Matched:
+    return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
+
+
+def _of_rows(whole: Surface, places: Any, faces: Any, vertices: Any) -> Matched:
+    """Take places whose vertices are told, so that a cut may have doubled some."""
+    places, faces, vertices = np.asarray(places), np.asarray(faces), np.asarray(vertices)
+    if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
+        raise InputError(f"the map's places are {places.dtype} of shape {places.shape}; give (N, 2)")
+    if not _is_flat(places) or not np.isfinite(places).all():
+        raise InputError("the map's places are not flat and finite; give a flat surface")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu" or not len(faces):
+        raise InputError(f"the map's triangles are {faces.dtype} of shape {faces.shape}; give whole numbers (F, 3)")
+    if not 0 <= int(faces.min()) <= int(faces.max()) < len(places):
+        raise InputError(f"the map has a triangle with point {int(faces.max())}, of {len(places)} points")
+    if vertices.shape != (len(places),) or vertices.dtype.kind not in "iu":
+        raise InputError(f"the map's vertices are {vertices.dtype} of shape {vertices.shape}; give one a place")
+    numbers = np.full(whole.count, -1, dtype=np.int64)
+    numbers[whole.vertices[::-1]] = np.arange(len(whole))[::-1]  # of several the first
+    numbers[whole.merged[:, 0]] = numbers[whole.merged[:, 1]]
+    is_there = (vertices >= 0) & (vertices < whole.count)
+    found = np.where(is_there, numbers[np.where(is_there, vertices, 0)], -1)
+    if (found < 0).any():
+        raise InputError(f"the map has vertex {vertices[found < 0][0]}, which the surface has not: is it of this one?")
+    return _cut_as_it_is(whole, found, faces.astype(np.int64), np.asarray(places[:, :2], dtype=np.float64))
+
+
+def _cut_as_it_is(
+    whole: Surface, vertices: NDArray[np.int64], faces: NDArray[np.int64], uv: NDArray[np.float64]
+) -> Matched:
     """Return the map's own triangles, cut as they are, on the surface."""
-    vertices = vertices_of(whole, flat)
-    core, _ = _core.Surface.from_triangles(whole.points[vertices], flat.faces.astype(np.int64))
-    return Matched(core, whole.vertices[vertices][core.ids], flat.uv[core.ids])
+    core, _ = _core.Surface.from_triangles(whole.points[vertices], faces)
+    return Matched(core, whole.vertices[vertices][core.ids], uv[core.ids])
 
 
 def vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:

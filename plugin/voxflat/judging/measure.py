@@ -119,11 +119,12 @@ def measure(
     ----------
     surface, label, threshold, spacing, affine, seed, threads, progress
         The surface, as in `flatten`.
-    flat : path, FlatMap, Mesh, (places, faces), or array_like of shape (V, 2) or (V, 3)
+    flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
         the same order, a map of voxflat (.npz), the texture coordinates of an .obj, .ply or .vtp, or places in the
         plane, mm. Its triangles, or those of the surface with a place for all corners, are judged; a third coordinate
-        must be constant. Where an .obj has several texture coordinates at a vertex the surface is cut.
+        must be constant. With ``vertices``, which vertex of the surface each place is, a cut may have doubled some.
+        Where an .obj has several texture coordinates at a vertex the surface is cut.
     sources : int
         How many random points distances are measured from.
     reference : {"exact", "graph"}, optional

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -27,7 +27,7 @@ from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW
 from voxflat.maps.flat_map import FlatMap
 
-__all__ = ["Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
+__all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
 
 _MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
 _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
@@ -176,17 +176,48 @@ def colour_bar(layer: Layer) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------ scenes
 
 
-def scene(flat_map: FlatMap, layers: Sequence[Layer], cuts: Mapping[str, NDArray[np.int64]]) -> str:
+class Laid(Protocol):
+    """What a scene shows of a map: a `FlatMap`, or what holds the same of one."""
+
+    @property
+    def uv(self) -> NDArray[np.float64]:
+        """Places in the plane, shape (N, 2)."""
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Points on the surface, shape (N, 3)."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """What they are in the input, shape (N,) or (N, 3)."""
+
+    @property
+    def faces(self) -> NDArray[np.uint32]:
+        """Triangles, shape (F, 3)."""
+
+    @property
+    def torn(self) -> NDArray[np.bool_]:
+        """Which of them have no surface in between, shape (F,)."""
+
+
+def scene(
+    flat_map: Laid,
+    layers: Sequence[Layer],
+    cuts: Mapping[str, NDArray[np.int64]],
+    target: NDArray[np.float64] | None = None,
+) -> str:
     """Return a map and its surface for the viewer of a page.
 
     Parameters
     ----------
-    flat_map : FlatMap
+    flat_map : Laid
         A flat map.
     layers : sequence of Layer
         What can be shown on it.
     cuts : dict of str to ndarray of int64, shape (k,)
         Points of the map along each cut.
+    target : ndarray of float64, shape (N, 3), optional
+        Where the slider leads the surface's points; by default to the surface without its folds.
 
     Returns
     -------
@@ -209,10 +240,13 @@ def scene(flat_map: FlatMap, layers: Sequence[Layer], cuts: Mapping[str, NDArray
 
     add("uv", flat_map.uv[chosen])
     add("folded", places)
-    of_whole, counts = _edges(rows[flat_map.faces[~flat_map.torn]])
-    is_rim = np.zeros(rows.max() + 1, dtype=bool)
-    is_rim[of_whole[counts == 1]] = True  # around the medial wall
-    add("smooth", _smoothed(places, faces, rows[chosen], is_rim[rows[chosen]]))
+    if target is None:
+        of_whole, counts = _edges(rows[flat_map.faces[~flat_map.torn]])
+        is_rim = np.zeros(rows.max() + 1, dtype=bool)
+        is_rim[of_whole[counts == 1]] = True  # around the medial wall
+        add("smooth", _smoothed(places, faces, rows[chosen], is_rim[rows[chosen]]))
+    else:
+        add("smooth", target[chosen])
     for layer in layers:
         values = layer.values[chosen]
         add(layer.name, values if np.isfinite(values).any() else np.zeros(len(chosen)))
@@ -229,7 +263,7 @@ def scene(flat_map: FlatMap, layers: Sequence[Layer], cuts: Mapping[str, NDArray
     ids = flat_map.ids[chosen]
     content = {
         "points": len(chosen),
-        "of": len(flat_map),
+        "of": len(flat_map.uv),
         "triangles": len(faces),
         "arrays": arrays,
         "layers": told,
@@ -315,7 +349,7 @@ def _smoothed(
     return np.asarray(moved[one.ravel()])
 
 
-def _nearest_points(flat_map: FlatMap, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+def _nearest_points(flat_map: Laid, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each point of a map the nearest of those that are left."""
     return np.asarray(cKDTree(flat_map.points[chosen]).query(flat_map.points)[1], dtype=np.int64)
 

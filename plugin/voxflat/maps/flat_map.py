@@ -396,22 +396,13 @@ class FlatMap(Planar):
                 len(self.torn) - len(faces),
                 len(self.torn),
             )
-        structure, point_data = self.metadata.get("structure"), {"distortion": self.distortion.per_point}
+        structure, point_data = self.metadata.get("structure"), {"distance_error": self.distortion.per_point}
         return Mesh(self._places, faces, structure=structure, point_data=point_data, face_data=face_data)
 
     def _mesh_of_vertices(self) -> Mesh:
         """Return the map as a mesh in the plane with the vertex numbers of the flattened mesh."""
-        rows = one_point_a_vertex(self.ids, self.faces)
-        is_kept = triangles_of(rows, self.faces)
-        if not is_kept.all():
-            log.warning(
-                "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
-                len(self.faces) - int(is_kept.sum()),
-                len(self.faces),
-            )
-        placed = np.zeros((self.metadata["vertices"], 3))
-        placed[self.ids[rows]] = self._places[rows]
-        return Mesh(placed, self.ids[self.faces[is_kept]], structure=self.metadata.get("structure"))
+        count, structure = self.metadata["vertices"], self.metadata.get("structure")
+        return mesh_of_vertices(self._places, self.ids, self.faces, count, structure)
 
     def _patch(self) -> Patch:
         """Return the map as a FreeSurfer patch."""
@@ -419,6 +410,42 @@ class FlatMap(Planar):
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         merged = np.asarray(self.metadata.get("mended", {}).get("merged", []), dtype=np.int64).reshape(-1, 2)
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
+
+
+def mesh_of_vertices(
+    places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
+) -> Mesh:
+    """Return a flat map as a mesh with the vertex numbers of the mesh that was flattened.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (N, 3)
+        In the plane.
+    ids : ndarray of int64, shape (N,)
+        The vertex that each is; where a cut doubles one, that side is kept which keeps more triangles.
+    faces : ndarray of int, shape (F, 3)
+        Triangles of places.
+    count : int
+        How many vertices the mesh has; those that the map has not lie at 0.
+    structure : str or None
+        As of `Mesh`.
+
+    Returns
+    -------
+    Mesh
+        How many triangles are left out is logged.
+    """
+    rows = one_point_a_vertex(ids, faces)
+    is_kept = triangles_of(rows, faces)
+    if not is_kept.all():
+        log.warning(
+            "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+            len(faces) - int(is_kept.sum()),
+            len(faces),
+        )
+    placed = np.zeros((count, 3))
+    placed[ids[rows]] = places[rows]
+    return Mesh(placed, ids[faces[is_kept]], structure=structure)
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:

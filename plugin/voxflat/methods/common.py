@@ -123,6 +123,10 @@ def map_over_triangles(
         rows_of, ids = np.concatenate([np.arange(len(part)), places]), np.concatenate([ids, merged])
         distortion = replace(distortion, per_point=distortion.per_point[rows_of])
         rows = rows if rows is None or how.store is not None else rows[:, rows_of]
+    if distortion.triangles is not None:  # those that close holes are the last ones, and none of the map's
+        of_map = {"areal": distortion.triangles.areal[rows_of]}
+        of_map["is_flipped"] = distortion.triangles.is_flipped[: len(cut.faces)]
+        distortion = replace(distortion, triangles=replace(distortion.triangles, **of_map))
     return FlatMap(
         uv=uv[rows_of],
         points=part.points[rows_of],

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat.atlases.atlas import Atlas
-from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
+from voxflat.distortion.triangles import angle_changes
+from voxflat.figures.colours import LOOKS
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
-
-_WEIGHTED = np.spacing(1.0)  # areas of triangles without one
 
 
 @dataclass(frozen=True)
@@ -85,47 +84,19 @@ def colours(name: str) -> NDArray[np.uint8]:
 def _distances(sheet: Sheet) -> Picture:
     flat_map = _map(sheet)
     errors = 100 * flat_map.distortion.per_point
-    return _at_points(sheet, errors, ColourScale(ERROR_LABEL, colours(ERRORS), (0.0, top_error(flat_map))))
+    return _at_points(sheet, errors, _scale("distance_error", errors))
 
 
 def _areas(sheet: Sheet) -> Picture:
     triangles = _map(sheet).distortion.triangles
     assert triangles is not None
-    most = top(np.abs(triangles.areal))
-    return _at_points(sheet, triangles.areal, ColourScale(AREA_LABEL, colours(AREAS), (-most, most)))
+    return _at_points(sheet, triangles.areal, _scale("areal", triangles.areal))
 
 
 def _angles(sheet: Sheet) -> Picture:
-    values = angle_changes(_map(sheet))
-    return _at_points(sheet, values, ColourScale("mean change of angles (°)", colours("viridis"), (0.0, top(values))))
-
-
-def angle_changes(flat_map: FlatMap) -> NDArray[np.float64]:
-    """Return by how much the angles of the triangles around each point change on the map, in the mean.
-
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-
-    Returns
-    -------
-    ndarray of float64, shape (N,)
-        Degrees; NaN where there is no triangle.
-    """
-    faces = flat_map.faces.astype(np.int64)
-    change = np.abs(_corner_angles(flat_map.uv[faces]) - _corner_angles(flat_map.points[faces]))
-    count = np.bincount(faces.ravel(), minlength=len(flat_map))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.bincount(faces.ravel(), np.degrees(change).ravel(), len(flat_map)) / count)
-
-
-def _corner_angles(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angles of triangles (F, 3, 2 or 3), shape (F, 3), radians."""
-    to_next, to_last = (np.roll(corners, step, axis=1) - corners for step in (-1, 1))
-    lengths = np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2)
-    cosines = np.einsum("fcx,fcx->fc", to_next, to_last) / np.maximum(lengths, _WEIGHTED)
-    return np.asarray(np.arccos(np.clip(cosines, -1, 1)))
+    flat_map = _map(sheet)
+    values = angle_changes(flat_map.points, flat_map.faces, flat_map.uv)
+    return _at_points(sheet, values, _scale("angle", values))
 
 
 def _patches(sheet: Sheet) -> Picture:
@@ -135,21 +106,20 @@ def _patches(sheet: Sheet) -> Picture:
 
 def _lengths(sheet: Sheet) -> Picture:
     image = _page_image(sheet, "isometric")
-    return Picture.of(image, ColourScale("C, factor by which lengths change at most", colours(ERRORS), _from_1(image)))
+    return Picture.of(image, _scale("isometric", image.data))
 
 
 def _shapes(sheet: Sheet) -> Picture:
     image = _page_image(sheet, "quasi_conformal")
-    return Picture.of(image, ColourScale("K, stretch one way by the other", colours("viridis"), _from_1(image)))
+    return Picture.of(image, _scale("quasi_conformal", image.data))
 
 
 def _page_areas(sheet: Sheet) -> Picture:
     image = _page_image(sheet, "areal")
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log2(image.data)
-    most = top(np.abs(logs))
     shown = FlatImage(logs, image.pixel_size, image.origin, image.name)
-    return Picture.of(shown, ColourScale(AREA_LABEL, colours(AREAS), (-most, most)))
+    return Picture.of(shown, _scale("areal", logs))
 
 
 def _page_image(sheet: Sheet, of: str) -> FlatImage:
@@ -158,8 +128,10 @@ def _page_image(sheet: Sheet, of: str) -> FlatImage:
     return image
 
 
-def _from_1(image: FlatImage) -> tuple[float, float]:
-    return 1.0, max(top(image.data), 1.0 + 1e-4)
+def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
+    """Return the scale of a measure."""
+    look = LOOKS[name]
+    return ColourScale(look.label, colours(look.cmap), look.limits(values))
 
 
 def _map(sheet: Sheet) -> FlatMap:

@@ -102,7 +102,7 @@ class Viewer {
     this.flatPlaces = new Float32Array(3 * content.points);
     for (let n = 0; n < content.points; n++) this.flatPlaces.set(this.values.uv.subarray(2 * n, 2 * n + 2), 3 * n);
     this.layer(0);
-    this.smooth(0.6);
+    this.smooth(Number(root.querySelector("input[type=range]").value));
     this.listen();
     new ResizeObserver(() => this.draw()).observe(root);
   }

@@ -1,0 +1,135 @@
+"""Files of surfaces and maps for ``pyvista.read``, and flat maps for ``mesh.save`` (PyVista 0.48 and later)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+
+from voxflat._pyvista.flat import is_map, to_polydata
+from voxflat.errors import InputError
+from voxflat.io.files import SAVED_ENDINGS, naming
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
+from voxflat.io.patches import is_patch, read_patch
+from voxflat.maps.flat_map import load, mesh_of_vertices
+from voxflat.surfaces.making import surface as _surface
+
+
+def read(path: str, *, surface: object | None = None) -> pv.PolyData:
+    """Read a surface, a patch or a saved map, as ``pyvista.read`` does with its files.
+
+    Parameters
+    ----------
+    path : str
+        FreeSurfer (``lh.pial``, ``lh.white``, ...), GIFTI (``.surf.gii``), a patch (``lh.cortex.patch.flat``), or a map
+        of voxflat (``.voxflat``).
+    surface : path, (points, faces) or pyvista.PolyData, optional
+        Of a patch the surface that it is part of: the file has no triangles of its own.
+
+    Returns
+    -------
+    pyvista.PolyData
+        Points as they are stored; of a saved map as from `to_polydata`; of a patch its part of the surface's triangles
+        in the patch's places, with ``vertex_ids`` and ``surface_points``.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or a patch without its surface.
+    FileNotFoundError, PermissionError
+        If it cannot be opened.
+
+    Examples
+    --------
+    >>> import pyvista as pv
+    >>> mesh = pv.read("lh.pial")  # doctest: +SKIP
+    >>> flat = pv.read("lh.cortex.patch.flat", surface="lh.white")  # doctest: +SKIP
+    """
+    if path.lower().endswith(SAVED_ENDINGS):
+        _refuse(path, surface)
+        return to_polydata(load(path))
+    if is_patch(path):
+        return _patch(path, surface)
+    _refuse(path, surface)
+    return _polydata(read_mesh(path))
+
+
+def write(dataset: pv.DataSet, path: str) -> None:
+    """Write a mesh as ``.surf.gii``, as ``mesh.save`` does with its files.
+
+    Parameters
+    ----------
+    dataset : pyvista.PolyData
+        Of triangles. Of a map of a mesh the file has the mesh's own vertex numbers, as of `FlatMap.save`: where a cut
+        doubles a vertex, only one side of it is kept.
+    path : str
+        The file.
+
+    Raises
+    ------
+    InputError
+        If it is no surface of triangles, or no ``.surf.gii``.
+    OSError
+        If it cannot be written.
+    """
+    with naming(path, "can this format hold it?"):
+        if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:
+            raise InputError(
+                f"is to hold {type(dataset).__name__}: give triangles, mesh.extract_surface().triangulate()"
+            )
+        write_mesh(path, _of_map(dataset) if is_map(dataset) else _mesh(dataset.points, dataset.regular_faces))
+
+
+def _of_map(flat: pv.PolyData) -> Mesh:
+    """Return a flat map with the vertex numbers of the mesh that was flattened, if it is of one."""
+    told = json.loads(str(flat.field_data["voxflat"][0]))
+    faces = np.asarray(flat.regular_faces)
+    if "torn" in flat.cell_data:
+        faces = faces[~np.asarray(flat.cell_data["torn"], dtype=np.bool_)]
+    if "vertex_ids" not in flat.point_data or "vertices" not in told:
+        return _mesh(flat.points, faces)
+    ids = np.asarray(flat.point_data["vertex_ids"], dtype=np.int64)
+    return mesh_of_vertices(np.asarray(flat.points), ids, faces, told["vertices"], told.get("structure"))
+
+
+def _mesh(points: Any, faces: Any) -> Mesh:
+    return Mesh(np.asarray(points), np.asarray(faces))
+
+
+def _refuse(path: str, surface: object | None) -> None:
+    if surface is not None:
+        raise InputError(f"{path}: surface is given, but the file is no patch; leave it out")
+
+
+def _polydata(mesh: Mesh) -> pv.PolyData:
+    triangles: Any = mesh.faces
+    made: pv.PolyData = pv.PolyData.from_regular_faces(mesh.points, triangles)
+    for name, array in mesh.point_data.items():
+        made.point_data[name] = array
+    return made
+
+
+def _patch(path: str, surface: object | None) -> pv.PolyData:
+    patch = read_patch(path)
+    if surface is None:
+        name = Path(path).name
+        raise InputError(
+            f"{name} is a patch, and its triangles are its surface's: pyvista.read({name!r}, surface='lh.white')"
+        )
+    whole = _surface(surface)
+    row = np.full(whole.count, -1, dtype=np.int64)
+    with naming(path, "is it of this surface?"):
+        faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
+    row[patch.vertex_ids] = np.arange(len(patch.vertex_ids))
+    merged, one = whole.merged.T
+    row[one] = np.where(row[one] < 0, row[merged], row[one])
+    triangles: Any = row[faces]
+    made: pv.PolyData = pv.PolyData.from_regular_faces(patch.points, triangles)
+    made.point_data["vertex_ids"] = patch.vertex_ids
+    at = np.zeros((whole.count, 3))
+    at[whole.vertices] = whole.points
+    made.point_data["surface_points"] = at[patch.vertex_ids]
+    return made

@@ -1,0 +1,259 @@
+"""Unfolding: what lies between a surface and its map."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+
+from voxflat._pyvista.bars import shown
+from voxflat._pyvista.laying import laid
+from voxflat._pyvista.views import Shown, look_at
+from voxflat.arguments import is_number, is_whole
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path, by_ending, naming
+
+_BLOCK = 16  # of films, pixels
+
+
+class Morph(Sequence[pv.PolyData]):
+    """A surface that is unfolded into its map, frame by frame.
+
+    Each point runs straight from its place on the surface to its place on the map, which is turned and moved, not
+    scaled, to where this is shortest for all (the least sum of squares).
+
+    Parameters
+    ----------
+    flat : pyvista.PolyData
+        The map; it stays as it is.
+    n : int
+        How many frames, both ends included.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two frames.
+
+    Examples
+    --------
+    >>> import pyvista as pv
+    >>> morph = pv.ParametricEnneper(u_res=12, v_res=12).voxflat.morph(5)
+    >>> len(morph), morph[-1].n_points == morph.at(0.3).n_points
+    (5, True)
+    """
+
+    def __init__(self, flat: pv.PolyData, n: int = 25) -> None:
+        if not is_whole(n) or n < 2:
+            raise InputError(f"n is {n!r}; give at least 2 frames")
+        self._flat, self._n = flat, int(n)
+        self._surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
+        self._turn, self._laid = laid(np.asarray(flat.points, dtype=np.float64), self._surface)
+
+    def __repr__(self) -> str:
+        return f"<Morph: {self._n} frames of {self._flat.n_points} points>"
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self._n
+
+    @overload
+    def __getitem__(self, number: int) -> pv.PolyData: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[pv.PolyData]: ...
+    def __getitem__(self, number: int | slice) -> pv.PolyData | list[pv.PolyData]:
+        """Return a frame: the first is the surface, the last the map."""
+        if isinstance(number, slice):
+            return [self[one] for one in range(*number.indices(self._n))]
+        return self.at(range(self._n)[number] / (self._n - 1))
+
+    def __iter__(self) -> Iterator[pv.PolyData]:
+        """Yield the frames."""
+        return (self[number] for number in range(self._n))
+
+    def at(self, share: float) -> pv.PolyData:
+        """Return the mesh after a share of the way.
+
+        Parameters
+        ----------
+        share : float
+            From 0, the surface, to 1, the map.
+
+        Returns
+        -------
+        pyvista.PolyData
+            With all data of the map.
+
+        Raises
+        ------
+        InputError
+            If the share is another.
+        """
+        if not is_number(share) or not 0 <= share <= 1:
+            raise InputError(f"the share is {share!r}; give 0, the surface, to 1, the map")
+        frame: pv.PolyData = self._flat.copy(deep=False)
+        frame.SetPoints(pv.vtk_points(self._places(share)))
+        return frame
+
+    def plot(
+        self,
+        scalars: str | None = None,
+        *,
+        cmap: str | None = None,
+        clim: tuple[float, float] | None = None,
+        window_size: tuple[int, int] = (960, 800),
+        off_screen: bool | None = None,
+        screenshot: str | os.PathLike[str] | None = None,
+        show: bool = True,
+    ) -> pv.Plotter:
+        """Show it, with a slider from the surface to the map.
+
+        Parameters
+        ----------
+        scalars, cmap, clim, window_size, off_screen, screenshot, show
+            As of `VoxflatAccessor.plot`.
+
+        Returns
+        -------
+        pyvista.Plotter
+            Closed if it was shown.
+
+        Raises
+        ------
+        InputError
+            If the map has no such array.
+        """
+        view, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=off_screen)
+        plotter: Any = view
+        style = {
+            "pointa": (0.2, 0.94),
+            "pointb": (0.8, 0.94),
+            "title_height": 0.025,
+            "fmt": "%.2f",
+            "interaction_event": "always",
+        }
+        plotter.add_slider_widget(moved, [0, 1], value=0, title="from surface to map", color="black", **style)
+        if show or screenshot is not None:
+            plotter.show(screenshot=False if screenshot is None else os.fspath(screenshot))
+        return view
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        scalars: str | None = None,
+        *,
+        fps: float = 15.0,
+        cmap: str | None = None,
+        clim: tuple[float, float] | None = None,
+        window_size: tuple[int, int] = (800, 800),
+        progress_bar: bool = False,
+    ) -> None:
+        """Write a film that goes from the surface to the map and back.
+
+        Parameters
+        ----------
+        path : path
+            ``.gif``, or ``.mp4``, for which imageio-ffmpeg is needed.
+        scalars, cmap, clim
+            As of `VoxflatAccessor.plot`.
+        fps : float
+            Frames a second.
+        window_size : tuple of 2 ints
+            Pixels; of ``.mp4`` multiples of 16.
+        progress_bar : bool
+            Show how far it is.
+
+        Raises
+        ------
+        InputError
+            If the ending is another, or a package is missing.
+        OSError
+            If it cannot be written.
+        """
+        path = Path(path)
+        if not is_number(fps) or not 0 < fps <= 100:
+            raise InputError(f"fps is {fps!r}; give a number of frames a second, up to 100")
+        with naming(path, "can it be written?"):
+            write: Callable[[Path, Iterator[NDArray[np.uint8]], float], None] = by_ending(path, _WRITERS, "written")
+            if write is _write_mp4:
+                _check_film(window_size)
+        plotter, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=True)
+        numbers = [*range(self._n), *range(self._n - 2, 0, -1)]
+
+        def pictures() -> Iterator[NDArray[np.uint8]]:
+            with shown(progress_bar, None) as progress:
+                for done, number in enumerate(numbers):
+                    moved(number / (self._n - 1))
+                    plotter.render()
+                    yield np.asarray(plotter.screenshot(return_img=True))[..., :3]
+                    if progress is not None:
+                        progress("drawing frames", done + 1, len(numbers))
+
+        try:
+            with atomic_path(path) as beside:
+                write(beside, pictures(), float(fps))
+        finally:
+            plotter.close()
+
+    def _places(self, share: float) -> NDArray[np.float64]:
+        return (1 - share) * self._surface + share * self._laid
+
+    def _view(
+        self, scalars: str | None, cmap: str | None, clim: tuple[float, float] | None, **how: Any
+    ) -> tuple[pv.Plotter, Callable[[float], None]]:
+        """Return a plotter that shows the surface, and what moves it; all of it stays in sight."""
+        what = Shown.of(self._flat, scalars, cmap, clim)
+        plotter: Any = pv.Plotter(**how)
+        plotter.set_background("white")
+        mesh = what.mesh(self._surface)
+        what.add(plotter, mesh, bar=True, lighting=True)
+        both = np.concatenate([self._surface, self._laid])
+        look_at(plotter, both, self._turn, how["window_size"], bar=True)
+
+        def moved(share: float) -> None:
+            mesh.SetPoints(pv.vtk_points(self._places(share)))
+            what.turned(mesh)
+
+        return plotter, moved
+
+
+def _write_gif(path: Path, pictures: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    from PIL import Image
+
+    frames = [Image.fromarray(picture).quantize(255) for picture in pictures]
+    frames[0].save(
+        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0, disposal=1
+    )
+
+
+def _write_mp4(path: Path, pictures: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    film = None
+    for picture in pictures:
+        if film is None:
+            film = _ffmpeg().write_frames(str(path), picture.shape[1::-1], fps=fps, quality=8)
+            film.send(None)
+        film.send(np.ascontiguousarray(picture))
+    assert film is not None
+    film.close()
+
+
+def _ffmpeg() -> Any:
+    try:
+        return importlib.import_module("imageio_ffmpeg")
+    except ImportError as error:
+        raise InputError("a film needs imageio-ffmpeg: pip install 'voxflat[pyvista]'") from error
+
+
+def _check_film(window_size: tuple[int, int]) -> None:
+    """Refuse to make a film that cannot be written, before its frames are drawn."""
+    if any(side % _BLOCK for side in window_size):
+        raise InputError(f"window_size is {window_size}; give multiples of {_BLOCK} for a film")
+    _ffmpeg()
+
+
+_WRITERS = {".gif": _write_gif, ".mp4": _write_mp4}

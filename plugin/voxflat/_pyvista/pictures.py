@@ -1,0 +1,48 @@
+"""Pictures on surfaces, for PyVista."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyvista as pv
+
+from voxflat.maps.pictures import as_picture, check_cover, place, values_at
+
+
+def textured(
+    flat: pv.PolyData, picture: object, texel_size: float | None, *, repeat: bool
+) -> tuple[pv.PolyData, pv.Texture]:
+    """Lay a picture onto the surface of a flat map.
+
+    Parameters
+    ----------
+    flat : pyvista.PolyData
+        A map or a page; it stays as it is.
+    picture, texel_size, repeat
+        As in `FlatMap.textured`.
+
+    Returns
+    -------
+    surface : pyvista.PolyData
+        In space.
+    texture : pyvista.Texture
+        The picture.
+
+    Raises
+    ------
+    InputError
+        As in `FlatMap.textured`.
+    """
+    colours, _ = as_picture(picture)
+    uv = np.asarray(flat.points, dtype=np.float64)[:, :2]
+    coordinates = place(uv, colours.shape, texel_size)
+    if texel_size is not None and not repeat:
+        check_cover(coordinates, colours.shape, texel_size)
+    surface = flat.copy(deep=False)
+    if "torn" in flat.cell_data and np.any(flat.cell_data["torn"]):
+        surface = surface.remove_cells(np.flatnonzero(flat.cell_data["torn"]).tolist())
+    surface.SetPoints(pv.vtk_points(np.array(surface.point_data["surface_points"])))  # those of `flat` stay
+    surface.point_data["colours"] = np.round(values_at(colours, coordinates, repeat)).astype(np.uint8)
+    surface.active_texture_coordinates = coordinates
+    texture: pv.Texture = pv.Texture(colours)  # type: ignore[no-untyped-call]
+    texture.repeat = repeat
+    return surface, texture

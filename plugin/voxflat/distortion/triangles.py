@@ -1,0 +1,128 @@
+"""What flattening did to each triangle and point: the arrays behind the figures, by the names that all doors give them.
+
+| name | of | what |
+|---|---|---|
+| `distance_error` | points | mean of |d − δ|/δ over the pairs of the point, a fraction |
+| `areal` | points | log2(A_flat / A_surface) |
+| `angle` | points | mean change of the angles around it, degrees |
+| `isometric` | triangles | max(σ1, 1/σ2): by what factor lengths change at most |
+| `quasi_conformal` | triangles | σ1/σ2: by what factor lengths change more one way than across |
+| `flipped` | triangles | whether it is turned over |
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.distortion.distortion import Distortion
+
+__all__ = ["angle_changes", "isometric", "measure_arrays", "quasi_conformal", "stretches"]
+
+_WEIGHTED = np.spacing(1.0)  # areas of triangles without one
+
+
+def measure_arrays(
+    distortion: Distortion, points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """Return what a map did to each point and each triangle.
+
+    Parameters
+    ----------
+    distortion : Distortion
+        Of the map.
+    points : ndarray, shape (N, 3)
+        On the surface.
+    faces : ndarray of int, shape (F, 3)
+        Triangles.
+    uv : ndarray, shape (N, 2)
+        In the plane.
+
+    Returns
+    -------
+    of_points, of_triangles : dict
+        By the names above; where the map's triangles are not the surface's, `distance_error` alone.
+    """
+    of_points = {"distance_error": distortion.per_point}
+    if distortion.triangles is None:
+        return of_points, {}
+    stretch = stretches(points, faces, uv)
+    of_points |= {"areal": distortion.triangles.areal, "angle": angle_changes(points, faces, uv)}
+    return of_points, {
+        "isometric": isometric(stretch),
+        "quasi_conformal": quasi_conformal(stretch),
+        "flipped": distortion.triangles.is_flipped,
+    }
+
+
+def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much the map stretches each triangle in its two principal directions.
+
+    Parameters
+    ----------
+    points, faces, uv
+        As in `measure_arrays`.
+
+    Returns
+    -------
+    ndarray of float64, shape (F, 2)
+        σ1 ≥ σ2 ≥ 0; NaN where a triangle has no area on the surface.
+    """
+    a, b = (points[faces[:, corner]] - points[faces[:, 0]] for corner in (1, 2))
+    base = np.linalg.norm(a, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.einsum("fx,fx->f", a, b) / base
+        height = np.linalg.norm(np.cross(a, b), axis=1) / base
+        flat_a, flat_b = (uv[faces[:, corner]] - uv[faces[:, 0]] for corner in (1, 2))
+        first = flat_a / base[:, None]  # the map's Jacobian, column by column, in a frame along the first side
+        second = (flat_b - along[:, None] * first) / height[:, None]
+        squares = np.einsum("fx,fx->f", first, first) + np.einsum("fx,fx->f", second, second)
+        area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+        most = (np.sqrt(squares + 2 * area) + np.sqrt(np.maximum(squares - 2 * area, 0))) / 2
+        stretch = np.column_stack([most, np.where(most > 0, area / most, 0)])
+    stretch[~np.isfinite(stretch).all(axis=1)] = np.nan
+    return stretch
+
+
+def isometric(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return max(σ1, 1/σ2) of triangles."""
+    most, least = stretch.T
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.maximum(most, 1 / least))
+
+
+def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return σ1/σ2 of triangles."""
+    most, least = stretch.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(most / least)
+
+
+def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much the angles of the triangles around each point change on the map, in the mean.
+
+    Parameters
+    ----------
+    points, faces, uv
+        As in `measure_arrays`.
+
+    Returns
+    -------
+    ndarray of float64, shape (N,)
+        Degrees; NaN where there is no triangle.
+    """
+    corners = faces.astype(np.int64)
+    change = np.abs(_corner_angles(uv[corners]) - _corner_angles(points[corners]))
+    count = np.bincount(corners.ravel(), minlength=len(uv))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.bincount(corners.ravel(), np.degrees(change).ravel(), len(uv)) / count)
+
+
+def _corner_angles(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles of triangles (F, 3, 2 or 3), shape (F, 3), radians."""
+    to_next, to_last = (np.roll(corners, step, axis=1) - corners for step in (-1, 1))
+    lengths = np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2)
+    cosines = np.einsum("fcx,fcx->fc", to_next, to_last) / np.maximum(lengths, _WEIGHTED)
+    return np.asarray(np.arccos(np.clip(cosines, -1, 1)))

@@ -1,0 +1,260 @@
+"""Filters of VTK: surfaces flattened, measured and taken to pieces within a pipeline.
+
+`voxflat.vtk` needs PyVista beside VTK (9.1 and later), as ``mesh.voxflat`` does, whose results it gives: the same
+arrays, bit by bit. Options are attributes; to change one makes the filter run again at the next ``Update``.
+
+>>> import voxflat
+>>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
+>>> plane = vtkPlaneSource()
+>>> plane.SetResolution(8, 8)
+>>> flatten = voxflat.vtk.FlattenSurface(sources=9)
+>>> flatten.SetInputConnection(plane.GetOutputPort())
+>>> _ = flatten.Update()
+>>> flatten.GetOutput().GetNumberOfPoints()
+81
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
+from vtkmodules.vtkCommonCore import vtkOutputWindow
+from vtkmodules.vtkCommonDataModel import vtkDataSet
+
+from voxflat._pyvista.accessor import VoxflatAccessor
+from voxflat._pyvista.options import Seed
+from voxflat.errors import Cancelled, InputError
+
+__all__ = ["FlattenSurface", "SurfaceGeodesic", "SurfacePatches"]
+
+_Value = TypeVar("_Value")
+
+
+class _Option(Generic[_Value]):
+    """An attribute of a filter: what changes it makes the filter older than its options."""
+
+    def __init__(self, default: _Value) -> None:
+        self._default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> _Option[_Value]: ...
+    @overload
+    def __get__(self, instance: _Filter, owner: type) -> _Value: ...
+    def __get__(self, instance: _Filter | None, owner: type) -> _Option[_Value] | _Value:
+        if instance is None:
+            return self
+        value: _Value = instance.given.get(self.name, self._default)
+        return value
+
+    def __set__(self, instance: _Filter, value: _Value) -> None:
+        if not _is_same(self.__get__(instance, type(instance)), value):
+            instance.given[self.name] = value
+            instance.Modified()
+
+
+class _Filter(VTKPythonAlgorithmBase):
+    """What the filters share: options, progress, abort, and errors as VTK has them."""
+
+    OUTPUT = "vtkPolyData"
+
+    def __init__(self, **options: Any) -> None:
+        self.given: dict[str, Any] = {}
+        initialise: Any = VTKPythonAlgorithmBase.__init__
+        initialise(self, nInputPorts=1, inputType="vtkDataSet", nOutputPorts=1, outputType=self.OUTPUT)
+        for name, value in options.items():
+            if not isinstance(getattr(type(self), name, None), _Option):
+                raise TypeError(f"{type(self).__name__} has no option {name!r}; it has {', '.join(self.options())}")
+            setattr(self, name, value)
+
+    @classmethod
+    def options(cls) -> list[str]:
+        """Return the names of the options."""
+        return [name for name in dir(cls) if isinstance(getattr(cls, name), _Option)]
+
+    def SetInputData(self, data: Any) -> None:  # noqa: N802
+        """Take a dataset as the input, instead of the output of another filter."""
+        self.SetInputDataObject(0, data)
+
+    def GetOutput(self) -> Any:  # noqa: N802
+        """Return the output, which `Update` fills."""
+        return self.GetOutputDataObject(0)
+
+    def RequestData(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
+        """Do the work; called by VTK.
+
+        An `InputError` ends in an ErrorEvent with its text, or in VTK's output window, and an empty output; an abort in
+        an empty output alone.
+        """
+        output = vtkDataSet.GetData(outputs)
+        try:
+            made = self._made(pv.wrap(vtkDataSet.GetData(inputs[0])), self._progress())
+        except Cancelled:
+            output.Initialize()
+            return 1
+        except InputError as error:
+            output.Initialize()
+            self._tell(str(error))
+            return 0
+        shallow: Any = made
+        output.ShallowCopy(shallow)
+        return 1
+
+    def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
+        raise NotImplementedError
+
+    def _progress(self) -> Callable[[str, int, int], bool]:
+        """Return what hands progress to VTK, and asks it whether to go on.
+
+        How many stages there are is not known beforehand: each takes half of what is left of the bar.
+        """
+        last, stages, reached = "", 0, 0.0
+
+        def told(stage: str, done: int, total: int) -> bool:
+            nonlocal last, stages, reached
+            share = min(done / max(total, 1), 1.0)
+            if stage != last or share < reached:  # a stage may come again, on a finer surface
+                last, stages = stage, stages + 1
+                self.SetProgressText(stage)
+            reached = share
+            self.UpdateProgress(1 - 0.5 ** (stages - 1) * (1 - share / 2))
+            return not (self.GetAbortExecute() or (hasattr(self, "CheckAbort") and self.CheckAbort()))
+
+        return told
+
+    def _tell(self, message: str) -> None:
+        if self.HasObserver("ErrorEvent"):
+            self.InvokeEvent("ErrorEvent", message)
+        else:
+            vtkOutputWindow.GetInstance().DisplayErrorText(f"{type(self).__name__}: {message}\n")
+
+
+class FlattenSurface(_Filter):
+    """Flatten a surface, or that of an image, into the plane z = 0: ``mesh.voxflat()`` as a filter.
+
+    Input is any ``vtkDataSet``, output ``vtkPolyData`` as of the accessor: all arrays of a mesh are passed on, and its
+    measures come with names of their own.
+
+    Parameters
+    ----------
+    **options
+        The attributes below.
+
+    Attributes
+    ----------
+    scalars : str or None
+        For images the name of the array; None for the active one.
+    label, threshold
+        What of an image is foreground, as in `voxflat.flatten`.
+    keep, drop : str, ndarray or None
+        Regions: names of arrays of the points, or masks.
+    seed_point : int, position, pyvista.Cell or None
+        Middle of a patch, with `radius`.
+    radius : float or None
+        Of the patch along the surface, in the data's unit.
+    cuts, relax, scale, method, sources, geodesic, seed, threads
+        As in `voxflat.flatten`.
+    """
+
+    scalars: _Option[str | None] = _Option(None)
+    label: _Option[int | None] = _Option(None)
+    threshold: _Option[float | None] = _Option(None)
+    keep: _Option[object] = _Option(None)
+    drop: _Option[object] = _Option(None)
+    seed_point: _Option[Seed | None] = _Option(None)
+    radius: _Option[float | None] = _Option(None)
+    cuts: _Option[object] = _Option(None)
+    relax: _Option[float | bool | None] = _Option(None)
+    scale: _Option[str | None] = _Option(None)
+    method: _Option[str] = _Option("voxflat")
+    sources: _Option[object] = _Option(None)
+    geodesic: _Option[str | None] = _Option(None)
+    seed: _Option[int] = _Option(0)
+    threads: _Option[int | None] = _Option(None)
+
+    def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
+        return VoxflatAccessor(dataset)(progress=progress, **self.given)
+
+
+class SurfaceGeodesic(_Filter):
+    """Measure distances along a surface: ``mesh.voxflat.geodesic()`` as a filter.
+
+    Input is any ``vtkDataSet`` but an image; output is the same with the point data ``geodesic_distance``.
+
+    Parameters
+    ----------
+    **options
+        The attributes below.
+
+    Attributes
+    ----------
+    sources : int, position, pyvista.Cell, or several of them
+        Where distances are measured from; by default point 0.
+    method : {"graph", "marching", "exact"}
+        What measures them.
+    """
+
+    OUTPUT = "vtkDataSet"
+    sources: _Option[Seed] = _Option(0)
+    method: _Option[str] = _Option("graph")
+
+    def RequestDataObject(self, _request: object, inputs: Any, outputs: Any) -> int:  # noqa: N802
+        """Make an output of the input's type; called by VTK."""
+        given, made = vtkDataSet.GetData(inputs[0]), vtkDataSet.GetData(outputs)
+        if made is None or made.GetClassName() != given.GetClassName():
+            outputs.GetInformationObject(0).Set(vtkDataSet.DATA_OBJECT(), given.NewInstance())
+        return 1
+
+    def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
+        return VoxflatAccessor(dataset).geodesic(self.sources, method=self.method, progress=progress)
+
+
+class SurfacePatches(_Filter):
+    """Flatten a surface of any topology in certified patches: ``mesh.voxflat.patches()`` as a filter.
+
+    Input is any ``vtkDataSet``, output ``vtkPolyData``, the page, as of the accessor.
+
+    Parameters
+    ----------
+    **options
+        The attributes below.
+
+    Attributes
+    ----------
+    max_angle : float or None
+        Greatest inclination to a patch's plane, degrees; by default 10.
+    bound, count, glue, packing, seeds, seed, scalars, label, threshold, threads
+        As in ``mesh.voxflat.patches``.
+    """
+
+    max_angle: _Option[float | None] = _Option(None)
+    bound: _Option[float | None] = _Option(None)
+    count: _Option[int | None] = _Option(None)
+    glue: _Option[float | None] = _Option(None)
+    packing: _Option[str] = _Option("boxes")
+    seeds: _Option[str] = _Option("curvature")
+    seed: _Option[int] = _Option(0)
+    scalars: _Option[str | None] = _Option(None)
+    label: _Option[int | None] = _Option(None)
+    threshold: _Option[float | None] = _Option(None)
+    threads: _Option[int | None] = _Option(None)
+
+    def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
+        return VoxflatAccessor(dataset).patches(progress=progress, **self.given)
+
+
+def _is_same(one: object, other: object) -> bool:
+    """Say whether two values are the same; arrays by what they hold."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return one.dtype == np.asarray(other).dtype and np.array_equal(one, np.asarray(other))
+    return isinstance(one, int | float | str | tuple) and one == other

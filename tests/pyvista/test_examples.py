@@ -1,0 +1,19 @@
+"""The examples of the docstrings run, and what they print is what they say."""
+
+import doctest
+import importlib
+
+import pytest
+
+pytest.importorskip("pyvista")
+
+MODULES = ["_pyvista.accessor", "_pyvista.morphs", "_pyvista.files", "vtk"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_docstrings(name):
+    module = importlib.import_module(f"voxflat.{name}")
+    failed, tried = doctest.testmod(module, optionflags=doctest.ELLIPSIS)
+    assert tried > 0 or name == "_pyvista.files"  # whose examples need files
+    assert failed == 0

@@ -1,0 +1,105 @@
+"""Files of surfaces and maps by PyVista's own ``read`` and ``save``, beside independent readers."""
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomllib
+from numpy.testing import assert_allclose, assert_array_equal
+
+pv = pytest.importorskip("pyvista")
+nibabel = pytest.importorskip("nibabel")
+if not hasattr(pv, "register_reader"):
+    pytest.skip("PyVista before 0.48 has no registries of readers", allow_module_level=True)
+
+from voxflat import InputError  # noqa: E402
+from voxflat.io import Patch, patch_border, write_patch  # noqa: E402
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered():
+    """What the entry points of the project name, whatever is installed."""
+    for group, register in (("readers", pv.register_reader), ("writers", pv.register_writer)):
+        for name, value in PROJECT[f"pyvista.{group}"].items():
+            register(f".{name}", EntryPoint(name, value, f"pyvista.{group}").load(), override=True)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return pv.Icosphere(radius=20.0, nsub=2)
+
+
+@pytest.mark.parametrize("name", ["lh.white", "lh.pial", "rh.inflated", "lh.sphere.reg"])
+def test_surfaces_of_freesurfer(name, ball, tmp_path):
+    nibabel.freesurfer.write_geometry(tmp_path / name, np.asarray(ball.points), ball.regular_faces)
+    mesh = pv.read(tmp_path / name)
+    assert_allclose(mesh.points, ball.points, atol=1e-5)
+    assert_array_equal(mesh.regular_faces, ball.regular_faces)
+    assert mesh.voxflat.check().can_flatten
+
+
+def test_a_flat_map_is_saved_with_the_numbers_of_its_mesh(ball, tmp_path, caplog):
+    flat = ball.voxflat(sources=20, relax=False)
+    flat.save(tmp_path / "lh.flat.surf.gii")
+    points, faces = (array.data for array in nibabel.load(tmp_path / "lh.flat.surf.gii").darrays)
+    assert len(points) == ball.n_points
+    ball.voxflat.flatten(sources=20, relax=False).save(tmp_path / "own.surf.gii")
+    expected = [array.data for array in nibabel.load(tmp_path / "own.surf.gii").darrays]
+    assert_allclose(points, expected[0], atol=1e-5)
+    assert_array_equal(faces, expected[1])
+    assert 0 < len(faces) < flat.n_cells
+    assert "lie at a cut that doubles vertices" in caplog.text
+    again = pv.read(tmp_path / "lh.flat.surf.gii")
+    assert_array_equal(again.regular_faces, faces)
+    ball.save(tmp_path / "ball.surf.gii")
+    assert_allclose(nibabel.load(tmp_path / "ball.surf.gii").darrays[0].data, ball.points, rtol=1e-6)
+
+
+def test_a_saved_map_is_read(ball, tmp_path):
+    flat_map = ball.voxflat.flatten(sources=20, relax=False)
+    flat_map.save(tmp_path / "map.voxflat")
+    mesh = pv.read(tmp_path / "map.voxflat")
+    assert_array_equal(mesh.points[:, :2], flat_map.uv)
+    assert_array_equal(mesh["areal"], flat_map.distortion.triangles.areal)
+    assert_array_equal(mesh["surface_points"], flat_map.points)
+
+
+def test_a_patch_is_read_with_its_surface(ball, tmp_path):
+    faces = ball.regular_faces
+    kept = np.flatnonzero(ball.points[:, 2] > 0)
+    write_patch(
+        tmp_path / "lh.cap.patch.3d",
+        Patch(kept, np.asarray(ball.points)[kept], patch_border(faces, kept, ball.n_points)),
+    )
+    nibabel.freesurfer.write_geometry(tmp_path / "lh.white", np.asarray(ball.points), faces)
+    patch = pv.read(tmp_path / "lh.cap.patch.3d", surface=str(tmp_path / "lh.white"))
+    inside = np.isin(faces, kept).all(axis=1)
+    assert_array_equal(np.sort(patch["vertex_ids"][patch.regular_faces]), np.sort(faces[inside]))
+    assert_allclose(patch.points, ball.points[patch["vertex_ids"]], atol=1e-5)
+    assert_allclose(patch["surface_points"], patch.points, atol=1e-5)
+    with pytest.raises(InputError, match=r"its triangles are its surface's: .*surface='lh.white'"):
+        pv.read(tmp_path / "lh.cap.patch.3d")
+    with pytest.raises(InputError, match="the file is no patch"):
+        pv.read(tmp_path / "lh.white", surface=str(tmp_path / "lh.white"))
+
+
+def test_what_is_damaged_or_no_surface_is_refused(ball, tmp_path):
+    (tmp_path / "lh.pial").write_bytes(b"\xff\xff\xfe rubbish")
+    (tmp_path / "map.voxflat").write_bytes(b"rubbish")
+    for name in ("lh.pial", "map.voxflat"):
+        with pytest.raises(InputError, match=name):
+            pv.read(tmp_path / name)
+    with pytest.raises(InputError, match=r"grid\.surf\.gii: is to hold UnstructuredGrid: give triangles"):
+        ball.cast_to_unstructured_grid().save(tmp_path / "grid.surf.gii")
+    with pytest.raises(InputError, match=r"flat\.gii"):
+        ball.save(tmp_path / "flat.gii")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lh.pial", "map.voxflat"]
+
+
+def test_no_reader_of_pyvista_is_replaced():
+    from pyvista.core.utilities.reader import CLASS_READERS
+
+    assert not {f".{name}" for name in PROJECT["pyvista.readers"]} & set(CLASS_READERS)

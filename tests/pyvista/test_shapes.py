@@ -1,0 +1,221 @@
+"""Every verb on every kind of dataset, and PyVista's own shapes: flattened, or refused with the reason."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_array_equal
+
+pv = pytest.importorskip("pyvista")
+
+import voxflat  # noqa: E402
+from voxflat import InputError  # noqa: E402
+from voxflat.cli import main  # noqa: E402
+
+QUICK = {"sources": 8, "relax": False}
+
+
+def bowl(count=7):
+    """Quads of a paraboloid."""
+    x, y = np.meshgrid(np.linspace(-3, 3, count), np.linspace(-3, 3, count), indexing="ij")
+    return pv.StructuredGrid(x, y, 0.1 * (x * x + y * y))
+
+
+def surface_of(dataset):
+    return dataset.extract_surface(algorithm="dataset_surface")
+
+
+def block():
+    return pv.RectilinearGrid(np.arange(4.0), np.arange(5.0), np.arange(3.0))
+
+
+def image():
+    made = pv.ImageData(dimensions=(8, 8, 6))
+    i, j, k = made.points.T
+    made["mask"] = ((np.hypot(i - 3.5, j - 3.5) < 3) & (k > 0) & (k < 5)).astype(np.uint8)
+    return made
+
+
+DATASETS = {
+    "PolyData of triangles": lambda: surface_of(bowl()).triangulate(),
+    "PolyData of quads": lambda: surface_of(bowl()),
+    "PolyData of strips": lambda: surface_of(bowl()).triangulate().strip(),
+    "StructuredGrid": bowl,
+    "RectilinearGrid": block,
+    "UnstructuredGrid": lambda: bowl().cast_to_unstructured_grid(),
+    "ExplicitStructuredGrid": lambda: block().cast_to_structured_grid().cast_to_explicit_structured_grid(),
+    "ImageData": image,
+}
+NO_MESH = {"geodesic", "path"}  # of an image: of its surface instead
+
+
+def called(verb, mesh):
+    """The result of a verb, as little work as there is, and of which type it must be."""
+    of = mesh.voxflat
+    if verb == "measure":
+        return of.measure(of(**QUICK), sources=5), pv.PolyData
+    calls = {
+        "__call__": (lambda: of(**QUICK), pv.PolyData),
+        "flatten": (lambda: of.flatten(**QUICK), voxflat.FlatMap),
+        "surface": (of.surface, pv.PolyData),
+        "check": (of.check, voxflat.Check),
+        "geodesic": (lambda: of.geodesic(0), type(mesh)),
+        "path": (lambda: of.path(0, mesh.n_points - 1), pv.PolyData),
+        "patches": (lambda: of.patches(max_angle=30), pv.PolyData),
+        "cut": (lambda: of.cut(relax=False), pv.PolyData),
+        "texture": (lambda: of.texture(np.zeros((4, 4), dtype=np.uint8), **QUICK), tuple),
+        "plot": (lambda: of.plot(show=False, off_screen=True, **QUICK), pv.Plotter),
+        "morph": (lambda: of.morph(2, **QUICK), object),
+    }
+    call, kind = calls[verb]
+    return call(), kind
+
+
+VERBS = ["__call__", "flatten", "surface", "check", "geodesic", "path", "patches", "cut", "measure", "texture", "plot"]
+VERBS += ["morph"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("dataset", DATASETS)
+def test_every_verb_on_every_dataset(dataset, verb):
+    mesh = DATASETS[dataset]()
+    mesh.point_data["number"] = np.arange(mesh.n_points)
+    mesh.cell_data["cell"] = np.arange(mesh.n_cells)
+    if dataset == "ImageData":
+        mesh.set_active_scalars("mask", preference="point")
+    before = mesh.copy()
+    if dataset == "ImageData" and verb in NO_MESH:
+        with pytest.raises(InputError, match=r"make a surface of it first, image\.voxflat\.surface\(\)"):
+            called(verb, mesh)
+        return
+    result, kind = called(verb, mesh)
+    assert isinstance(result, kind)
+    assert mesh == before
+    if verb in ("__call__", "patches", "cut", "measure") and dataset != "ImageData":
+        assert_array_equal(result["number"], result["vertex_ids"])
+        assert set(result["cell"]) <= set(range(mesh.n_cells))
+        places = result.points if verb == "cut" else result["surface_points"]
+        assert np.abs(places - mesh.points[result["number"]]).max() < 1e-5
+    if verb == "path":
+        assert result["vertex_ids"][[0, -1]].tolist() == [0, mesh.n_points - 1]
+    if verb == "surface":
+        assert result.n_cells == surface_of(mesh).triangulate().n_cells or dataset == "ImageData"
+        assert result.connectivity()["RegionId"].max() == 0
+    if verb == "morph":
+        assert result[0].n_points == result[1].n_points
+    if verb == "plot":
+        result.close()
+
+
+def test_what_is_no_surface_is_refused_by_every_verb():
+    for nothing in (pv.PointSet(np.eye(3)), pv.Line(), pv.Spline(np.eye(3), 9), pv.UnstructuredGrid()):
+        for verb in VERBS:
+            with pytest.raises(InputError, match="has no faces to flatten"):
+                called(verb, nothing)
+
+
+# --------------------------------------------------------------------------------------------- shapes
+
+
+def coarse(name):
+    return getattr(pv, f"Parametric{name}")(u_res=11, v_res=11)
+
+
+FLAT = {
+    "Sphere": lambda: pv.Sphere(theta_resolution=8, phi_resolution=8),
+    "SolidSphere": lambda: pv.SolidSphere(theta_resolution=7, phi_resolution=7, radius_resolution=3),
+    "Icosphere": lambda: pv.Icosphere(nsub=1),
+    "Cylinder, capped": lambda: pv.Cylinder(resolution=12),
+    "Cylinder, capped and joined": lambda: pv.Cylinder(resolution=12).clean(),
+    "Cylinder, open": lambda: pv.Cylinder(resolution=12, capping=False),
+    "CylinderStructured": lambda: pv.CylinderStructured(radius=1, theta_resolution=12, z_resolution=4),
+    "Cone": lambda: pv.Cone(resolution=12),
+    "Cube": pv.Cube,
+    "Box": lambda: pv.Box(level=2),
+    "Plane": lambda: pv.Plane(i_resolution=4, j_resolution=4),
+    "Disc": lambda: pv.Disc(r_res=3, c_res=12),
+    "Circle": lambda: pv.Circle(resolution=12),
+    "Ellipse": lambda: pv.Ellipse(resolution=12),
+    "Polygon": lambda: pv.Polygon(n_sides=7),
+    "Triangle": pv.Triangle,
+    "Rectangle": pv.Rectangle,
+    "Quadrilateral": pv.Quadrilateral,
+    "Tetrahedron": pv.Tetrahedron,
+    "Octahedron": pv.Octahedron,
+    "Icosahedron": pv.Icosahedron,
+    "Dodecahedron": pv.Dodecahedron,
+    "Pyramid": pv.Pyramid,
+    "Capsule": lambda: pv.Capsule(resolution=8),
+    "Tube": lambda: pv.Tube(n_sides=8, resolution=3, capping=True),
+    "Arrow": lambda: pv.Arrow(tip_resolution=8, shaft_resolution=8),
+    "Superquadric": lambda: pv.Superquadric(theta_resolution=8, phi_resolution=8),
+    "Text3D": lambda: pv.Text3D("o", depth=0.2),
+    "contour of a Wavelet": lambda: pv.Wavelet(extent=(-4, 4, -4, 4, -4, 4)).contour([150]),
+    **{
+        f"Parametric{name}": lambda name=name: coarse(name)
+        for name in (
+            *("Torus", "Dini", "Enneper", "RandomHills", "ConicSpiral", "Ellipsoid", "SuperEllipsoid"),
+            *("SuperToroid", "PluckerConoid", "BohemianDome", "Bour", "CatalanMinimal", "Henneberg", "Kuen"),
+            "Pseudosphere",
+        )
+    },
+}
+REFUSED = {
+    "Mobius": "more than two triangles meet at the edge of vertices",
+    "Boy": "has only one side, like a Möbius strip",
+    "Klein": "has only one side, like a Möbius strip",
+    "Figure8Klein": "more than two triangles meet at the edge of vertices",
+    "CrossCap": r"has no area .*mesh\.clean\(\)",
+    "Roman": r"has no area .*mesh\.clean\(\)",
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_shapes_are_flattened(name, caplog):
+    mesh = FLAT[name]()
+    flat = mesh.voxflat(**{**QUICK, "sources": None})
+    assert not flat["flipped"].any()
+    assert (flat.compute_cell_sizes()["Area"] > 0).all()
+    triangles = surface_of(mesh).triangulate().n_cells
+    if flat.n_cells < triangles:  # not without a word
+        assert "the largest" in caplog.text or "have no area and were dropped" in caplog.text
+    assert len(flat["areal"]) == len(flat["angle"]) == flat.n_points
+    assert len(flat["isometric"]) == len(flat["flipped"]) == flat.n_cells
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_shapes_that_cannot_be_flat_are_refused_with_the_reason(name):
+    with pytest.raises(InputError, match=REFUSED[name]):
+        coarse(name).voxflat()
+
+
+# ----------------------------------------------------------------------------------------- every door
+
+
+@pytest.mark.slow
+def test_the_same_map_through_every_door(tmp_path, caplog):
+    """A mesh in a file: function, command line, accessor and filter give the same arrays, bit by bit."""
+    surface_of(bowl(12)).triangulate().save(tmp_path / "bowl.vtp")
+    mesh = pv.read(tmp_path / "bowl.vtp")
+    options = {"seed_point": 70, "radius": 2.5, "sources": 20, "seed": 3}
+    own = voxflat.flatten(str(tmp_path / "bowl.vtp"), **options)
+    words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    command = ["flatten", str(tmp_path / "bowl.vtp"), *words, "-o", str(tmp_path / "map.npz")]
+    done = CliRunner().invoke(main, command)
+    assert done.exit_code == 0, done.output
+    by_command = voxflat.load(tmp_path / "map.npz")
+    flat = mesh.voxflat(**options)
+    flatten = voxflat.vtk.FlattenSurface(**options)
+    flatten.SetInputData(mesh)
+    flatten.Update()
+    filtered = pv.wrap(flatten.GetOutput())
+    assert 20 < len(own) < mesh.n_points
+    for other in (by_command, mesh.voxflat.flatten(**options)):
+        for name in ("uv", "ids", "faces", "points"):
+            assert getattr(other, name).tobytes() == getattr(own, name).tobytes()
+        assert other.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()
+        assert other.distortion.triangles.areal.tobytes() == own.distortion.triangles.areal.tobytes()
+    for other in (flat, filtered):
+        assert np.ascontiguousarray(other.points[:, :2]).tobytes() == own.uv.tobytes()
+        assert_array_equal(other["vertex_ids"], own.ids)
+        assert other["distance_error"].tobytes() == own.distortion.per_point.tobytes()
+        assert other["areal"].tobytes() == own.distortion.triangles.areal.tobytes()

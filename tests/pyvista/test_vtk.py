@@ -1,0 +1,74 @@
+"""The filters of VTK, in a pipeline without PyVista's classes: on PyPI's VTK, and on Debian's where it is set up."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pyvista")
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = ROOT / "tests" / "helpers" / "vtk_pipeline.py"
+DEBIAN = ROOT / ".tools" / "debian-vtk" / "bin" / "python"  # made by `make debian-vtk`
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", params=["PyPI", "Debian"])
+def facts(request):
+    python = sys.executable if request.param == "PyPI" else DEBIAN
+    if not Path(python).exists():
+        pytest.skip("Debian's VTK is not set up: make debian-vtk")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "plugin")}
+    done = subprocess.run([python, PROGRAM], capture_output=True, text=True, timeout=300, env=environment)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    return {**found, "stderr": done.stderr}
+
+
+def test_voxflat_alone_imports_no_vtk(facts):
+    assert facts["loaded by voxflat"] == []
+
+
+def test_the_arrays_are_the_accessors_bit_by_bit(facts):
+    assert facts["flat is the accessor's"]
+    assert facts["page is the accessor's"]
+    assert facts["image is the accessor's"]
+    assert {"distance_error", "areal", "isometric", "flipped", "vertex_ids"} <= set(facts["arrays"])
+
+
+def test_arrays_of_the_input_are_passed_on(facts):
+    assert facts["elevation"]
+
+
+def test_it_runs_when_its_input_or_an_option_has_changed(facts):
+    assert facts["runs"] == [1, 1, 1, 2, 3, 3, 4]
+
+
+def test_progress_never_goes_back_and_names_the_stages(facts):
+    shares = [share for share, _ in facts["progress"]]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert shares[-1] == 1
+    assert len({text for _, text in facts["progress"]}) > 3
+
+
+def test_an_abort_leaves_nothing_and_can_be_taken_up_again(facts):
+    assert facts["points after an abort"] == 0
+    assert facts["points afterwards"] > 0
+
+
+def test_errors_are_events_with_their_text(facts):
+    assert facts["messages"] == ["seed_point: point 1000000 is not on the surface of the PolyData"]
+    assert facts["points after an error"] == 0
+    assert facts["misspelt"].startswith("FlattenSurface has no option 'raduis'; it has ")
+
+
+def test_distances_keep_the_type_of_the_dataset(facts):
+    of_grid, same, farthest, of_mesh = facts["geodesic"]
+    assert (of_grid, of_mesh) == ("vtkStructuredGrid", "vtkPolyData")
+    assert same
+    assert farthest < 1e-5
