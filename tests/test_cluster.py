@@ -1,0 +1,193 @@
+"""Studies and distance rows on the workers of a Dask cluster, which are killed meanwhile."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import sys
+import threading
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+import studies
+from cluster_work import tell, wait
+from lab_runs import FEW, everything, run
+
+import voxflat
+from voxflat import cluster
+from voxflat.cluster import connected
+
+distributed = pytest.importorskip("distributed")
+
+PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
+
+pytestmark = pytest.mark.slow  # workers are processes, which take seconds to start
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """A cluster of two workers of one thread, which are started again when they die."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
+    ) as started:
+        yield started
+
+
+@pytest.fixture
+def ready(workers):
+    """The cluster's address, with both workers alive."""
+    with distributed.Client(workers) as client:
+        client.wait_for_workers(2, timeout=60)
+    return workers.scheduler_address
+
+
+def until(condition, seconds=60):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it takes too long"
+        time.sleep(0.005)
+
+
+def kill_one(workers):
+    """Kill a worker as the system does that has no memory left."""
+    nanny = next(iter(workers.workers.values()))
+    os.kill(nanny.pid, signal.SIGKILL)
+
+
+# ------------------------------------------------------------------------------------------------ work
+
+
+def test_work_is_done_where_the_caller_is_and_errors_are_those_of_their_items(ready, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with connected(ready, most=9) as found:
+        assert len(found) == 2
+        told = {item: (result, error) for item, result, error in found.each(tell, ["a", "fail", "b"], stage="telling")}
+        (three,) = found.each(tell, ["c"], stage="telling", threads=3)
+    for item in "ab":
+        assert told[item] == ({"item": item, "folder": str(tmp_path), "threads": 1, "go on": True}, None)
+    assert three[1]["threads"] == 3
+    assert isinstance(told["fail"][1], ValueError)
+
+
+def test_workers_stop_when_nobody_waits_any_more(ready, tmp_path):
+    def cancel(stage, done, total):
+        assert (stage, done, total) == ("waiting", 0, 1)
+        return not (tmp_path / "begun").exists()
+
+    with connected(ready, most=1) as found, pytest.raises(voxflat.Cancelled):
+        list(found.each(wait, [tmp_path], stage="waiting", progress=cancel))
+    until((tmp_path / "stopped").exists)
+
+
+def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
+    def refused(address, match):
+        with pytest.raises(voxflat.InputError, match=match), connected(address, most=1):
+            pass
+
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
+    for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
+        refused(address, rf"no scheduler of Dask answers at {address} \(.*\): is it running")
+    monkeypatch.setattr(cluster, "__version__", "0.0.1")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+, here it is 0\.0\.1: install the same one")
+    monkeypatch.setattr(cluster, "version", _no_package)
+    refused(ready, r"the worker tcp://\S+ has no voxflat: install 0\.0\.1 where it was started")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    refused(ready, r"a cluster needs distributed: pip install 'voxflat\[cluster\]'")
+
+
+_no_package = open  # called as version("voxflat"), it fails on the worker
+
+
+# ----------------------------------------------------------------------------------------------- studies
+
+
+BROKEN = "sub-02"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study of four participants, one of them broken, and what one process makes of it."""
+    pytest.importorskip("nilearn")
+    root = tmp_path_factory.mktemp("study")
+    of = studies.hemisphere("lh", FEW)
+    for n in range(1, 5):
+        anat = root / "bids" / f"sub-{n:02}" / "anat"
+        studies.write_derivatives(anat, f"sub-{n:02}", "lh", studies.warped(of, n))
+    (root / "bids" / BROKEN / "anat" / f"{BROKEN}_hemi-L_pial.surf.gii").unlink()
+    command = ["bids", root / "bids", root / "alone", "participant", "--hemi", "L", "--threads", 1]
+    assert run(*command).exit_code == 1
+    return root
+
+
+def made_of(folder):
+    """Return what files hold, without seconds: those in records, and pages, which show them."""
+    held = {name: content for name, (content, _) in everything(folder).items() if not name.endswith(".html")}
+    for name, content in held.items():
+        if name.endswith("_flat.json"):
+            held[name] = {key: value for key, value in json.loads(content).items() if key != "seconds"}
+    return {name: content for name, content in held.items() if "/." not in name}  # left by whom kill -9 struck
+
+
+def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
+    out, there = study / "out", {}
+
+    def kill_when_something_is_made():
+        until(lambda: list(out.rglob("*_flat.json")))
+        there.update({name: of for name, of in everything(out).items() if name.endswith("_flat.json")})
+        kill_one(workers)
+
+    monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # or another worker would take it up at once
+    killer = threading.Thread(target=kill_when_something_is_made)
+    killer.start()
+    command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
+    result = run(*command, "--json")
+    killer.join()
+    told = {one["participant"]: one for one in json.loads(result.stdout)["hemispheres"]}
+    assert list(told) == [f"sub-{n:02}" for n in range(1, 5)]
+    died = {name for name, one in told.items() if "its worker died 1 times" in (one["reason"] or "")}
+    assert died
+    assert result.exit_code == len({*died, BROKEN})
+    assert {path.parts[-3] for path in out.rglob("*_failure.json")} == {*died, BROKEN}
+    again = json.loads(run(*command, "--json").stdout)
+    assert {one["participant"] for one in again["hemispheres"] if one["state"] == "made"} == died - {BROKEN}
+    assert again["failed"] == [BROKEN]
+    now = everything(out)
+    assert there
+    assert {name: now[name] for name in there} == there  # what was made then was never made again
+    assert made_of(out) == made_of(study / "alone")
+    assert {path.name for path in out.glob("*.html")} == {path.name for path in (study / "alone").glob("*.html")}
+
+
+def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypatch):
+    started = []
+
+    def here(**how):
+        started.append(how)
+        return nullcontext(workers)
+
+    monkeypatch.setattr(distributed, "LocalCluster", here)
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
+    right = studies.hemisphere("rh", FEW)
+    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", right)
+    (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
+    said = {command: run(*shlex.split(command)) for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE)}
+    for command, result in said.items():
+        assert result.exit_code == 0, f"{command}\n{result.output}"
+    dry, made, group, local, file = (result.stdout for result in said.values())
+    assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
+    assert "1 participants: 1 made" in made
+    assert "2 maps, 0 missing" in group
+    assert "1 participants: 0 made, 1 up to date" in local
+    assert local == file
+    assert started[0]["n_workers"] == 1
+
+
+def test_dask_is_for_participants(study):
+    for more in (["group"], ["participant", "--dry-run"]):
+        result = run("bids", study / "bids", study / "alone", *more, "--dask", "local")
+        assert (result.exit_code, "--dask is for the level participant" in result.stderr) == (2, True)
