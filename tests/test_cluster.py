@@ -12,6 +12,7 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 import studies
 from cluster_work import tell, wait
@@ -21,7 +22,9 @@ import voxflat
 from voxflat import cluster
 from voxflat.cluster import connected
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
+fcntl = pytest.importorskip("fcntl")
 
 PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
 
@@ -30,11 +33,17 @@ pytestmark = pytest.mark.slow  # workers are processes, which take seconds to st
 
 @pytest.fixture(scope="module")
 def workers():
-    """A cluster of two workers of one thread, which are started again when they die."""
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
-    ) as started:
-        yield started
+    """A cluster of two workers of one thread, which are started again when they die.
+
+    They are forked from a process that has imported what they need, which takes seconds otherwise, each time.
+    """
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
+        distributed.utils.get_mp_context().set_forkserver_preload(preload)
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
+        ) as started:
+            yield started
 
 
 @pytest.fixture
@@ -175,16 +184,123 @@ def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypat
     right = studies.hemisphere("rh", FEW)
     studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", right)
     (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
+    for name in ("white", "pial"):
+        shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
     said = {command: run(*shlex.split(command)) for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE)}
     for command, result in said.items():
         assert result.exit_code == 0, f"{command}\n{result.output}"
-    dry, made, group, local, file = (result.stdout for result in said.values())
+    dry, made, group, local, file, rows = (result.stdout for result in said.values())
     assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
     assert "1 participants: 1 made" in made
     assert "2 maps, 0 missing" in group
     assert "1 participants: 0 made, 1 up to date" in local
     assert local == file
     assert started[0]["n_workers"] == 1
+    assert f"100 x {FEW} distances" in rows
+
+
+# ------------------------------------------------------------------------------------------------- rows
+
+SHEET = np.ones((60, 60, 1), dtype=np.uint8)
+SOURCES = 500  # of so many the core sweeps
+HEIGHT = 32  # 16 blocks; the last one has 20 rows
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The store that one process makes."""
+    made = voxflat.geodesic(SHEET, SOURCES, store=tmp_path_factory.mktemp("rows") / "store")
+    few = voxflat.geodesic(SHEET, made.ids[made.sources[:HEIGHT]])
+    assert not np.array_equal(few.rows, made.rows[:HEIGHT])  # a block that is computed by itself has other bits
+    return made
+
+
+def blocks(store):
+    """Return how many blocks journals know, of the store and of its parts."""
+    return sum(path.read_text().count("crc32") for path in store.rglob("journal.jsonl"))
+
+
+def is_that_of_one_process(rows, expected):
+    rows.verify()
+    names = sorted(path.name for path in rows.store.iterdir())
+    return (
+        names == sorted(path.name for path in expected.store.iterdir())
+        and (rows.store / "rows.npy").read_bytes() == (expected.store / "rows.npy").read_bytes()
+        and _lines(rows) == _lines(expected)
+    )
+
+
+def _lines(rows):
+    first, *entries, last = (rows.store / "journal.jsonl").read_text().splitlines()
+    return first.split("rows")[-1], sorted(entries), last
+
+
+def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expected, tmp_path):
+    store = tmp_path / "store"
+    killer = threading.Thread(target=lambda: (until(lambda: blocks(store) > 2), kill_one(workers)))
+    killer.start()
+    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    killer.join()
+    assert is_that_of_one_process(rows, expected)
+    assert rows.provenance == expected.provenance | {"parameters": rows.provenance["parameters"]}
+
+
+def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(ready, expected, tmp_path, caplog):
+    caplog.set_level("INFO", logger="voxflat")
+    store = tmp_path / "store"
+    seen = []
+
+    def stop_after_some(stage, done, total):
+        seen.append((stage, done, total))
+        return blocks(store) < 3 or not (store / "parts").exists()
+
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready, progress=stop_after_some)
+    assert ("measuring distances", SOURCES) in {(stage, total) for stage, _, total in seen}
+    with pytest.raises(voxflat.InputError, match="not complete"):
+        voxflat.open_rows(store)
+    until(lambda: _is_quiet(store))
+    there = blocks(store)
+    assert 3 <= there <= 16
+    caplog.clear()
+    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    found = int(re.search(r"(\d+) rows were in the store", caplog.text)[1])
+    assert HEIGHT * there - 12 <= found <= HEIGHT * there
+    assert is_that_of_one_process(rows, expected)
+    caplog.clear()
+    again = voxflat.geodesic(SHEET, SOURCES, store=store, dask="nobody is asked")
+    assert is_that_of_one_process(again, expected)
+
+
+def _is_quiet(store):
+    """Say whether no core holds a lock of the store or of its parts any more."""
+    for path in store.rglob("lock"):
+        with path.open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+    return True
+
+
+def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
+    store = tmp_path / "store"
+    for options, match in (
+        ({"dask": ready}, "no store for workers to write into; give a store"),
+        ({"dask": ready, "store": store, "geodesic": "chain"}, "knows no dask; leave it out"),
+        (
+            {"dask": ready, "store": store, "memory_limit": 1_000_000},
+            "memory are needed, 976.6 KiB is the limit; take fewer threads",
+        ),
+    ):
+        with pytest.raises(voxflat.InputError, match=match):
+            voxflat.geodesic(SHEET, SOURCES, **options)
+    assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
+    monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
+    with (store / "lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(OSError, match="in use by process"):
+            voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
 
 
 def test_dask_is_for_participants(study):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, check_memory, checked_seed, checked_threads, log, refuse, workers
+from voxflat.distances.parts import compute_on_workers
 from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distances.sources import choose_sources
 from voxflat.distances.store import Store, prepare_store
@@ -46,6 +47,7 @@ def geodesic(
     link_lengths: str | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
+    dask: str | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -67,6 +69,9 @@ seed, threads, memory_limit, progress
     store : path, optional
         A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
         call goes on where it was.
+    dask : str, optional
+        Let the workers of a Dask cluster compute a store's rows, the same bits: the scheduler's address, its file, or
+        "local" for workers on this machine. They must see the store's directory. Threads are those of each worker.
 
     Returns
     -------
@@ -78,13 +83,15 @@ seed, threads, memory_limit, progress
     InputError, Cancelled
         As in `flatten`.
     """
+    if dask is not None and store is None:
+        raise InputError("dask is given, but no store for workers to write into; give a store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     over_triangles: dict[str, Any] = {"drop": drop, "polygon": polygon, "cuts": cuts}
     part: Surface | VoxelGraph
     if geodesic == "chain":
-        refuse(geodesic, **over_triangles)
+        refuse(geodesic, **over_triangles, dask=dask)
         part = voxel_graph(
             surface, **place, **patch, link_lengths=link_lengths, memory_limit=memory_limit, progress=progress
         )
@@ -98,7 +105,7 @@ seed, threads, memory_limit, progress
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
     chosen = choose_sources(part, sources, sampling, seed, progress, fewest=1)
-    return _rows(part, chosen, what, store, threads, memory_limit, progress)
+    return _rows(part, chosen, what, store, dask, threads, memory_limit, progress)
 
 
 def _rows(
@@ -106,6 +113,7 @@ def _rows(
     chosen: NDArray[np.uint32],
     what: dict[str, Any],
     store: str | os.PathLike[str] | None,
+    dask: str | None,
     threads: int | None,
     memory_limit: int | None,
     progress: Progress | None,
@@ -117,10 +125,15 @@ def _rows(
         named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
-    need = _core.store_memory_need(len(core), len(chosen), workers(threads))
-    check_memory(need, memory_limit, "take fewer threads")
-    log.info("up to %s of memory are needed for rows in the making", amount(need))
+    if dask is None:
+        need = _core.store_memory_need(len(core), len(chosen), workers(threads))
+        check_memory(need, memory_limit, "take fewer threads")
+        log.info("up to %s of memory are needed for rows in the making", amount(need))
     prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
+    if dask is not None:
+        assert isinstance(core, _core.Surface)
+        how: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+        compute_on_workers(prepared, core, chosen, dask, **how)
     return stored_rows(prepared, core, chosen, threads, progress)
 
 

@@ -107,7 +107,7 @@ def prepare_store(
         is_new = not _holds_files(path)
         if not is_new:
             _compare(path, identity)
-        _check_disk(path, 4 * len(chosen) * len(core))
+        check_disk(path, 4 * len(chosen) * len(core))
         if is_new:
             _create(path, identity, arrays)
             _compare(path, identity)
@@ -176,7 +176,7 @@ def _holds_files(path: Path) -> bool:
     return bool(names)
 
 
-def _check_disk(path: Path, size: int) -> None:
+def check_disk(path: Path, size: int) -> None:
     """Say what room is needed on the disk, and refuse to start where it is not there."""
     table = path / "rows.npy"
     need = max(0, size - (_allocated(table) if table.exists() else 0))
