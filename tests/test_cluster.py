@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import studies
-from cluster_work import tell, wait
+from cluster_work import no_package, tell, wait
 from lab_runs import FEW, everything, run
 
 import voxflat
@@ -102,13 +102,10 @@ def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
         refused(address, rf"no scheduler of Dask answers at {address} \(.*\): is it running")
     monkeypatch.setattr(cluster, "__version__", "0.0.1")
     refused(ready, r"the worker tcp://\S+ has voxflat \S+, here it is 0\.0\.1: install the same one")
-    monkeypatch.setattr(cluster, "version", _no_package)
+    monkeypatch.setattr(cluster, "version", no_package)
     refused(ready, r"the worker tcp://\S+ has no voxflat: install 0\.0\.1 where it was started")
     monkeypatch.setitem(sys.modules, "distributed", None)
     refused(ready, r"a cluster needs distributed: pip install 'voxflat\[cluster\]'")
-
-
-_no_package = open  # called as version("voxflat"), it fails on the worker
 
 
 # ----------------------------------------------------------------------------------------------- studies
@@ -135,10 +132,11 @@ def study(tmp_path_factory):
 def made_of(folder):
     """Return what files hold, without seconds: those in records, and pages, which show them."""
     held = {name: content for name, (content, _) in everything(folder).items() if not name.endswith(".html")}
+    held = {name: content for name, content in held.items() if "/." not in name}  # left by whom kill -9 struck
     for name, content in held.items():
         if name.endswith("_flat.json"):
             held[name] = {key: value for key, value in json.loads(content).items() if key != "seconds"}
-    return {name: content for name, content in held.items() if "/." not in name}  # left by whom kill -9 struck
+    return held
 
 
 def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
@@ -245,6 +243,17 @@ def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expe
     assert rows.provenance == expected.provenance | {"parameters": rows.provenance["parameters"]}
 
 
+def test_rows_over_a_cut_patch_by_another_solver_from_given_sources_are_those_of_memory(ready, tmp_path):
+    across = [(20 + n, 30, 0) for n in range(15)]
+    patch = {"seed_point": (30, 30, 0), "radius": 20, "cuts": [across], "geodesic": "marching"}
+    sources = [(30, 32, 0), (30, 28, 0), (20, 30, 0)]
+    rows = voxflat.geodesic(SHEET, sources, **patch, store=tmp_path / "store", dask=ready)
+    usual = voxflat.geodesic(SHEET, sources, **patch)
+    for name in ("rows", "points", "ids", "sources"):
+        np.testing.assert_array_equal(getattr(rows, name), getattr(usual, name))
+    assert usual.rows[0, usual.sources[1]] > 8  # around the cut
+
+
 def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(ready, expected, tmp_path, caplog):
     caplog.set_level("INFO", logger="voxflat")
     store = tmp_path / "store"
@@ -268,7 +277,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     assert HEIGHT * there - 12 <= found <= HEIGHT * there
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
-    again = voxflat.geodesic(SHEET, SOURCES, store=store, dask="nobody is asked")
+    again = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
     assert is_that_of_one_process(again, expected)
 
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,6 +51,10 @@ class Cluster:
     def __len__(self) -> int:
         """Return how many workers there are now."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def everywhere(self, function: Callable[[], object]) -> None:
+        """Call a function on every worker."""
+        self._client.run(function)
 
     def each(
         self,
@@ -175,9 +179,10 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         if not found:
             log.warning("the scheduler at %s has no workers yet: waiting for them", address)
         for worker, own in found.items():
-            if isinstance(own, BaseException):
+            if isinstance(own, PackageNotFoundError):
                 raise InputError(f"the worker {worker} has no voxflat: install {__version__} where it was started")
-            _check_version(worker, own, __version__)
+            if isinstance(own, str):  # else it has died meanwhile
+                _check_version(worker, own, __version__)
         yield Cluster(client)
 
 

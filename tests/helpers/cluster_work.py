@@ -2,6 +2,7 @@
 
 import os
 import time
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 
@@ -18,3 +19,8 @@ def wait(item, *, threads, progress):
     while progress("waiting", 0, 1):
         time.sleep(0.01)
     Path(item, "stopped").touch()
+
+
+def no_package(name):
+    """Say what importlib.metadata.version says of a package that is not there."""
+    raise PackageNotFoundError(name)

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, check_memory, checked_seed, checked_threads, log, refuse, workers
-from voxflat.distances.parts import compute_on_workers
+from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distances.sources import choose_sources
+from voxflat.distances.sources import choose_sources, source_count
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
@@ -104,8 +104,14 @@ seed, threads, memory_limit, progress
         what = {"geodesic": geodesic}
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
+    common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    if dask is not None and store is not None and isinstance(part, Surface):
+        count = source_count(part, sources, fewest=1)
+        given = choose_sources(part, sources, sampling, seed, progress, fewest=1) if count is None else count
+        chosen_by: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "seed": seed}
+        return rows_by_workers(part, given, store, dask, **chosen_by, **common)
     chosen = choose_sources(part, sources, sampling, seed, progress, fewest=1)
-    return _rows(part, chosen, what, store, dask, threads, memory_limit, progress)
+    return _rows(part, chosen, what, store, **common)
 
 
 def _rows(
@@ -113,7 +119,6 @@ def _rows(
     chosen: NDArray[np.uint32],
     what: dict[str, Any],
     store: str | os.PathLike[str] | None,
-    dask: str | None,
     threads: int | None,
     memory_limit: int | None,
     progress: Progress | None,
@@ -125,15 +130,10 @@ def _rows(
         named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
-    if dask is None:
-        need = _core.store_memory_need(len(core), len(chosen), workers(threads))
-        check_memory(need, memory_limit, "take fewer threads")
-        log.info("up to %s of memory are needed for rows in the making", amount(need))
+    need = _core.store_memory_need(len(core), len(chosen), workers(threads))
+    check_memory(need, memory_limit, "take fewer threads")
+    log.info("up to %s of memory are needed for rows in the making", amount(need))
     prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
-    if dask is not None:
-        assert isinstance(core, _core.Surface)
-        how: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
-        compute_on_workers(prepared, core, chosen, dask, **how)
     return stored_rows(prepared, core, chosen, threads, progress)
 
 

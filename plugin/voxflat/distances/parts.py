@@ -11,8 +11,10 @@ import json
 import os
 import shutil
 import time
+import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,54 +24,93 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
-from voxflat.cluster import Cluster, connected
+from voxflat.cluster import Cluster, Work, connected
 from voxflat.distances.journal import Journal, append, complete, read_journal
-from voxflat.distances.rows import checksum
-from voxflat.distances.store import Store, check_disk, mapped, read_description
+from voxflat.distances.rows import DistanceRows, checksum, open_rows
+from voxflat.distances.store import Store, array_hash, check_disk, mapped, prepare_store, store_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.files import atomic_path, naming_file, save_array
+from voxflat.surfaces.surface import Surface
 
 try:
     import fcntl
 except ImportError:  # not on every system: there two callers at once compute blocks twice
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["compute_on_workers"]
+__all__ = ["rows_by_workers"]
 
 _COMPUTING = ("preparing distances", "measuring distances")  # stages of the core, once it knows what is missing
 _UNKNOWN = 16  # parts where no worker is there yet
 _PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
 _LOOK = 1.0  # s between two looks at how far workers are
 
+_kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works on, whose neighbours are joined
 
-def compute_on_workers(
-    store: Store,
-    core: _core.Surface,
-    chosen: NDArray[np.uint32],
-    dask: str,
-    *,
-    threads: int | None,
-    memory_limit: int | None,
-    progress: Progress | None,
-) -> None:
-    """Compute the blocks that a store lacks, on the workers of a cluster.
+
+@dataclass(frozen=True)
+class Wanted:
+    """Rows that are to be computed.
 
     Parameters
     ----------
-    store : Store
-        As `prepare_store` made it.
-    core : _core.Surface
-        The surface; workers read it from the store's directory.
-    chosen : ndarray of uint32, shape (m,)
-        The sources, as numbers into the points.
+    surface : str
+        A hash of the surface.
+    sources : int or ndarray of uint32
+        How many to choose, or which, as numbers into the points.
+    sampling : str
+        How they are chosen.
+    seed : int
+        Of the choice.
+    geodesic : str
+        As in `voxflat.geodesic`, over triangles.
+    """
+
+    surface: str
+    sources: int | NDArray[np.uint32]
+    sampling: str
+    seed: int
+    geodesic: str
+
+
+def rows_by_workers(
+    part: Surface,
+    sources: int | NDArray[np.uint32],
+    store: str | os.PathLike[str],
+    dask: str,
+    *,
+    geodesic: str,
+    sampling: str,
+    seed: int,
+    threads: int | None,
+    memory_limit: int | None,
+    progress: Progress | None,
+) -> DistanceRows:
+    """Compute the blocks that a store lacks, on the workers of a cluster, and open it.
+
+    Neighbours are joined by workers alone: what takes memory and time is theirs.
+
+    Parameters
+    ----------
+    part : Surface
+        What distances are measured over.
+    sources : int or ndarray of uint32
+        How many to choose, or which, as numbers into the points.
+    store : path
+        The directory.
     dask : str
         The cluster, as in `connected`.
+    geodesic, sampling, seed
+        As in `voxflat.geodesic`.
     threads : int, optional
         Of each worker.
     memory_limit : int, optional
         Bytes that rows in the making may take in each worker.
     progress : callable, optional
         As in `voxflat.flatten`.
+
+    Returns
+    -------
+    DistanceRows
 
     Raises
     ------
@@ -78,7 +119,46 @@ def compute_on_workers(
     Cancelled
         If `progress` returned False. Workers stop.
     """
-    _lay_out(store, core, chosen, progress)
+    path = store_path(store)
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")  # until there is a store
+    wanted = Wanted(_write_surface(part, beside), sources, sampling, seed, geodesic)
+    how: dict[str, Any] = {"threads": threads, "progress": progress}
+    count = sources if isinstance(sources, int) else len(sources)
+    try:
+        with connected(dask, most=count) as cluster:
+            try:
+                ((_, prepared, error),) = cluster.each(
+                    partial(_begin, wanted), [(beside, path)], stage="choosing sources", **how
+                )
+                if error is not None:
+                    raise error
+                _finish(cluster, prepared, beside, partial(_part, wanted, prepared.identity, memory_limit), how)
+            finally:
+                with suppress(Exception):  # they may be gone
+                    cluster.everywhere(_forget)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    rows = open_rows(path)
+    rows.verify()
+    return rows
+
+
+# ------------------------------------------------------------------------------------------ the caller
+
+
+def _write_surface(part: Surface, folder: Path) -> str:
+    """Write what workers need to know of a surface; return its hash."""
+    core = part.core
+    arrays: dict[str, NDArray[Any]] = {"points": core.points, "faces": core.faces, "ids": part.ids}
+    with naming_file(folder):
+        folder.mkdir()
+        for name, array in arrays.items():
+            save_array(folder / f"{name}.npy", array)
+    return " ".join(array_hash(array) for array in arrays.values())
+
+
+def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict[str, Any]) -> None:
+    """Have computed what a store lacks."""
     path = store.path
     with _locked(path):
         _collect(path)
@@ -88,34 +168,12 @@ def compute_on_workers(
             check_disk(
                 path, 2 * 4 * journal.rows * journal.columns
             )  # blocks are in a part before they are in the store
-            with connected(dask, most=len(missing)) as cluster:
-                places = _deal(path, missing, core, len(cluster) or _UNKNOWN)
-                how = {"identity": store.identity, "geodesic": store.geodesic, "memory_limit": memory_limit}
-                _compute(cluster, path, places, how, threads, progress)
+            (path / "parts").mkdir()
+            surface.rename(path / "parts" / "surface")
+            _compute(cluster, path, _deal(path, missing, len(cluster) or _UNKNOWN), work, how)
         if not journal.is_complete:
             complete(path)
         shutil.rmtree(path / "parts", ignore_errors=True)
-
-
-# ------------------------------------------------------------------------------------------ the caller
-
-
-def _lay_out(store: Store, core: _core.Surface, chosen: NDArray[np.uint32], progress: Progress | None) -> None:
-    """Let the core make table and journal, or compare those that are there with their checksums, and stop it then."""
-    is_laid_out = False
-
-    def watch(stage: str, done: int, total: int) -> bool | None:
-        nonlocal is_laid_out
-        is_laid_out |= stage in _COMPUTING
-        if is_laid_out:
-            return False
-        return None if progress is None else progress(stage, done, total)
-
-    try:
-        core.store_rows(*store.key, chosen, geodesic=store.geodesic, progress=watch)
-    except Cancelled:
-        if not is_laid_out:
-            raise
 
 
 @contextmanager
@@ -154,10 +212,8 @@ def _collect(store: Path) -> None:
         log.info("%d rows were in the store %s already", rows, store)
 
 
-def _deal(store: Path, missing: Sequence[int], core: _core.Surface, workers: int) -> list[Path]:
+def _deal(store: Path, missing: Sequence[int], workers: int) -> list[Path]:
     """Make parts of what is missing, one for each worker: each has to join neighbours, and to prepare distances."""
-    (store / "parts").mkdir()
-    save_array(store / "parts" / "faces.npy", core.faces)
     places = []
     for blocks in np.array_split(np.array(missing), min(workers, len(missing))):
         place = store / "parts" / str(blocks[0])
@@ -168,18 +224,12 @@ def _deal(store: Path, missing: Sequence[int], core: _core.Surface, workers: int
     return places
 
 
-def _compute(
-    cluster: Cluster,
-    store: Path,
-    places: list[Path],
-    how: dict[str, Any],
-    threads: int | None,
-    progress: Progress | None,
-) -> None:
+def _compute(cluster: Cluster, store: Path, places: list[Path], work: Work, how: dict[str, Any]) -> None:
     """Have parts computed, and enter what is finished."""
-    work, errors = partial(_part, **how), []
-    told = None if progress is None else _Rows(store, progress)
-    for place, found, error in cluster.each(work, places, stage="measuring distances", threads=threads, progress=told):
+    errors = []
+    if how["progress"] is not None:
+        how = {**how, "progress": _Rows(store, how["progress"])}
+    for place, found, error in cluster.each(work, places, stage="measuring distances", **how):
         if error is None:
             append(store, found)
             shutil.rmtree(place, ignore_errors=True)
@@ -211,18 +261,37 @@ class _Rows:
 # ------------------------------------------------------------------------------------------- a worker
 
 
+def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress: Progress) -> Store:
+    """Choose sources, and make a store of them, or find that an old one is of the same rows."""
+    folder, path = places
+    core = _surface(wanted.surface, folder)
+    if isinstance(wanted.sources, int):
+        chosen = core.choose_sources(wanted.sampling, wanted.sources, wanted.seed, progress)
+    else:
+        chosen = wanted.sources
+    ids = np.array(mapped(folder / "ids.npy"))
+    store = prepare_store(path, core, ids, chosen, geodesic=wanted.geodesic, progress=progress)
+    is_laid_out = False
+
+    def watch(stage: str, done: int, total: int) -> bool | None:
+        nonlocal is_laid_out
+        is_laid_out |= stage in _COMPUTING
+        return False if is_laid_out else progress(stage, done, total)
+
+    try:  # the core makes table and journal, or compares those that are there with their checksums
+        core.store_rows(*store.key, chosen, geodesic=wanted.geodesic, threads=threads, progress=watch)
+    except Cancelled:
+        if not is_laid_out:
+            raise
+    return store
+
+
 def _part(
-    part: Path,
-    *,
-    identity: str,
-    geodesic: str,
-    memory_limit: int | None,
-    threads: int,
-    progress: Progress,
+    wanted: Wanted, identity: str, memory_limit: int | None, part: Path, *, threads: int, progress: Progress
 ) -> dict[int, int]:
     """Compute the blocks of a part and move them to the store; return their checksums."""
     store = part.parents[1]
-    core = _surface(store, geodesic, progress)
+    core = _surface(wanted.surface, store / "parts" / "surface")
     whole, blocks = read_journal(store), _blocks(part)
     need = _core.store_memory_need(whole.columns, whole.rows, threads)
     check_memory(need, memory_limit, "take fewer threads")
@@ -231,7 +300,7 @@ def _part(
     chosen = mapped(store / "sources.npy")[order].astype(np.uint32)
     watch = _Watch(part, len(blocks), progress)
     try:
-        core.store_rows(part, identity, chosen, geodesic=geodesic, threads=threads, progress=watch)
+        core.store_rows(part, identity, chosen, geodesic=wanted.geodesic, threads=threads, progress=watch)
     except Cancelled:
         if not watch.is_finished:
             raise
@@ -265,14 +334,20 @@ class _Watch:
         return sum(block < self._blocks for block in read_journal(self._part).checksums)
 
 
-def _surface(store: Path, geodesic: str, progress: Progress) -> _core.Surface:
-    """Return the surface of a store, whose distances are those of the caller's."""
-    points, faces = mapped(store / "points.npy"), mapped(store / "parts" / "faces.npy")
-    core, _ = _core.Surface.from_triangles(np.array(points), faces.astype(np.int64))
-    found = f"{core.fingerprint(geodesic, progress=progress):016x}"
-    if found != read_description(store)["fingerprint"]:
-        raise InputError(f"the surface of {store} has other distances on this worker; leave dask out")
-    return core
+def _surface(key: str, folder: Path) -> _core.Surface:
+    """Return the surface of a folder; a worker keeps it as long as it works on it, with what distances need."""
+    if key not in _kept:
+        _kept.clear()
+        points, faces = np.array(mapped(folder / "points.npy")), np.array(mapped(folder / "faces.npy"))
+        core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
+        if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
+            raise InputError("the surface is not the same in another process; leave dask out")
+        _kept[key] = core
+    return _kept[key]
+
+
+def _forget() -> None:
+    _kept.clear()
 
 
 # ---------------------------------------------------------------------------------------------- both
