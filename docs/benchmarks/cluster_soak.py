@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 
 import distributed
-from store_soak import OPTIONS, SOURCES, check, sheet
+from store import bumpy_sheet
+from store_soak import OPTIONS, check
 
 import voxflat
 
@@ -29,14 +30,16 @@ def main():
     """Kill, resume, compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--side", type=int, default=150, help="of the sheet, voxels")
+    parser.add_argument("--sources", type=int, default=4000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--run", type=Path, help="only one run, into this store")
     parser.add_argument("--dask", help="its scheduler")
     options = parser.parse_args()
     if options.run:
-        voxflat.geodesic(sheet(), SOURCES, store=options.run, dask=options.dask, **OPTIONS)
+        rows_of(options, store=options.run, dask=options.dask)
         return
-    expected = voxflat.geodesic(sheet(), SOURCES, **OPTIONS)
+    expected = rows_of(options)
     random.seed(options.seed)
     with (
         tempfile.TemporaryDirectory() as directory,
@@ -45,7 +48,7 @@ def main():
         ) as cluster,
     ):
         start = time.monotonic()
-        run(Path(directory) / "whole", cluster)
+        run(options, Path(directory) / "whole", cluster)
         whole = time.monotonic() - start
         print(f"undisturbed: {whole:.1f} s", flush=True)
         kills = callers = 0
@@ -56,8 +59,8 @@ def main():
             killer = threading.Thread(target=kill_at, args=(moments, cluster, killed))
             killer.start()
             if number % 3 == 2:
-                callers += not run(store, cluster, random.uniform(0.3, 1) * whole)
-            run(store, cluster)
+                callers += run(options, store, cluster, random.uniform(0.3, 1) * whole)
+            run(options, store, cluster)
             killer.join()
             check(store, expected)
             kills += len(killed)
@@ -66,19 +69,28 @@ def main():
         print(f"{kills} kills of workers and {callers} of callers in {options.runs} runs: the bits of one process")
 
 
-def run(store, cluster, limit=None):
-    """Run in a process of its own, which may be killed after so many seconds; return whether it came to its end."""
-    command = [sys.executable, __file__, "--run", store, "--dask", cluster.scheduler_address]
+def rows_of(options, **how):
+    """Return the rows of a bumpy sheet."""
+    return voxflat.geodesic(bumpy_sheet(options.side), options.sources, **how, **OPTIONS)
+
+
+def run(options, store, cluster, limit=None):
+    """Run to the end; or in a process of its own, which is killed after so many seconds, and return whether it was."""
+    if limit is None:
+        rows_of(options, store=store, dask=cluster.scheduler_address)
+        return False
+    same = ["--side", str(options.side), "--sources", str(options.sources)]
+    command = [sys.executable, __file__, *same, "--run", store, "--dask", cluster.scheduler_address]
     process = subprocess.Popen(command)
     try:
         status = process.wait(limit)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-        return False
+        return True
     if status:
         raise SystemExit(f"a run failed with status {status}")
-    return True
+    return False
 
 
 def kill_at(moments, cluster, killed):
