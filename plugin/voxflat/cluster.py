@@ -111,7 +111,9 @@ class Cluster:
                 with suppress(queue.Empty):
                     future = finished.get(timeout=_POLL)
                     done += 1
-                    yield of[future.key], *_outcome(future)
+                    outcome = _outcome(future)
+                    future.release()  # or it would be computed again if the worker dies that holds the result
+                    yield of[future.key], *outcome
         finally:
             with suppress(Exception):  # the scheduler may be gone, and takes them along
                 self._client.cancel(futures)
