@@ -10,7 +10,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -106,8 +106,12 @@ bench-napari: setup ## stalls, memory and random use of napari's window (half an
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_stalls.py
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
 
-soak: setup ## kill a run into a store 20 times and resume it: the same bits
+bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
+	$(RUN) python docs/benchmarks/cluster.py
+
+soak: setup ## kill runs into a store 20 times, and workers that write one 20 times: the same bits
 	$(RUN) python docs/benchmarks/store_soak.py
+	$(RUN) python docs/benchmarks/cluster_soak.py
 
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 HEAVY = (
     *("napari", "qtpy", "PyQt6", "superqt", "pyvista", "vtk", "vtkmodules", "itk", "nibabel", "nilearn"),
-    *("matplotlib", "PIL", "xatlas", "click", "tqdm"),
+    *("matplotlib", "PIL", "xatlas", "click", "tqdm", "dask", "distributed"),
 )
 """What `import voxflat` does without: front ends, and what only some of its functions need."""
 

@@ -26,6 +26,7 @@ Examples:
   voxflat bids study study/derivatives/voxflat participant
   voxflat bids $SUBJECTS_DIR maps participant --participant-label 01 02 --overlay thickness curv
   voxflat bids study maps participant --dry-run
+  voxflat bids study maps participant --dask tcp://node1:8786
   voxflat bids study maps group
 """,
 )
@@ -45,6 +46,7 @@ Examples:
 )
 @labs.making
 @click.option("--dry-run", is_flag=True, help="Say what would be done, a JSON object a hemisphere, and do nothing.")
+@options.dask
 @options.seed
 @options.threads
 @options.memory_limit
@@ -58,6 +60,7 @@ def command(
     labels: tuple[str, ...],
     hemis: tuple[str, ...],
     dry_run: bool,
+    dask: str | None,
     as_json: bool,
     quiet: bool,
     **given: Any,
@@ -72,6 +75,8 @@ def command(
     table of every measure, means over standard maps, and a page of all maps.
     """
     parameters = labs.parameters_of(given)
+    if dask and (dry_run or level == "group"):
+        raise click.UsageError("--dask is for the level participant, without --dry-run.")
     chosen = [_HEMIS[letter] for letter in dict.fromkeys(hemis)]
     if dry_run:
         if level == "group":
@@ -85,7 +90,8 @@ def command(
         return 0
     with bars(quiet, hushed=True) as shown:  # what is said of each map stands in its report
         tell = labs.teller(shown, is_told=not (as_json or quiet))
-        outcomes = study(source, out, chosen, parameters, labels=labels, tell=tell, progress=shown.progress, **given)
+        how: dict[str, Any] = {"labels": labels, "tell": tell, "dask": dask, "progress": shown.progress, **given}
+        outcomes = study(source, out, chosen, parameters, **how)
     everybody = {one.name for one in outcomes}
     failed = {one.name for one in outcomes if one.state == "failed"}
     if as_json:

@@ -28,6 +28,7 @@ __all__ = [
     "VOLUME",
     "as_json",
     "beside",
+    "dask",
     "debug",
     "default_of",
     "input_",
@@ -189,6 +190,12 @@ input_ = click.argument("input_", metavar="INPUT", type=FILE)
 debug = click.option("--debug", is_flag=True, expose_value=False, help="Show where in the program an error arose.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
 threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
+dask = click.option(
+    "--dask",
+    metavar="ADDRESS|FILE|local",
+    help="Let the workers of a Dask cluster work: the scheduler's address or its file (.json), or as many workers on "
+    "this machine as it has room for.  [default: this process alone]",
+)
 quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
 seed = click.option(
     "--seed",

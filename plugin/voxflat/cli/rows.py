@@ -20,6 +20,7 @@ from voxflat.distances.geodesic import SOLVERS, geodesic
 Examples:
   voxflat rows wm.nii.gz --threshold 0.5 --sources 1000 --store wm.rows
   voxflat rows lh.white --pial lh.pial --sources 500 --store lh.rows --json
+  voxflat rows lh.white --pial lh.pial --sources 5000 --store lh.rows --dask tcp://node1:8786
 """,
 )
 @options.input_
@@ -38,6 +39,7 @@ Examples:
 @click.option("--sources", type=int, required=True, metavar="M", help="How many points distances are measured from.")
 @options.sampling
 @options.link_lengths("chain")
+@options.dask
 @options.seed
 @options.threads
 @options.as_json

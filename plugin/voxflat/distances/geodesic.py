@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, check_memory, checked_seed, checked_threads, log, refuse, workers
+from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distances.sources import choose_sources
+from voxflat.distances.sources import choose_sources, source_count
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
@@ -46,6 +47,7 @@ def geodesic(
     link_lengths: str | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
+    dask: str | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
     progress: Progress | None = None,
@@ -67,6 +69,9 @@ seed, threads, memory_limit, progress
     store : path, optional
         A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
         call goes on where it was.
+    dask : str, optional
+        Let the workers of a Dask cluster compute a store's rows, the same bits: the scheduler's address, its file, or
+        "local" for workers on this machine. They must see the store's directory. Threads are those of each worker.
 
     Returns
     -------
@@ -78,13 +83,15 @@ seed, threads, memory_limit, progress
     InputError, Cancelled
         As in `flatten`.
     """
+    if dask is not None and store is None:
+        raise InputError("dask is given, but no store for workers to write into; give a store")
     seed, threads = checked_seed(seed), checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     over_triangles: dict[str, Any] = {"drop": drop, "polygon": polygon, "cuts": cuts}
     part: Surface | VoxelGraph
     if geodesic == "chain":
-        refuse(geodesic, **over_triangles)
+        refuse(geodesic, **over_triangles, dask=dask)
         part = voxel_graph(
             surface, **place, **patch, link_lengths=link_lengths, memory_limit=memory_limit, progress=progress
         )
@@ -97,8 +104,14 @@ seed, threads, memory_limit, progress
         what = {"geodesic": geodesic}
     else:
         raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
+    common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    if dask is not None and store is not None and isinstance(part, Surface):
+        count = source_count(part, sources, fewest=1)
+        given = choose_sources(part, sources, sampling, seed, progress, fewest=1) if count is None else count
+        chosen_by: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "seed": seed}
+        return rows_by_workers(part, given, store, dask, **chosen_by, **common)
     chosen = choose_sources(part, sources, sampling, seed, progress, fewest=1)
-    return _rows(part, chosen, what, store, threads, memory_limit, progress)
+    return _rows(part, chosen, what, store, **common)
 
 
 def _rows(

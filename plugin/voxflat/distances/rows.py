@@ -7,7 +7,6 @@ journal.
 
 from __future__ import annotations
 
-import json
 import os
 import zlib
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.distances.journal import read_journal
 from voxflat.distances.store import (
     ARRAYS,
     FINISH,
@@ -30,7 +30,7 @@ from voxflat.distances.store import (
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
-__all__ = ["DistanceRows", "open_rows"]
+__all__ = ["DistanceRows", "checksum", "open_rows"]
 
 _PIECE = 1 << 22  # bytes that are read at a time
 
@@ -107,8 +107,8 @@ class DistanceRows:
     @property
     def chunks(self) -> tuple[int, int]:
         """Shape of what is best read at once: whole rows; dask takes it as a hint."""
-        height = self.shape[0] if self.store is None else _header(self.store)["block_rows"]
-        return (max(1, min(int(height), self.shape[0])), self.shape[1])
+        height = self.shape[0] if self.store is None else read_journal(self.store).block_rows
+        return (max(1, min(height, self.shape[0])), self.shape[1])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
@@ -131,11 +131,11 @@ class DistanceRows:
         """
         if self.store is None:
             return
-        checksums = _journal(self.store, self.shape)
+        checksums = _checksums(self.store, self.shape)
         height = self.chunks[0]
         starts = range(0, len(self), height)
         damaged = [
-            start for start in starts if _checksum(self.rows[start : start + height]) != checksums[start // height]
+            start for start in starts if checksum(self.rows[start : start + height]) != checksums[start // height]
         ]
         if damaged:
             rows = ", ".join(f"{start} to {min(start + height, len(self)) - 1}" for start in damaged[:5])
@@ -170,7 +170,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     description = read_description(path)
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
-    _journal(path, shape)
+    _checksums(path, shape)
     rows = mapped(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
@@ -186,47 +186,22 @@ def _array(path: Path, expected: str) -> NDArray[Any]:
     return array
 
 
-def _header(path: Path) -> dict[str, Any]:
-    """Return the first line of a store's journal."""
-    journal = path / "journal.jsonl"
-    try:
-        with journal.open() as lines:
-            header = json.loads(lines.readline())
-        if not (isinstance(header, dict) and isinstance(header.get("block_rows"), int) and header["block_rows"] > 0):
-            raise ValueError("its first line is no header")
-    except FileNotFoundError:
-        raise InputError(f"the store {path} has no rows yet; {FINISH}") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{journal} is damaged ({error}); {OTHER}") from error
-    return header
-
-
-def _journal(path: Path, shape: tuple[int, int]) -> list[int]:
+def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     """Return the checksums of a complete store's blocks."""
-    header = _header(path)
-    if [header.get("rows"), header.get("columns")] != list(shape):
+    journal = read_journal(path)
+    if (journal.rows, journal.columns) != shape:
         raise InputError(f"{path / 'journal.jsonl'} is damaged (it is not of {shape[0]} x {shape[1]} rows); {OTHER}")
-    blocks = -(-header["rows"] // header["block_rows"])
-    checksums: dict[int, int] = {}
-    complete = False
-    for line in (path / "journal.jsonl").read_text(errors="replace").splitlines()[1:]:
-        try:
-            entry = json.loads(line)
-            complete |= entry.get("complete") is True
-            if "block" in entry:
-                checksums[entry["block"]] = int(entry["crc32"], 16)
-        except (ValueError, AttributeError, KeyError, TypeError):
-            continue  # a line that says nothing: its block is not finished
-    known = [checksums[block] for block in range(blocks) if block in checksums]
-    if not complete or len(known) < blocks:
-        raise InputError(f"the store {path} is not complete ({len(known)} of {blocks} blocks); {FINISH}")
+    known = [journal.checksums[block] for block in range(journal.blocks) if block in journal.checksums]
+    if not journal.is_complete or len(known) < journal.blocks:
+        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.blocks} blocks); {FINISH}")
     return known
 
 
-def _checksum(rows: NDArray[np.float32]) -> int:
-    checksum = 0
+def checksum(rows: NDArray[np.float32]) -> int:
+    """Return the CRC-32 of rows, as a journal has it."""
+    found = 0
     values = rows.reshape(-1)
     step = _PIECE // values.itemsize
     for start in range(0, len(values), step):
-        checksum = zlib.crc32(values[start : start + step].tobytes(), checksum)
-    return checksum
+        found = zlib.crc32(values[start : start + step].tobytes(), found)
+    return found

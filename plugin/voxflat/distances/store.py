@@ -88,9 +88,7 @@ def prepare_store(
     OSError
         If it cannot be written, or there is no room on the disk.
     """
-    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
-        raise InputError(f"the store is {path!r}; give a directory")
-    path = Path(os.path.abspath(path))  # messages name it in full, and no later change of directory moves it
+    path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}
     named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": geodesic}
     fingerprint = core.fingerprint(**named, progress=progress)
@@ -107,7 +105,7 @@ def prepare_store(
         is_new = not _holds_files(path)
         if not is_new:
             _compare(path, identity)
-        _check_disk(path, 4 * len(chosen) * len(core))
+        check_disk(path, 4 * len(chosen) * len(core))
         if is_new:
             _create(path, identity, arrays)
             _compare(path, identity)
@@ -115,6 +113,13 @@ def prepare_store(
             _mend(path / f"{name}.npy", array, identity[f"{name}_sha256"])
     text = json.dumps(identity, sort_keys=True)
     return Store(path, hashlib.sha256(text.encode()).hexdigest(), geodesic)
+
+
+def store_path(path: str | os.PathLike[str]) -> Path:
+    """Return the directory of a store in full, so that messages name it and no later change of directory moves it."""
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        raise InputError(f"the store is {path!r}; give a directory")
+    return Path(os.path.abspath(path))
 
 
 def read_description(path: Path) -> dict[str, Any]:
@@ -176,7 +181,7 @@ def _holds_files(path: Path) -> bool:
     return bool(names)
 
 
-def _check_disk(path: Path, size: int) -> None:
+def check_disk(path: Path, size: int) -> None:
     """Say what room is needed on the disk, and refuse to start where it is not there."""
     table = path / "rows.npy"
     need = max(0, size - (_allocated(table) if table.exists() else 0))

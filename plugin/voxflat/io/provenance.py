@@ -41,7 +41,7 @@ __all__ = [
 Record = dict[str, Any]
 """``voxflat`` (the version), ``function``, ``parameters``, ``files``: SHA-256 by path; of maps ``figures``."""
 
-_UNTOLD = ("progress", "threads", "memory_limit")  # what changes no bit of a result
+_UNTOLD = ("progress", "threads", "memory_limit", "dask")  # what changes no bit of a result
 _MARKED = 4096  # bytes at the beginning of a file of ours, in which it says so
 _SHOWN = 32  # numbers of an array that are told one by one
 

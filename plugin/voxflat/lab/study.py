@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from voxflat._core import __version__
+from voxflat.cluster import connected
 from voxflat.errors import Cancelled, InputError, told
 from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants
@@ -112,6 +114,7 @@ def study(
     *,
     labels: Sequence[str] = (),
     tell: Report | None = None,
+    dask: str | None = None,
     **how: Any,
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, into derivatives of BIDS.
@@ -126,6 +129,9 @@ def study(
         As in `freesurfer`.
     labels : sequence of str
         Participants; all by default.
+    dask : str, optional
+        A cluster, as in `connected`, whose workers take a participant each; they must see the same files. By default
+        this process takes one after the other.
 
     Returns
     -------
@@ -142,10 +148,50 @@ def study(
     """
     everybody = participants(source, labels)
     describe(source, out)
+    tell = tell or _nothing
     outcomes: list[Outcome] = []
-    for one in everybody:
-        results = results_of(one, out)
-        outcomes += _each(one.name, one.folder, hemis, parameters, results, pages_of(one, out), tell or _nothing, how)
+    if dask is None:
+        for one in everybody:
+            outcomes += _participant(one, out, hemis, parameters, tell=tell, **how)
+        return outcomes
+    work = partial(
+        _participant, out=out, hemis=hemis, parameters=parameters, memory_limit=how.pop("memory_limit", None)
+    )
+    with connected(dask, most=len(everybody)) as cluster:
+        for one, made, error in cluster.each(work, everybody, stage="participants", **how):
+            if error is not None:  # the worker's: those of the work are in the outcomes
+                made = _without_worker(one, out, hemis, parameters, error)
+            for outcome in made:
+                tell(outcome)
+            outcomes += made
+    return sorted(outcomes, key=lambda outcome: outcome.name)
+
+
+def _participant(
+    one: Participant,
+    out: Path,
+    hemis: Sequence[str],
+    parameters: Parameters,
+    *,
+    tell: Report | None = None,
+    **how: Any,
+) -> list[Outcome]:
+    """Make what is missing or stale of a participant of a study, and the report."""
+    results, page = results_of(one, out), pages_of(one, out)
+    return list(_each(one.name, one.folder, hemis, parameters, results, page, tell or _nothing, how))
+
+
+def _without_worker(
+    one: Participant, out: Path, hemis: Sequence[str], parameters: Parameters, error: Exception
+) -> list[Outcome]:
+    """Say what became of a participant whose workers did not come to their end."""
+    outcomes = []
+    for hemi in hemis:
+        found = _planned(one, out, hemi, parameters)
+        if found.state in ("missing", "stale"):
+            found = _failed(one.name, hemi, results_of(one, out)(hemi), error)
+        outcomes.append(found)
+    _show(one.name, outcomes, results_of(one, out), pages_of(one, out))
     return outcomes
 
 
@@ -166,11 +212,15 @@ def plan(
     """
     for one in participants(source, labels):
         for hemi in hemis:
-            try:
-                wanted = request(_found(one.folder, hemi, parameters), parameters)
-                yield Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
-            except (InputError, OSError) as error:
-                yield Outcome(one.name, hemi, "failed", told(error))
+            yield _planned(one, out, hemi, parameters)
+
+
+def _planned(one: Participant, out: Path, hemi: str, parameters: Parameters) -> Outcome:
+    try:
+        wanted = request(_found(one.folder, hemi, parameters), parameters)
+        return Outcome(one.name, hemi, *state(results_of(one, out)(hemi), wanted))
+    except (InputError, OSError) as error:
+        return Outcome(one.name, hemi, "failed", told(error))
 
 
 def results_of(one: Participant, out: Path) -> Callable[[str], Results]:
@@ -242,6 +292,11 @@ def _each(
         tell(outcome)
         outcomes.append(outcome)
         yield outcome
+    _show(name, outcomes, results, page)
+
+
+def _show(name: str, outcomes: Sequence[Outcome], results: Callable[[str], Results], page: Path) -> None:
+    """Write the report, unless there is nothing new."""
     there = {one.hemi: results(one.hemi) for one in outcomes if one.state != "failed"}
     failures = {one.hemi: one.reason for one in outcomes if one.state == "failed"}
     key = page_key([read_record(of.record) for of in there.values()], failures)
@@ -266,7 +321,12 @@ def _one(
     except Cancelled:
         raise
     except Exception as error:
-        reason = told(error)
-        with suppress(OSError):  # what cannot be written is told all the same
-            write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
-        return Outcome(name, hemi, "failed", reason)
+        return _failed(name, hemi, results, error)
+
+
+def _failed(name: str, hemi: str, results: Results, error: Exception) -> Outcome:
+    """Keep the reason why there is no result."""
+    reason = told(error)
+    with suppress(OSError):  # what cannot be written is told all the same
+        write_json(results.failure, {"voxflat": __version__, "hemi": HEMISPHERES[hemi][0], "reason": reason})
+    return Outcome(name, hemi, "failed", reason)

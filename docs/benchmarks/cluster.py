@@ -1,0 +1,62 @@
+"""What it costs to let workers of Dask write a store: one process beside one worker, or as many as are asked for.
+
+    make bench-cluster
+
+A bumpy sheet of 200,000 surface voxels, 1,000 sources, one thread each. The surface is there already; workers are
+started within the time. Rows must be the same bits.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import distributed
+import psutil
+from store import bumpy_sheet
+
+import voxflat
+
+
+def main():
+    """Measure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--side", type=int, default=447, help="of the sheet, voxels")
+    parser.add_argument("--sources", type=int, default=1000)
+    parser.add_argument("--workers", type=int, nargs="*", default=[1])
+    parser.add_argument("--directory", type=Path, default=None, help="where the stores go")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.directory) as directory:
+        usual = measure(options, Path(directory) / "alone", None)
+        print(f"one process: {usual[0]:.1f} s, {usual[1]:.1f} s of CPU time")
+        for count in options.workers:
+            wall, cpu = measure(options, Path(directory) / f"workers{count}", count)
+            more = 100 * (wall / usual[0] - 1), 100 * (cpu / usual[1] - 1)
+            print(f"{count} workers: {wall:.1f} s ({more[0]:+.0f} %), {cpu:.1f} s of CPU time ({more[1]:+.0f} %)")
+            both = [(Path(directory) / name / "rows.npy").read_bytes() for name in ("alone", f"workers{count}")]
+            if both[0] != both[1]:
+                raise SystemExit("the rows are other bits")
+
+
+def measure(options, store, workers):
+    """Return the seconds that a store takes, and those of CPU time, of this process and of the workers."""
+    surface = voxflat.surface(bumpy_sheet(options.side))
+    how = {"sampling": "random", "store": store, "threads": 1}
+    start, cpu = time.perf_counter(), time.process_time()
+    if workers is None:
+        voxflat.geodesic(surface, options.sources, **how)
+    else:
+        with distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
+        ) as cluster:
+            voxflat.geodesic(surface, options.sources, dask=cluster.scheduler_address, **how)
+            processes = [psutil.Process(nanny.pid) for nanny in cluster.workers.values()]
+            of_workers = sum(sum(process.cpu_times()[:2]) for process in processes)
+            peak = max(process.memory_info().rss for process in processes)
+            print(f"  workers: {of_workers:.1f} s of CPU time, at most {peak / 2**20:.0f} MiB at the end")
+            return time.perf_counter() - start, time.process_time() - cpu + of_workers
+    return time.perf_counter() - start, time.process_time() - cpu
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Work on many machines: the workers of a Dask cluster take one item after another, and may die on the way."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import logging
+import math
+import os
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+from voxflat._core import __version__
+from voxflat.arguments import Progress, free_memory, log
+from voxflat.errors import Cancelled, InputError
+
+__all__ = ["LOCAL", "Cluster", "Work", "connected"]
+
+LOCAL = "local"
+"""Instead of an address: workers on this machine, for as long as they are needed."""
+
+_PATIENCE = 30  # s, in which a scheduler answers
+_POLL = 0.1  # s between two looks at whether the user has had enough
+_ROOM = 2 << 30  # bytes that a worker of this machine has at least: a hemisphere of 160,000 vertices takes 1.3 GiB
+_ALONE = threading.Lock()  # a process has one working directory, and one log
+
+Work = Callable[..., Any]
+"""Called on a worker as ``work(item, threads=, progress=)``: a function that can be imported, or `partial` of one."""
+
+_Item = TypeVar("_Item")
+
+
+class Cluster:
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        A connection to its scheduler.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def __len__(self) -> int:
+        """Return how many workers there are now."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def everywhere(self, function: Callable[[], object]) -> None:
+        """Call a function on every worker."""
+        self._client.run(function)
+
+    def each(
+        self,
+        work: Work,
+        items: Sequence[_Item],
+        *,
+        stage: str,
+        threads: int | None = None,
+        progress: Progress | None = None,
+    ) -> Iterator[tuple[_Item, Any, Exception | None]]:
+        """Have work done on every item, by whichever worker is free, and tell of each that is finished.
+
+        A worker works on one item at a time, in the caller's directory. An item whose worker dies is taken up by
+        another, four times at most; what it has left on disk is up to the work.
+
+        Parameters
+        ----------
+        work : callable
+            What is done.
+        items : sequence
+            On what.
+        stage : str
+            What progress is told of.
+        threads : int, optional
+            Of each worker; as many as it was given, by default.
+        progress : callable, optional
+            As in `voxflat.flatten`.
+
+        Yields
+        ------
+        item
+            One of the items, in the order in which they are finished.
+        result
+            What the work returned.
+        error : Exception or None
+            What it raised; or an `InputError` if no worker came to its end.
+
+        Raises
+        ------
+        Cancelled
+            If `progress` returned False. Workers stop.
+        """
+        finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        run = partial(_run, work, folder=Path.cwd(), of=__version__, threads=threads)
+        futures = self._client.map(run, items, pure=False, retries=0)
+        of = {future.key: item for future, item in zip(futures, items, strict=True)}
+        try:
+            for future in futures:
+                future.add_done_callback(finished.put)
+            done = 0
+            while done < len(items):
+                if progress is not None and progress(stage, done, len(items)) is False:
+                    raise Cancelled("cancelled")
+                with suppress(queue.Empty):
+                    future = finished.get(timeout=_POLL)
+                    done += 1
+                    outcome = _outcome(future)
+                    future.release()  # or it would be computed again if the worker dies that holds the result
+                    yield of[future.key], *outcome
+        finally:
+            with suppress(Exception):  # the scheduler may be gone, and takes them along
+                self._client.cancel(futures)
+
+
+def _outcome(future: Any) -> tuple[Any, Exception | None]:
+    """Return the result of a future that is done, or the error."""
+    if future.status == "cancelled" or future.status == "lost":
+        return None, InputError("the scheduler was lost; give the same command again to go on")
+    error = future.exception()
+    if error is None:
+        return future.result(), None
+    if type(error).__name__ == "KilledWorker":
+        return None, InputError(
+            f"its worker died {error.allowed_failures + 1} times, the last one at {error.last_worker.address}; has it "
+            "too little memory or time?"
+        )
+    return None, error if isinstance(error, Exception) else RuntimeError(str(error))
+
+
+@contextmanager
+def connected(address: str, *, most: int) -> Iterator[Cluster]:
+    """Connect to a Dask cluster, or start one on this machine, until the block ends.
+
+    Parameters
+    ----------
+    address : str
+        The scheduler's, such as ``tcp://node1:8786``; its file, as ``dask scheduler --scheduler-file`` writes it; or
+        "local".
+    most : int
+        As many workers as there is work for: of this machine no more are started.
+
+    Yields
+    ------
+    Cluster
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, no scheduler answers, or a worker has another version of voxflat, or none.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError as error:
+        raise InputError(f"a cluster needs {error.name}: pip install 'voxflat[cluster]'") from error
+    if address == LOCAL:
+        cores = os.cpu_count() or 1
+        count = max(1, min(cores, free_memory() // _ROOM, most))
+        threads = math.ceil(cores / count)
+        quiet: dict[str, Any] = {"silence_logs": "CRITICAL", "dashboard_address": None}
+        with (
+            distributed.LocalCluster(n_workers=count, threads_per_worker=threads, **quiet) as here,
+            distributed.Client(here) as client,
+        ):
+            yield Cluster(client)
+        return
+    try:  # the client waits for a file for ever
+        at = json.loads(Path(address).read_text())["address"] if address.endswith(".json") else address
+        client = distributed.Client(at, timeout=_PATIENCE)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        why = "is it running, and can be reached from here?"
+        raise InputError(f"no scheduler of Dask answers at {address} ({error}): {why}") from error
+    with client:
+        found = client.run(version, "voxflat", on_error="return")
+        if not found:
+            log.warning("the scheduler at %s has no workers yet: waiting for them", address)
+        for worker, own in found.items():
+            if isinstance(own, PackageNotFoundError):
+                raise InputError(f"the worker {worker} has no voxflat: install {__version__} where it was started")
+            if isinstance(own, str):  # else it has died meanwhile
+                _check_version(worker, own, __version__)
+        yield Cluster(client)
+
+
+def _check_version(worker: str, own: str, wanted: str) -> None:
+    if own != wanted:
+        raise InputError(f"the worker {worker} has voxflat {own}, here it is {wanted}: install the same one")
+
+
+def _run(work: Work, item: Any, folder: Path, of: str, threads: int | None) -> Any:
+    """Do work on a worker, where nothing else is done at a time: threads are the core's."""
+    distributed = importlib.import_module("distributed")
+    worker, key = distributed.get_worker(), distributed.worker.thread_state.key
+    _check_version(worker.address, __version__, of)  # it may have come later than the client
+
+    def go_on(*_: object) -> bool:
+        task = worker.state.tasks.get(key)
+        return task is not None and task.state == "executing"  # else nobody waits for it any more
+
+    with _ALONE, _in(folder):
+        return work(item, threads=threads or worker.state.nthreads, progress=go_on)
+
+
+@contextmanager
+def _in(folder: Path) -> Iterator[None]:
+    """Go to a directory, where names are those of the caller; what is noted there is told by the results."""
+    before, hushed = os.getcwd(), logging.NullHandler()
+    os.chdir(folder)
+    log.addHandler(hushed)
+    try:
+        yield
+    finally:
+        log.removeHandler(hushed)
+        os.chdir(before)

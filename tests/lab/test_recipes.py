@@ -1,0 +1,110 @@
+"""The container's recipes and the descriptor for Boutiques: what can be known of them without building anything."""
+
+import importlib.util
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from voxflat.cli.bids import command
+
+ROOT = Path(__file__).parents[2]
+CLUSTER = ROOT / "docs" / "cluster"
+DESCRIPTOR = CLUSTER / "voxflat.boutiques.json"
+GIVEN = {
+    "source": str(ROOT),
+    "out": "maps",
+    "level": "participant",
+    "labels": ["01", "02"],
+    "hemis": ["L"],
+    "overlays": ["thickness", "curv"],
+    "cuts": "auto",
+    "volume": True,
+    "dry_run": True,
+    "threads": 2,
+    "memory_limit": "4G",
+    "dask": "local",
+}
+
+
+def text(name):
+    return (CLUSTER / name).read_text()
+
+
+@pytest.fixture(scope="module")
+def project():
+    return (ROOT / "pyproject.toml").read_text()
+
+
+# ------------------------------------------------------------------------------------------- descriptor
+
+
+def test_the_descriptor_is_that_of_the_command():
+    spec = importlib.util.spec_from_file_location("descriptor", CLUSTER / "descriptor.py")
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    found = json.loads(DESCRIPTOR.read_text())
+    assert found == made.descriptor(), "python docs/cluster/descriptor.py > docs/cluster/voxflat.boutiques.json"
+    options = {parameter.name for parameter in command.params}
+    assert {one["id"] for one in found["inputs"]} == options >= set(GIVEN)
+
+
+def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_path, capsys):
+    bosh = pytest.importorskip("boutiques").bosh
+    bosh(["validate", str(DESCRIPTOR)])
+    (tmp_path / "invocation.json").write_text(json.dumps(GIVEN))
+    capsys.readouterr()
+    bosh(["exec", "simulate", str(DESCRIPTOR), "-i", str(tmp_path / "invocation.json")])
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("voxflat "))
+    program, name, *arguments = shlex.split(line)
+    assert (program, name) == ("voxflat", command.name)
+    taken = command.make_context("bids", arguments).params
+    for name, value in {**GIVEN, "memory_limit": 4 << 30, "source": ROOT, "out": Path("maps")}.items():
+        assert taken[name] == (tuple(value) if isinstance(value, list) else value)
+
+
+# -------------------------------------------------------------------------------------------- containers
+
+
+def test_both_recipes_are_of_the_same_images_and_files():
+    docker, apptainer = text("Dockerfile"), text("voxflat.def")
+    images = re.findall(r"^FROM (\S+)", docker, re.MULTILINE)
+    assert images == re.findall(r"^From: (\S+)", apptainer, re.MULTILINE)
+    files = set(re.findall(r"^!(\S+)", text("Dockerfile.dockerignore"), re.MULTILINE))
+    assert files == set(re.findall(r"^ {4}(\S+) /voxflat/\1$", apptainer, re.MULTILINE))
+    assert all((ROOT / name).exists() for name in files)
+    entry = json.loads(re.search(r"^ENTRYPOINT (.*)$", docker, re.MULTILINE)[1])
+    assert " ".join(entry) + ' "$@"' in apptainer
+    assert entry == ["voxflat", command.name]
+    assert re.search(r"^USER [1-9]", docker, re.MULTILINE)
+
+
+def test_what_the_images_have_is_enough(project):
+    rust, python = (
+        re.search(pattern, text("Dockerfile"))[1] for pattern in (r"FROM rust:([\d.]+)", r"FROM python:([\d.]+)")
+    )
+    needed = re.search(r'rust-version = "([\d.]+)"', (ROOT / "Cargo.toml").read_text())[1]
+    assert _version(rust) >= _version(needed)
+    assert _version(python) >= _version(re.search(r'requires-python = ">=([\d.]+)"', project)[1])
+    extras = re.findall(r"--extra (\w+)", text("build"))
+    assert extras == ["nibabel", "cluster"]
+    assert all(f"\n{extra} = [" in project for extra in extras)
+
+
+def _version(told):
+    return tuple(map(int, told.split(".")))
+
+
+def test_linters_have_nothing_to_say():
+    for name in ("build", "install"):
+        subprocess.run(["sh", "-n", CLUSTER / name], check=True)
+        assert (CLUSTER / name).stat().st_mode & 0o111
+    hadolint = shutil.which("hadolint", path=Path(sys.executable).parent)
+    if hadolint is None:
+        pytest.skip("hadolint is not installed")
+    subprocess.run([hadolint, CLUSTER / "Dockerfile"], check=True)

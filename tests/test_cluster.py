@@ -1,0 +1,318 @@
+"""Studies and distance rows on the workers of a Dask cluster, which are killed meanwhile."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import sys
+import threading
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+import studies
+from cluster_work import no_package, tell, wait
+from lab_runs import FEW, everything, run
+
+import voxflat
+from voxflat import cluster
+from voxflat.cluster import connected
+
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
+fcntl = pytest.importorskip("fcntl")
+
+PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
+
+pytestmark = pytest.mark.slow  # workers are processes, which take seconds to start
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """A cluster of two workers of one thread, which are started again when they die.
+
+    They are forked from a process that has imported what they need, which takes seconds otherwise, each time.
+    """
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        preload = ["distributed", "voxflat.lab.report", "voxflat.lab.subject", "nibabel", "scipy.spatial"]
+        distributed.utils.get_mp_context().set_forkserver_preload(preload)
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
+        ) as started:
+            yield started
+
+
+@pytest.fixture
+def ready(workers):
+    """The cluster's address, with both workers alive."""
+    with distributed.Client(workers) as client:
+        client.wait_for_workers(2, timeout=60)
+    return workers.scheduler_address
+
+
+def until(condition, seconds=60):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it takes too long"
+        time.sleep(0.005)
+
+
+def kill_one(workers):
+    """Kill a worker as the system does that has no memory left."""
+    nanny = next(iter(workers.workers.values()))
+    os.kill(nanny.pid, signal.SIGKILL)
+
+
+# ------------------------------------------------------------------------------------------------ work
+
+
+def test_work_is_done_where_the_caller_is_and_errors_are_those_of_their_items(ready, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with connected(ready, most=9) as found:
+        assert len(found) == 2
+        told = {item: (result, error) for item, result, error in found.each(tell, ["a", "fail", "b"], stage="telling")}
+        (three,) = found.each(tell, ["c"], stage="telling", threads=3)
+    for item in "ab":
+        assert told[item] == ({"item": item, "folder": str(tmp_path), "threads": 1, "go on": True}, None)
+    assert three[1]["threads"] == 3
+    assert isinstance(told["fail"][1], ValueError)
+
+
+def test_workers_stop_when_nobody_waits_any_more(ready, tmp_path):
+    def cancel(stage, done, total):
+        assert (stage, done, total) == ("waiting", 0, 1)
+        return not (tmp_path / "begun").exists()
+
+    with connected(ready, most=1) as found, pytest.raises(voxflat.Cancelled):
+        list(found.each(wait, [tmp_path], stage="waiting", progress=cancel))
+    until((tmp_path / "stopped").exists)
+
+
+def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
+    def refused(address, match):
+        with pytest.raises(voxflat.InputError, match=match), connected(address, most=1):
+            pass
+
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
+    for address in ("tcp://127.0.0.1:9", "nonsense://here", "no/such/scheduler.json"):
+        refused(address, rf"no scheduler of Dask answers at {address} \(.*\): is it running")
+    monkeypatch.setattr(cluster, "__version__", "0.0.1")
+    refused(ready, r"the worker tcp://\S+ has voxflat \S+, here it is 0\.0\.1: install the same one")
+    monkeypatch.setattr(cluster, "version", no_package)
+    refused(ready, r"the worker tcp://\S+ has no voxflat: install 0\.0\.1 where it was started")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    refused(ready, r"a cluster needs distributed: pip install 'voxflat\[cluster\]'")
+
+
+# ----------------------------------------------------------------------------------------------- studies
+
+
+BROKEN = "sub-02"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study of four participants, one of them broken, and what one process makes of it."""
+    pytest.importorskip("nilearn")
+    root = tmp_path_factory.mktemp("study")
+    of = studies.hemisphere("lh", FEW)
+    for n in range(1, 5):
+        anat = root / "bids" / f"sub-{n:02}" / "anat"
+        studies.write_derivatives(anat, f"sub-{n:02}", "lh", studies.warped(of, n))
+    (root / "bids" / BROKEN / "anat" / f"{BROKEN}_hemi-L_pial.surf.gii").unlink()
+    command = ["bids", root / "bids", root / "alone", "participant", "--hemi", "L", "--threads", 1]
+    assert run(*command).exit_code == 1
+    return root
+
+
+def made_of(folder):
+    """Return what files hold, without seconds: those in records, and pages, which show them."""
+    held = {name: content for name, (content, _) in everything(folder).items() if not name.endswith(".html")}
+    held = {name: content for name, content in held.items() if "/." not in name}  # left by whom kill -9 struck
+    for name, content in held.items():
+        if name.endswith("_flat.json"):
+            held[name] = {key: value for key, value in json.loads(content).items() if key != "seconds"}
+    return held
+
+
+def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
+    out, there = study / "out", {}
+
+    def kill_when_something_is_made():
+        until(lambda: list(out.rglob("*_flat.json")))
+        there.update({name: of for name, of in everything(out).items() if name.endswith("_flat.json")})
+        kill_one(workers)
+
+    monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # or another worker would take it up at once
+    killer = threading.Thread(target=kill_when_something_is_made)
+    killer.start()
+    command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
+    result = run(*command, "--json")
+    killer.join()
+    told = {one["participant"]: one for one in json.loads(result.stdout)["hemispheres"]}
+    assert list(told) == [f"sub-{n:02}" for n in range(1, 5)]
+    died = {name for name, one in told.items() if "its worker died 1 times" in (one["reason"] or "")}
+    assert died
+    assert result.exit_code == len({*died, BROKEN})
+    assert {path.parts[-3] for path in out.rglob("*_failure.json")} == {*died, BROKEN}
+    again = json.loads(run(*command, "--json").stdout)
+    assert {one["participant"] for one in again["hemispheres"] if one["state"] == "made"} == died - {BROKEN}
+    assert again["failed"] == [BROKEN]
+    now = everything(out)
+    assert there
+    assert {name: now[name] for name in there} == there  # what was made then was never made again
+    assert made_of(out) == made_of(study / "alone")
+    assert {path.name for path in out.glob("*.html")} == {path.name for path in (study / "alone").glob("*.html")}
+
+
+def test_the_commands_of_the_page_run(workers, ready, study, tmp_path, monkeypatch):
+    started = []
+
+    def here(**how):
+        started.append(how)
+        return nullcontext(workers)
+
+    monkeypatch.setattr(distributed, "LocalCluster", here)
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(study / "bids" / "sub-01", tmp_path / "study" / "sub-01")
+    right = studies.hemisphere("rh", FEW)
+    studies.write_derivatives(tmp_path / "study" / "sub-01" / "anat", "sub-01", "rh", right)
+    (tmp_path / "scheduler.json").write_text(json.dumps({"address": ready}))
+    for name in ("white", "pial"):
+        shutil.copy(tmp_path / "study" / "sub-01" / "anat" / f"sub-01_hemi-L_{name}.surf.gii", f"lh.{name}.surf.gii")
+    said = {command: run(*shlex.split(command)) for command in re.findall(r"^ {4}voxflat (.*)$", PAGE, re.MULTILINE)}
+    for command, result in said.items():
+        assert result.exit_code == 0, f"{command}\n{result.output}"
+    dry, made, group, local, file, rows = (result.stdout for result in said.values())
+    assert [json.loads(line)["state"] for line in dry.splitlines()] == ["missing"] * 2
+    assert "1 participants: 1 made" in made
+    assert "2 maps, 0 missing" in group
+    assert "1 participants: 0 made, 1 up to date" in local
+    assert local == file
+    assert started[0]["n_workers"] == 1
+    assert f"100 x {FEW} distances" in rows
+
+
+# ------------------------------------------------------------------------------------------------- rows
+
+SHEET = np.ones((60, 60, 1), dtype=np.uint8)
+SOURCES = 500  # of so many the core sweeps
+HEIGHT = 32  # 16 blocks; the last one has 20 rows
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The store that one process makes."""
+    made = voxflat.geodesic(SHEET, SOURCES, store=tmp_path_factory.mktemp("rows") / "store")
+    few = voxflat.geodesic(SHEET, made.ids[made.sources[:HEIGHT]])
+    assert not np.array_equal(few.rows, made.rows[:HEIGHT])  # a block that is computed by itself has other bits
+    return made
+
+
+def blocks(store):
+    """Return how many blocks journals know, of the store and of its parts."""
+    return sum(path.read_text().count("crc32") for path in store.rglob("journal.jsonl"))
+
+
+def is_that_of_one_process(rows, expected):
+    rows.verify()
+    names = sorted(path.name for path in rows.store.iterdir())
+    return (
+        names == sorted(path.name for path in expected.store.iterdir())
+        and (rows.store / "rows.npy").read_bytes() == (expected.store / "rows.npy").read_bytes()
+        and _lines(rows) == _lines(expected)
+    )
+
+
+def _lines(rows):
+    first, *entries, last = (rows.store / "journal.jsonl").read_text().splitlines()
+    return first.split("rows")[-1], sorted(entries), last
+
+
+def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expected, tmp_path):
+    store = tmp_path / "store"
+    killer = threading.Thread(target=lambda: (until(lambda: blocks(store) > 2), kill_one(workers)))
+    killer.start()
+    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    killer.join()
+    assert is_that_of_one_process(rows, expected)
+    assert rows.provenance == expected.provenance | {"parameters": rows.provenance["parameters"]}
+
+
+def test_rows_over_a_cut_patch_by_another_solver_from_given_sources_are_those_of_memory(ready, tmp_path):
+    across = [(20 + n, 30, 0) for n in range(15)]
+    patch = {"seed_point": (30, 30, 0), "radius": 20, "cuts": [across], "geodesic": "marching"}
+    sources = [(30, 32, 0), (30, 28, 0), (20, 30, 0)]
+    rows = voxflat.geodesic(SHEET, sources, **patch, store=tmp_path / "store", dask=ready)
+    usual = voxflat.geodesic(SHEET, sources, **patch)
+    for name in ("rows", "points", "ids", "sources"):
+        np.testing.assert_array_equal(getattr(rows, name), getattr(usual, name))
+    assert usual.rows[0, usual.sources[1]] > 8  # around the cut
+
+
+def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(ready, expected, tmp_path, caplog):
+    caplog.set_level("INFO", logger="voxflat")
+    store = tmp_path / "store"
+    seen = []
+
+    def stop_after_some(stage, done, total):
+        seen.append((stage, done, total))
+        return blocks(store) < 3 or not (store / "parts").exists()
+
+    with pytest.raises(voxflat.Cancelled):
+        voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready, progress=stop_after_some)
+    assert ("measuring distances", SOURCES) in {(stage, total) for stage, _, total in seen}
+    with pytest.raises(voxflat.InputError, match="not complete"):
+        voxflat.open_rows(store)
+    until(lambda: _is_quiet(store))
+    there = blocks(store)
+    assert 3 <= there <= 16
+    caplog.clear()
+    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    found = int(re.search(r"(\d+) rows were in the store", caplog.text)[1])
+    assert HEIGHT * there - 12 <= found <= HEIGHT * there
+    assert is_that_of_one_process(rows, expected)
+    caplog.clear()
+    again = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    assert is_that_of_one_process(again, expected)
+
+
+def _is_quiet(store):
+    """Say whether no core holds a lock of the store or of its parts any more."""
+    for path in store.rglob("lock"):
+        with path.open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+    return True
+
+
+def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
+    store = tmp_path / "store"
+    for options, match in (
+        ({"dask": ready}, "no store for workers to write into; give a store"),
+        ({"dask": ready, "store": store, "geodesic": "chain"}, "knows no dask; leave it out"),
+        (
+            {"dask": ready, "store": store, "memory_limit": 1_000_000},
+            "memory are needed, 976.6 KiB is the limit; take fewer threads",
+        ),
+    ):
+        with pytest.raises(voxflat.InputError, match=match):
+            voxflat.geodesic(SHEET, SOURCES, **options)
+    assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
+    monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
+    with (store / "lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(OSError, match="in use by process"):
+            voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+
+
+def test_dask_is_for_participants(study):
+    for more in (["group"], ["participant", "--dry-run"]):
+        result = run("bids", study / "bids", study / "alone", *more, "--dask", "local")
+        assert (result.exit_code, "--dask is for the level participant" in result.stderr) == (2, True)
