@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
@@ -17,9 +15,6 @@ from voxflat._pyvista.laying import laid
 from voxflat._pyvista.views import Shown, look_at
 from voxflat.arguments import is_number, is_whole
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, by_ending, naming
-
-_BLOCK = 16  # of films, pixels
 
 
 class Morph(Sequence[pv.PolyData]):
@@ -158,13 +153,13 @@ class Morph(Sequence[pv.PolyData]):
         Parameters
         ----------
         path : path
-            ``.gif``, or ``.mp4``, for which imageio-ffmpeg is needed.
+            ``.gif`` or ``.mp4``, as `voxflat.figures.save_movie` writes it.
         scalars, cmap, clim
             As of `VoxflatAccessor.plot`.
         fps : float
             Frames a second.
         window_size : tuple of 2 ints
-            Pixels; of ``.mp4`` multiples of 16.
+            Pixels, even numbers.
         progress_bar : bool
             Show how far it is.
 
@@ -175,28 +170,18 @@ class Morph(Sequence[pv.PolyData]):
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        from voxflat.figures.files import check_movie, save_movie  # brings in matplotlib
+
         if not is_number(fps) or not 0 < fps <= 100:
             raise InputError(f"fps is {fps!r}; give a number of frames a second, up to 100")
-        with naming(path, "can it be written?"):
-            write: Callable[[Path, Iterator[NDArray[np.uint8]], float], None] = by_ending(path, _WRITERS, "written")
-            if write is _write_mp4:
-                _check_film(window_size)
+        if any(side % 2 for side in window_size):
+            raise InputError(f"window_size is {window_size}; give even numbers of pixels for a film")
+        check_movie(path)
         plotter, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=True)
-        numbers = [*range(self._n), *range(self._n - 2, 0, -1)]
-
-        def pictures() -> Iterator[NDArray[np.uint8]]:
-            with shown(progress_bar, None) as progress:
-                for done, number in enumerate(numbers):
-                    moved(number / (self._n - 1))
-                    plotter.render()
-                    yield np.asarray(plotter.screenshot(return_img=True))[..., :3]
-                    if progress is not None:
-                        progress("drawing frames", done + 1, len(numbers))
-
+        shares = [number / (self._n - 1) for number in [*range(self._n), *range(self._n - 2, 0, -1)]]
         try:
-            with atomic_path(path) as beside:
-                write(beside, pictures(), float(fps))
+            with shown(progress_bar, None) as progress:
+                save_movie(_Film(plotter, moved, shares, float(fps)), path, progress=progress)
         finally:
             plotter.close()
 
@@ -222,38 +207,30 @@ class Morph(Sequence[pv.PolyData]):
         return plotter, moved
 
 
-def _write_gif(path: Path, pictures: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    from PIL import Image
+class _Film(Sequence[NDArray[np.uint8]]):
+    """Pictures of a plotter, one a share of the way."""
 
-    frames = [Image.fromarray(picture).quantize(255) for picture in pictures]
-    frames[0].save(
-        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0, disposal=1
-    )
+    def __init__(self, plotter: pv.Plotter, moved: Callable[[float], None], shares: list[float], rate: float) -> None:
+        self._plotter, self._moved, self._shares = plotter, moved, shares
+        self.rate = rate
 
+    @property
+    def size(self) -> tuple[int, int]:
+        width, height = self._plotter.window_size
+        return height, width
 
-def _write_mp4(path: Path, pictures: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    film = None
-    for picture in pictures:
-        if film is None:
-            film = _ffmpeg().write_frames(str(path), picture.shape[1::-1], fps=fps, quality=8)
-            film.send(None)
-        film.send(np.ascontiguousarray(picture))
-    assert film is not None
-    film.close()
+    def __len__(self) -> int:
+        return len(self._shares)
 
+    @overload
+    def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
 
-def _ffmpeg() -> Any:
-    try:
-        return importlib.import_module("imageio_ffmpeg")
-    except ImportError as error:
-        raise InputError("a film needs imageio-ffmpeg: pip install 'voxflat[pyvista]'") from error
+    @overload
+    def __getitem__(self, n: slice) -> list[NDArray[np.uint8]]: ...
 
-
-def _check_film(window_size: tuple[int, int]) -> None:
-    """Refuse to make a film that cannot be written, before its frames are drawn."""
-    if any(side % _BLOCK for side in window_size):
-        raise InputError(f"window_size is {window_size}; give multiples of {_BLOCK} for a film")
-    _ffmpeg()
-
-
-_WRITERS = {".gif": _write_gif, ".mp4": _write_mp4}
+    def __getitem__(self, n: int | slice) -> NDArray[np.uint8] | list[NDArray[np.uint8]]:
+        if isinstance(n, slice):
+            return [self[at] for at in range(*n.indices(len(self)))]
+        self._moved(self._shares[n])
+        self._plotter.render()
+        return np.asarray(self._plotter.screenshot(return_img=True))[..., :3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib import rc_context
@@ -16,7 +16,6 @@ from PIL import Image, PngImagePlugin
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled, InputError
 from voxflat.figures.layers import name_layers
-from voxflat.figures.movies import Movie
 from voxflat.io.files import atomic_path, one_line, require
 from voxflat.io.provenance import Record, as_text
 from voxflat.io.reading import check_room
@@ -101,15 +100,53 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
         Image.fromarray(picture).save(temporary, **more)
 
 
+class Pictures(Protocol):
+    """What a movie is made of: each picture, (H, W, 3), is drawn when it is asked for."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of each picture, pixels, even numbers."""
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+
+    def __getitem__(self, n: int) -> NDArray[np.uint8]:
+        """Draw a frame."""
+
+
+def check_movie(path: str | os.PathLike[str]) -> None:
+    """Refuse a name that no movie can be written to, before the long work.
+
+    Parameters
+    ----------
+    path : path
+        As of `save_movie`.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, or what writes it is missing.
+    """
+    name = Path(path)
+    if name.suffix.lower() not in MOVIE_ENDINGS:
+        raise InputError(f"cannot write a movie as {name.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")
+    if name.suffix.lower() == ".mp4":
+        require("imageio_ffmpeg", "movie")
+
+
 def save_movie(
-    movie: Movie, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
+    movie: Pictures, path: str | os.PathLike[str], record: Record | None = None, progress: Progress | None = None
 ) -> None:
     """Write a movie to a file, all of it or nothing.
 
     Parameters
     ----------
     movie : Movie
-        Drawn picture by picture; an ``.mp4`` holds one in memory, a ``.gif`` all.
+        Or anything else that draws pictures when they are asked for; an ``.mp4`` holds one in memory, a ``.gif`` all.
     path : path
         Ends in ``.mp4``, H.264 for slides and browsers (``pip install 'voxflat[movie]'``), or ``.gif``, whose pictures
         last whole hundredths of a second, two at least.
@@ -128,22 +165,21 @@ def save_movie(
         If the file cannot be written.
     """
     path = Path(path)
-    write = {".mp4": _write_mp4, ".gif": _write_gif}.get(path.suffix.lower())
-    if write is None:
-        raise InputError(f"cannot write a movie as {path.name}; give a name that ends in {' or '.join(MOVIE_ENDINGS)}")
+    check_movie(path)
+    write = {".mp4": _write_mp4, ".gif": _write_gif}[path.suffix.lower()]
     text = "" if record is None else as_text(record)
     with atomic_path(path) as temporary:
         write(temporary, movie, _drawn(movie, path.name, progress), text)
 
 
-def _drawn(movie: Movie, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
+def _drawn(movie: Pictures, name: str, progress: Progress | None) -> Iterator[NDArray[np.uint8]]:
     for n in range(len(movie)):
         yield movie[n]
         if progress is not None and progress(f"writing {name}", n + 1, len(movie)) is False:
             raise Cancelled(f"cancelled while writing {name}")
 
 
-def _write_mp4(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+def _write_mp4(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     ffmpeg = require("imageio_ffmpeg", "movie")
     height, width = movie.size
     space = ["-colorspace", _BT709, "-color_primaries", _BT709, "-color_trc", _BT709]
@@ -163,7 +199,7 @@ def _write_mp4(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], 
         writer.close()
 
 
-def _write_gif(path: Path, movie: Movie, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
+def _write_gif(path: Path, movie: Pictures, pictures: Iterator[NDArray[np.uint8]], text: str) -> None:
     height, width = movie.size
     check_room(2 * len(movie) * height * width)  # Pillow holds them all
     shown = [Image.fromarray(movie[n]) for n in sorted({0, len(movie) // 2, len(movie) - 1})]
