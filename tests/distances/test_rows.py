@@ -497,6 +497,7 @@ def test_the_command_passes_every_option(tmp_path, monkeypatch):
     run("rows", "volume.npy", "--sources", 70, "--store", "rows", *options.split())
     assert given == {
         "surface": Path("volume.npy"),
+        "dask": None,
         "sources": 70,
         "store": Path("rows"),
         "geodesic": "chain",

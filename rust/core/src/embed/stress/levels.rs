@@ -65,6 +65,7 @@ const FIRST: Dials = Dials {
     bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
     shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
     stiffness: 0.1,
+    rough: false,
 };
 const FIRST_LANDMARKS: usize = 96;
 
@@ -73,6 +74,7 @@ pub(crate) const FINAL: Dials = Dials {
     bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.05] },
     shape: Shape { barrier: 0.02, area: 2.0, outlier: 0.2 },
     stiffness: 0.3,
+    rough: false,
 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
@@ -93,6 +95,8 @@ pub(crate) struct Dials {
     pub shape: Shape,
     /// β, the weight of the triangles beside the distances.
     pub stiffness: f64,
+    /// Springs are of a stiffness that is guessed: what the search for relaxation cuts was judged with.
+    pub rough: bool,
 }
 
 /// How descent on the finest level went.
@@ -318,7 +322,7 @@ impl Level {
     ) -> Result<Convergence> {
         ease(&self.triangles, FIRST.shape, may_move, uv, control)?;
         let few = self.pairs.of_first(FIRST_LANDMARKS);
-        self.rounds(&few, uv, FIRST, FIRST_ROUNDS, outline, stage, control)?;
+        self.rounds(&few, uv, Dials { rough: dials.rough, ..FIRST }, FIRST_ROUNDS, outline, stage, control)?;
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, outline, stage, control)
     }
 
@@ -338,8 +342,8 @@ impl Level {
         let Self { triangles, springs, .. } = self;
         let mut curve: Vec<f64> = Vec::new();
         for _ in 0..rounds {
-            let Dials { bands, shape, stiffness } = dials;
-            let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
+            let Dials { bands, shape, stiffness, rough } = dials;
+            let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline };
             let before = outline.map(|_| uv.clone());
             let Descended { energies, converged } =
                 descend(&energy, uv, Until { steps: ROUND, gain: GAIN, enough: f64::NEG_INFINITY }, control)?;

@@ -41,6 +41,7 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
             shape,
             stiffness: 0.2,
             springs: &springs,
+            rough: false,
             outline: None,
         },
         &surface,
