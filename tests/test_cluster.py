@@ -21,6 +21,7 @@ from lab_runs import FEW, everything, run
 import voxflat
 from voxflat import cluster
 from voxflat.cluster import connected
+from voxflat.distances.journal import read_journal
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -90,6 +91,19 @@ def test_workers_stop_when_nobody_waits_any_more(ready, tmp_path):
     with connected(ready, most=1) as found, pytest.raises(voxflat.Cancelled):
         list(found.each(wait, [tmp_path], stage="waiting", progress=cancel))
     until((tmp_path / "stopped").exists)
+
+
+def test_who_waits_for_workers_is_told_so_and_can_leave():
+    stages = []
+
+    def cancel(stage, done, total):
+        stages.append((stage, done, total))
+        return len(stages) < 3
+
+    nobody = distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None, silence_logs="CRITICAL")
+    with nobody, connected(nobody.scheduler_address, most=1) as found, pytest.raises(voxflat.Cancelled):
+        list(found.each(tell, ["a"], stage="telling", progress=cancel))
+    assert stages == [("waiting for workers", 0, 1)] * 3
 
 
 def test_what_cannot_be_connected_is_told_with_a_remedy(ready, monkeypatch):
@@ -218,6 +232,18 @@ def blocks(store):
     return sum(path.read_text().count("crc32") for path in store.rglob("journal.jsonl"))
 
 
+def kept_blocks(store):
+    """Return how many blocks are not computed again: the store's, and those of their own that parts have finished.
+
+    A core may write one of another part's before it stops.
+    """
+    count = len(read_journal(store).checksums)
+    for part in (store / "parts").glob("*/journal.jsonl"):
+        own = len(json.loads((part.parent / "blocks.json").read_text()))
+        count += sum(block < own for block in read_journal(part.parent).checksums)
+    return count
+
+
 def is_that_of_one_process(rows, expected):
     rows.verify()
     names = sorted(path.name for path in rows.store.iterdir())
@@ -269,8 +295,8 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     with pytest.raises(voxflat.InputError, match="not complete"):
         voxflat.open_rows(store)
     until(lambda: _is_quiet(store))
-    there = blocks(store)
-    assert 3 <= there <= 16
+    there = kept_blocks(store)
+    assert 2 <= there <= 16
     caplog.clear()
     rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
     found = int(re.search(r"(\d+) rows were in the store", caplog.text)[1])

@@ -26,6 +26,7 @@ LOCAL = "local"
 """Instead of an address: workers on this machine, for as long as they are needed."""
 
 _PATIENCE = 30  # s, in which a scheduler answers
+_WAITING = "waiting for workers"  # as long as there is none: they may come, or come back
 _POLL = 0.1  # s between two looks at whether the user has had enough
 _ROOM = 2 << 30  # bytes that a worker of this machine has at least: a hemisphere of 160,000 vertices takes 1.3 GiB
 _ALONE = threading.Lock()  # a process has one working directory, and one log
@@ -77,7 +78,7 @@ class Cluster:
         items : sequence
             On what.
         stage : str
-            What progress is told of.
+            What progress is told of; as long as there is no worker that it is waited for.
         threads : int, optional
             Of each worker; as many as it was given, by default.
         progress : callable, optional
@@ -106,8 +107,10 @@ class Cluster:
                 future.add_done_callback(finished.put)
             done = 0
             while done < len(items):
-                if progress is not None and progress(stage, done, len(items)) is False:
-                    raise Cancelled("cancelled")
+                if progress is not None:
+                    now = stage if len(self) else _WAITING
+                    if progress(now, done, len(items)) is False:
+                        raise Cancelled("cancelled")
                 with suppress(queue.Empty):
                     future = finished.get(timeout=_POLL)
                     done += 1
@@ -178,8 +181,6 @@ def connected(address: str, *, most: int) -> Iterator[Cluster]:
         raise InputError(f"no scheduler of Dask answers at {address} ({error}): {why}") from error
     with client:
         found = client.run(version, "voxflat", on_error="return")
-        if not found:
-            log.warning("the scheduler at %s has no workers yet: waiting for them", address)
         for worker, own in found.items():
             if isinstance(own, PackageNotFoundError):
                 raise InputError(f"the worker {worker} has no voxflat: install {__version__} where it was started")

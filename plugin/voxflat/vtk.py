@@ -16,6 +16,7 @@ arrays, bit by bit. Options are attributes; to change one makes the filter run a
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, overload
 
@@ -106,8 +107,9 @@ class _Filter(VTKPythonAlgorithmBase):
         output.ShallowCopy(shallow)
         return 1
 
+    @abstractmethod
     def _made(self, dataset: pv.DataSet, progress: Callable[[str, int, int], bool]) -> pv.DataSet:
-        raise NotImplementedError
+        """Return the output."""
 
     def _progress(self) -> Callable[[str, int, int], bool]:
         """Return what hands progress to VTK, and asks it whether to go on.

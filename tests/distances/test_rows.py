@@ -494,10 +494,11 @@ def test_the_command_passes_every_option(tmp_path, monkeypatch):
     monkeypatch.setattr("voxflat.cli.rows.geodesic", geodesic)
     options = "--label 2 --threshold 0.5 --keep k.nii --drop d.nii --seed-point 7 --radius 4.5 --spacing 0.5,1,2"
     options += " --geodesic chain --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G"
+    options += " --dask local"
     run("rows", "volume.npy", "--sources", 70, "--store", "rows", *options.split())
     assert given == {
         "surface": Path("volume.npy"),
-        "dask": None,
+        "dask": "local",
         "sources": 70,
         "store": Path("rows"),
         "geodesic": "chain",

@@ -207,7 +207,7 @@ class Morph(Sequence[pv.PolyData]):
         return plotter, moved
 
 
-class _Film(Sequence[NDArray[np.uint8]]):
+class _Film:
     """Pictures of a plotter, one a share of the way."""
 
     def __init__(self, plotter: pv.Plotter, moved: Callable[[float], None], shares: list[float], rate: float) -> None:
@@ -222,15 +222,7 @@ class _Film(Sequence[NDArray[np.uint8]]):
     def __len__(self) -> int:
         return len(self._shares)
 
-    @overload
-    def __getitem__(self, n: int) -> NDArray[np.uint8]: ...
-
-    @overload
-    def __getitem__(self, n: slice) -> list[NDArray[np.uint8]]: ...
-
-    def __getitem__(self, n: int | slice) -> NDArray[np.uint8] | list[NDArray[np.uint8]]:
-        if isinstance(n, slice):
-            return [self[at] for at in range(*n.indices(len(self)))]
+    def __getitem__(self, n: int) -> NDArray[np.uint8]:
         self._moved(self._shares[n])
         self._plotter.render()
         return np.asarray(self._plotter.screenshot(return_img=True))[..., :3]

@@ -135,12 +135,17 @@ mod tests {
         #[test]
         fn directions_are_those_of_the_two_loops(
             gradient in prop::collection::vec(-500..500, 10),
-            steps in prop::collection::vec((prop::collection::vec(-500..500, 10), prop::collection::vec(-500..500, 10)), 0..30),
+            steps in prop::collection::vec((prop::collection::vec(-500..500, 10), prop::collection::vec(-500..500, 10)), 0..3 * MEMORY),
         ) {
             let springs = Springs::new(vec![[0, 1, 2], [1, 3, 2], [2, 3, 4]], 5, &Control::default()).unwrap();
             let factor = springs.factor(&[[-1.0, -2.0, -0.5]; 3], &[1.0, 2.0, 3.0, 0.5, 1.5]).unwrap();
-            let known = |(moved, bent): &(Vec<i32>, Vec<i32>)| (vectors(moved), vectors(bent));
-            let steps: Vec<_> = steps.iter().map(known).filter(|(moved, bent)| dot(moved, bent) > 1.0).collect();
+            let known = |(moved, other): &(Vec<i32>, Vec<i32>)| {
+                let (moved, other) = (vectors(moved), vectors(other));
+                let bent: Vectors = moved.iter().zip(&other).map(|(moved, other)| 2.0 * moved + 0.25 * other).collect();
+                (moved, bent)
+            };
+            let is_curved = |(moved, bent): &(Vectors, Vectors)| dot(moved, bent) > dot(moved, moved) + 1.0;
+            let steps: Vec<_> = steps.iter().map(known).filter(is_curved).collect();
             let mut past = Past::default();
             steps.iter().for_each(|(moved, bent)| past.push(moved, bent));
             let found = past.direction(&vectors(&gradient), &factor);
