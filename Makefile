@@ -2,6 +2,8 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
+# tests start a hundred interpreters: what one has compiled the next need not
+unexport PYTHONDONTWRITEBYTECODE
 
 # uv from the PATH, or in a virtual environment of its own
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)

@@ -1,7 +1,20 @@
 """napari's window, and what happens in it."""
 
+import gc
+
 import pytest
 from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
+
+
+@pytest.fixture(autouse=True, scope="session")
+def what_is_imported_is_no_garbage():
+    """Whenever layers are taken away napari collects garbage, through half a million objects of modules each time."""
+    import matplotlib.pyplot  # noqa: F401
+    import napari  # noqa: F401
+    from napari._qt.qt_main_window import Window  # noqa: F401
+
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
