@@ -3,7 +3,7 @@
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
-use crate::geodesic::engine::Engine;
+use crate::geodesic::engine::{Engine, EngineScratch, Targets};
 use crate::turns::in_turn;
 
 /// Distance rows, wherever they are kept.
@@ -69,15 +69,7 @@ impl DistanceRows {
         let columns = engine.columns();
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
-        let size = engine.block();
-        in_turn(
-            data.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
-            || engine.scratch(),
-            |scratch, (rows, sources)| {
-                engine.fill(sources, rows, scratch, control)?;
-                finish(rows, sources, control)
-            },
-        )?;
+        measure(engine, sources, None, &mut data, control)?;
         Ok(Self::new(sources.to_vec(), columns, data))
     }
 
@@ -110,16 +102,7 @@ impl DistanceRows {
         let columns = sources.len();
         let mut data = vec![0.0; columns * columns];
         control.begin("measuring distances", columns as u64);
-        let size = engine.block();
-        let targets = engine.targets(sources);
-        in_turn(
-            data.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
-            || engine.scratch(),
-            |scratch, (rows, sources)| {
-                engine.fill_targets(sources, &targets, rows, scratch, control)?;
-                finish(rows, sources, control)
-            },
-        )?;
+        measure(engine, sources, Some(&engine.targets(sources)), &mut data, control)?;
         Ok(Self::new(sources.to_vec(), columns, data))
     }
 
@@ -222,27 +205,71 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
         control.begin("measuring distances", self.sources.len() as u64);
         let columns = self.columns();
         let mut data = vec![0.0; self.block_rows() * columns];
-        // all threads get something to do
-        let size = self.engine.block().min(self.block_rows().div_ceil(rayon::current_num_threads())).max(1);
         for (n, sources) in self.sources.chunks(self.at_once).enumerate() {
             let rows = &mut data[..sources.len() * columns];
-            in_turn(
-                rows.chunks_mut((size * columns).max(1)).zip(sources.chunks(size)),
-                || self.engine.scratch(),
-                |scratch, (rows, sources)| {
-                    self.engine.fill(sources, rows, scratch, control)?;
-                    finish(rows, sources, control)
-                },
-            )?;
+            measure(self.engine, sources, None, rows, control)?;
             visit(n * self.at_once, rows)?;
         }
         Ok(())
     }
 }
 
-/// Counts finished rows, if they reach everything.
-pub(crate) fn finish(rows: &[f32], sources: &[u32], control: &Control) -> Result<()> {
-    for (row, &source) in rows.chunks_exact((rows.len() / sources.len()).max(1)).zip(sources) {
+/// Computes the rows of sources, one after the other in `data`: bundles in turn by all threads.
+fn measure<S: Solver>(
+    engine: &Engine<S>,
+    sources: &[u32],
+    targets: Option<&Targets<'_>>,
+    data: &mut [f32],
+    control: &Control,
+) -> Result<()> {
+    let bundles = engine.bundles(sources, rayon::current_num_threads(), control)?;
+    let mut rows = slices(data, sources.len());
+    let turns: Vec<_> = bundles.iter().map(|bundle| take(bundle, sources, &mut rows)).collect();
+    in_turn(
+        turns.into_iter(),
+        || engine.scratch(),
+        |scratch, (bundle, mut rows)| fill(engine, &bundle, targets, &mut rows, scratch, control),
+    )
+}
+
+/// The same by one thread.
+pub(crate) fn measure_alone<S: Solver>(
+    engine: &Engine<S>,
+    sources: &[u32],
+    data: &mut [f32],
+    scratch: &mut EngineScratch<S::Scratch>,
+    control: &Control,
+) -> Result<()> {
+    let mut rows = slices(data, sources.len());
+    for bundle in engine.bundles(sources, 1, control)? {
+        let (bundle, mut rows) = take(&bundle, sources, &mut rows);
+        fill(engine, &bundle, None, &mut rows, scratch, control)?;
+    }
+    Ok(())
+}
+
+/// The rows in `data`, each for itself.
+fn slices(data: &mut [f32], rows: usize) -> Vec<&mut [f32]> {
+    let columns = data.len() / rows.max(1);
+    data.chunks_exact_mut(columns.max(1)).collect()
+}
+
+/// The sources of a bundle, and their rows.
+fn take<'d>(bundle: &[u32], sources: &[u32], rows: &mut [&'d mut [f32]]) -> (Vec<u32>, Vec<&'d mut [f32]>) {
+    bundle.iter().map(|&n| (sources[n as usize], std::mem::take(&mut rows[n as usize]))).unzip()
+}
+
+/// Fills the rows of a bundle, and counts them, if they reach everything.
+fn fill<S: Solver>(
+    engine: &Engine<S>,
+    bundle: &[u32],
+    targets: Option<&Targets<'_>>,
+    rows: &mut [&mut [f32]],
+    scratch: &mut EngineScratch<S::Scratch>,
+    control: &Control,
+) -> Result<()> {
+    engine.fill(bundle, targets, rows, scratch, control)?;
+    for (row, &source) in rows.iter().zip(bundle) {
         // a look at all, which never ends early, is made of vector instructions
         let reaches_all = row.iter().fold(true, |all, distance| all & !distance.is_infinite());
         if !reaches_all && let Some(vertex) = row.iter().position(|distance| distance.is_infinite()) {

@@ -9,9 +9,9 @@ use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::levels;
 use crate::error::{Error, Result};
+use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
-use crate::geodesic::shortest::Search;
 use crate::geodesic::sweep::Sweep;
 use crate::orient::{map_area, orient};
 use crate::rows::Rows;
@@ -127,7 +127,7 @@ pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPla
         + FlatMap::memory_need(points)
         + PYTHON_BYTES * points as u64
         + GeodesicGraph::memory_need(points)
-        + threads as u64 * Search::memory_need(points)
+        + threads as u64 * BundleScratch::memory_need(points)
         + prepared
         + rows
         + classical::memory_need(sources)

@@ -1,4 +1,4 @@
-//! The way to the rows of many sources: one search after the other, or sweeps over a prepared graph.
+//! The way to the rows of many sources: by the solver, bundle by bundle, or by sweeps over a prepared graph.
 
 use super::solver::Solver;
 use super::sweep::{self, Sweep, SweepScratch, SweepTargets};
@@ -20,7 +20,6 @@ pub struct Engine<'a, S> {
 pub struct EngineScratch<T> {
     solver: T,
     sweep: SweepScratch,
-    row: Vec<f32>,
 }
 
 /// Vertices to which distances are wanted.
@@ -64,70 +63,56 @@ impl<'a, S: Solver> Engine<'a, S> {
         self.solver.columns()
     }
 
-    /// How many rows are best asked for at once.
-    pub fn block(&self) -> usize {
-        if self.sweep.is_some() { sweep::LANES } else { 1 }
+    /// Which sources are best asked for at once, by their numbers: those of a sweep in their order, others as they lie together;
+    /// no more at once than leave work for so many threads.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
+        if self.sweep.is_none() {
+            return self.solver.bundles(sources, threads, control);
+        }
+        let size = sweep::LANES.min(sources.len().div_ceil(threads)).max(1);
+        let numbers: Vec<u32> = (0..sources.len() as u32).collect();
+        Ok(numbers.chunks(size).map(<[u32]>::to_vec).collect())
     }
 
     /// Scratch for one worker.
     pub fn scratch(&self) -> EngineScratch<S::Scratch> {
-        EngineScratch { solver: self.solver.scratch(), sweep: SweepScratch::default(), row: Vec::new() }
+        EngineScratch { solver: self.solver.scratch(), sweep: SweepScratch::default() }
     }
 
-    /// Writes the distances in mm from each source to every vertex, one row after the other; infinity where a vertex cannot
-    /// be reached.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    ///
-    /// # Panics
-    /// If `rows` has not one row a source.
-    pub fn fill(
-        &self,
-        sources: &[u32],
-        rows: &mut [f32],
-        scratch: &mut EngineScratch<S::Scratch>,
-        control: &Control,
-    ) -> Result<()> {
-        assert_eq!(rows.len(), sources.len() * self.columns(), "one row a source");
-        if let Some(sweep) = &self.sweep {
-            return sweep.rows(sources, None, rows, &mut scratch.sweep, control);
-        }
-        for (&source, row) in sources.iter().zip(rows.chunks_exact_mut(self.columns().max(1))) {
-            self.solver.row(source, row, &mut scratch.solver, control)?;
-        }
-        Ok(())
-    }
-
-    /// What [`fill_targets`](Self::fill_targets) needs to know of the vertices to which distances are wanted.
+    /// What [`fill`](Self::fill) needs to know of the vertices to which distances are wanted.
     pub fn targets<'t>(&self, vertices: &'t [u32]) -> Targets<'t> {
         Targets { vertices, sweep: self.sweep.as_ref().map(|sweep| sweep.targets(vertices)) }
     }
 
-    /// As [`fill`](Self::fill), with the columns of the targets only; where the graph was prepared, whole rows never exist.
+    /// Writes the distances in mm from each source of a bundle to every vertex, or to the targets: a row a source; infinity where
+    /// a vertex cannot be reached.
     ///
     /// # Errors
     /// [`crate::Error::Cancelled`].
     ///
     /// # Panics
-    /// If `rows` has not one row a source.
-    pub fn fill_targets(
+    /// If there is not one row a source.
+    pub fn fill(
         &self,
-        sources: &[u32],
-        targets: &Targets<'_>,
-        rows: &mut [f32],
+        bundle: &[u32],
+        targets: Option<&Targets<'_>>,
+        rows: &mut [&mut [f32]],
         scratch: &mut EngineScratch<S::Scratch>,
         control: &Control,
     ) -> Result<()> {
-        assert_eq!(rows.len(), sources.len() * targets.vertices.len(), "one row a source");
-        if let (Some(sweep), Some(targets)) = (&self.sweep, &targets.sweep) {
-            return sweep.rows(sources, Some(targets), rows, &mut scratch.sweep, control);
+        assert_eq!(rows.len(), bundle.len(), "one row a source");
+        match &self.sweep {
+            Some(sweep) => {
+                let targets = targets.and_then(|targets| targets.sweep.as_ref());
+                sweep.rows(bundle, targets, rows, &mut scratch.sweep, control)
+            }
+            None => {
+                let targets = targets.map(|targets| targets.vertices);
+                self.solver.rows(bundle, targets, rows, &mut scratch.solver, control)
+            }
         }
-        scratch.row.resize(self.columns(), 0.0);
-        for (&source, row) in sources.iter().zip(rows.chunks_exact_mut(targets.vertices.len().max(1))) {
-            self.solver.row(source, &mut scratch.row, &mut scratch.solver, control)?;
-            row.iter_mut().zip(targets.vertices).for_each(|(to, &vertex)| *to = scratch.row[vertex as usize]);
-        }
-        Ok(())
     }
 }

@@ -3,9 +3,10 @@
 //! | module | concept |
 //! |---|---|
 //! | [`shortest`] | shortest paths in a graph, one source after the other |
+//! | [`bundle`] | the same for sources that lie near each other, at once |
 //! | [`sweep`] | the same for many sources at once, over a graph that was prepared |
 //! | [`solver`] | the trait [`Solver`], which every graph has |
-//! | [`engine`] | which of the two ways is taken |
+//! | [`engine`] | which of these ways is taken |
 //! | [`chain`] | lengths of the chain-code links of a graph of voxels |
 //! | [`graph`] | straight links over unfolded triangles |
 //! | [`path`] | paths across triangles |
@@ -13,6 +14,7 @@
 //! | [`exact`] | exact distances over triangles |
 //! | [`neighbourhood`] | exact distances within so many rings |
 
+pub mod bundle;
 pub mod chain;
 pub mod engine;
 pub mod exact;

@@ -1,6 +1,7 @@
-//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, or by sweeps where there are many sources.
+//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, bundle by bundle where there are many sources, or by
+//! sweeps where that pays.
 
-use super::shortest::Search;
+use super::bundle::{self, BundleScratch};
 use super::sweep::Sweep;
 use crate::adjacency::Links;
 use crate::control::Control;
@@ -22,6 +23,42 @@ pub trait Solver: Sync {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()>;
+
+    /// Which sources are best asked for at once, by their numbers; no more than leave work for so many threads. Rows are the
+    /// same in any company, bit by bit.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
+        let _ = (threads, control);
+        Ok((0..sources.len() as u32).map(|number| vec![number]).collect())
+    }
+
+    /// Writes the distances in mm from each source of a bundle to every vertex, or to the targets; infinity where one cannot be
+    /// reached.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    fn rows(
+        &self,
+        bundle: &[u32],
+        targets: Option<&[u32]>,
+        rows: &mut [&mut [f32]],
+        scratch: &mut Self::Scratch,
+        control: &Control,
+    ) -> Result<()> {
+        let mut whole = Vec::new();
+        for (&source, row) in bundle.iter().zip(rows) {
+            let Some(targets) = targets else {
+                self.row(source, row, scratch, control)?;
+                continue;
+            };
+            whole.resize(self.columns(), 0.0);
+            self.row(source, &mut whole, scratch, control)?;
+            row.iter_mut().zip(targets).for_each(|(to, &target)| *to = whole[target as usize]);
+        }
+        Ok(())
+    }
 
     /// A hash of what distances depend on, the same on every machine.
     ///
@@ -58,20 +95,33 @@ impl Fingerprint {
 }
 
 impl<G: Links> Solver for G {
-    type Scratch = Search;
+    type Scratch = BundleScratch;
 
-    fn scratch(&self) -> Search {
-        Search::new(self)
+    fn scratch(&self) -> BundleScratch {
+        BundleScratch::new(self)
     }
 
     fn columns(&self) -> usize {
         self.vertices()
     }
 
-    fn row(&self, source: u32, row: &mut [f32], search: &mut Search, control: &Control) -> Result<()> {
-        row.fill(f32::INFINITY);
-        row[source as usize] = 0.0;
-        search.lower(self, &[source], row, control)
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut BundleScratch, control: &Control) -> Result<()> {
+        scratch.row(self, source, row, control)
+    }
+
+    fn bundles(&self, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
+        bundle::bundles(self, sources, threads, control)
+    }
+
+    fn rows(
+        &self,
+        bundle: &[u32],
+        targets: Option<&[u32]>,
+        rows: &mut [&mut [f32]],
+        scratch: &mut BundleScratch,
+        control: &Control,
+    ) -> Result<()> {
+        scratch.rows(self, bundle, targets, rows, control)
     }
 
     fn fingerprint(&self, control: &Control) -> Result<u64> {

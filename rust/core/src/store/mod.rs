@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::geodesic::Solver;
 use crate::geodesic::engine::{Engine, EngineScratch};
 use crate::geodesic::sweep::LANES;
-use crate::rows::{Rows, finish};
+use crate::rows::{Rows, measure_alone};
 use crate::turns::in_turn;
 use journal::Journal;
 use npy::{CHUNK, NpyFile, VALUE};
@@ -256,8 +256,7 @@ fn compute_missing<S: Solver>(
         }
         let range = blocks.range(block);
         rows.resize(range.len() * solver.columns(), 0.0);
-        engine.fill(&sources[range.clone()], rows, scratch, control)?;
-        finish(rows, &sources[range.clone()], control)?;
+        measure_alone(&engine, &sources[range.clone()], rows, scratch, control)?;
         *checksum = table.write(range.start, rows, control)?;
         journal.add(block, *checksum)
     };

@@ -175,26 +175,24 @@ impl Sweep {
         SweepTargets { columns, parts: above }
     }
 
-    /// Writes the distances in mm from each source to every vertex, or to the targets, one row after the other; infinity
-    /// where a vertex cannot be reached.
+    /// Writes the distances in mm from each source to every vertex, or to the targets: a row a source; infinity where a vertex
+    /// cannot be reached.
     ///
     /// # Errors
     /// [`crate::Error::Cancelled`].
     ///
     /// # Panics
-    /// If `rows` has not one row a source.
+    /// If there is not one row a source.
     pub fn rows(
         &self,
         sources: &[u32],
         targets: Option<&SweepTargets>,
-        rows: &mut [f32],
+        rows: &mut [&mut [f32]],
         scratch: &mut SweepScratch,
         control: &Control,
     ) -> Result<()> {
-        let columns = targets.map_or(self.columns(), |targets| targets.columns.len());
-        assert_eq!(rows.len(), sources.len() * columns, "one row a source");
-        for (sources, rows) in sources.chunks(LANES).zip(rows.chunks_mut((LANES * columns).max(1))) {
-            let rows = rows.chunks_exact_mut(columns.max(1)).collect();
+        assert_eq!(rows.len(), sources.len(), "one row a source");
+        for (sources, rows) in sources.chunks(LANES).zip(rows.chunks_mut(LANES)) {
             if sources.len() > FEW_LANES {
                 Arch::new().dispatch(Batch::<LANES> { sweep: self, sources, targets, rows, scratch, control })?;
             } else {
@@ -285,21 +283,21 @@ impl Sweep {
 }
 
 /// One sweep.
-struct Batch<'a, const L: usize> {
+struct Batch<'a, 'b, const L: usize> {
     sweep: &'a Sweep,
     sources: &'a [u32],
     targets: Option<&'a SweepTargets>,
-    rows: Vec<&'a mut [f32]>,
+    rows: &'a mut [&'b mut [f32]],
     scratch: &'a mut SweepScratch,
     control: &'a Control,
 }
 
-impl<const L: usize> WithSimd for Batch<'_, L> {
+impl<const L: usize> WithSimd for Batch<'_, '_, L> {
     type Output = Result<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Result<()> {
-        let Self { sweep, sources, targets, mut rows, scratch, control } = self;
+        let Self { sweep, sources, targets, rows, scratch, control } = self;
         let Contraction { dissection, depth, quantum, .. } = &sweep.contraction;
         sweep.upward::<L>(sources, scratch, control)?;
         let SweepScratch { above, upward, places, .. } = scratch;
@@ -326,11 +324,11 @@ impl<const L: usize> WithSimd for Batch<'_, L> {
             }
             if targets.is_some() {
                 let (here, behind) = wanted.split_at(wanted.partition_point(|&(rank, _)| rank < part.first + part.len));
-                write(&mut rows, here.iter().map(|&(rank, column)| (column, &found[(rank - part.first) as usize])));
+                write(rows, here.iter().map(|&(rank, column)| (column, &found[(rank - part.first) as usize])));
                 wanted = behind;
             } else {
                 let vertices = &dissection.order[part.first as usize..][..part.len as usize];
-                write(&mut rows, vertices.iter().copied().zip(&found));
+                write(rows, vertices.iter().copied().zip(&found));
             }
         }
         Ok(())
@@ -411,7 +409,8 @@ mod tests {
 
     fn rows_of(sweep: &Sweep, sources: &[u32]) -> Vec<f32> {
         let mut rows = vec![f32::NAN; sources.len() * sweep.columns()];
-        sweep.rows(sources, None, &mut rows, &mut SweepScratch::default(), &Control::default()).unwrap();
+        let mut each: Vec<_> = rows.chunks_mut(sweep.columns().max(1)).collect();
+        sweep.rows(sources, None, &mut each, &mut SweepScratch::default(), &Control::default()).unwrap();
         rows
     }
 
@@ -476,7 +475,7 @@ mod tests {
         let mut scratch = SweepScratch::default();
         let mut row = vec![0.0; graph.len()];
         for (n, &source) in sources.iter().enumerate() {
-            sweep.rows(&[source], None, &mut row, &mut scratch, &Control::default()).unwrap();
+            sweep.rows(&[source], None, &mut [&mut row], &mut scratch, &Control::default()).unwrap();
             assert_eq!(row, together[n * graph.len()..(n + 1) * graph.len()]);
         }
     }
@@ -489,7 +488,8 @@ mod tests {
         let targets: [u32; 6] = [900, 3, 3, 1200, 57, 1444]; // one of them twice
         let mut columns = vec![f32::NAN; sources.len() * targets.len()];
         let (mut scratch, control) = (SweepScratch::default(), Control::default());
-        sweep.rows(&sources, Some(&sweep.targets(&targets)), &mut columns, &mut scratch, &control).unwrap();
+        let mut each: Vec<_> = columns.chunks_mut(targets.len()).collect();
+        sweep.rows(&sources, Some(&sweep.targets(&targets)), &mut each, &mut scratch, &control).unwrap();
         let rows = rows_of(&sweep, &sources);
         for (columns, row) in columns.chunks(targets.len()).zip(rows.chunks(graph.len())) {
             assert_eq!(columns, targets.map(|target| row[target as usize]));
@@ -521,7 +521,7 @@ mod tests {
         control.cancel();
         assert_eq!(Sweep::new(&graph, &control).unwrap_err(), Error::Cancelled);
         let mut rows = vec![0.0; graph.len()];
-        let result = sweep.rows(&[0], None, &mut rows, &mut SweepScratch::default(), &control);
+        let result = sweep.rows(&[0], None, &mut [&mut rows], &mut SweepScratch::default(), &control);
         assert_eq!(result, Err(Error::Cancelled));
     }
 }
