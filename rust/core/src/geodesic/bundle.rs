@@ -382,7 +382,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(24))]
+        #![proptest_config(ProptestConfig::with_cases(12))]
         #[test]
         fn rows_are_those_of_searches_wherever_the_sources_lie(
             squeezed in 1e-3f64..1.0,

@@ -64,17 +64,17 @@ fn a_cut_cap_has_a_better_map() {
 #[test]
 fn cuts_that_hardly_mend_distances_are_not_made() {
     let cap = cap(0.5);
-    let all = relaxed(&cap, 3.0, 0.0);
+    let all = relaxed(&cap, 1.0, 0.0);
     let [before, after] = all.errors;
-    assert!(0.0 < after && after < 0.7 * before, "{before} {after}");
+    assert!(0.0 < after && after < 0.9 * before, "{before} {after}");
     let least_relief =
-        |share: f64| Relaxation { length: 3.0, least_gain: 0.0, least_relief: share, ..Relaxation::default() };
+        |share: f64| Relaxation { length: 1.0, least_gain: 0.0, least_relief: share, ..Relaxation::default() };
     let share = 1.0 - after / before;
     let made = |share| relax(&cap, least_relief(share), &Control::default()).unwrap();
     assert_eq!(made(share - 1e-9), all);
     let none = made(share + 1e-9);
     assert_eq!((none.cuts.len(), &none.surface, none.errors), (0, &cap, [before; 2]));
-    let bearable = |bearable| Relaxation { length: 3.0, least_gain: 0.0, bearable, ..Relaxation::default() };
+    let bearable = |bearable| Relaxation { length: 1.0, least_gain: 0.0, bearable, ..Relaxation::default() };
     assert_eq!(relax(&cap, bearable(before * (1.0 - 1e-9)), &Control::default()).unwrap(), all);
     assert_eq!(relax(&cap, bearable(before * (1.0 + 1e-9)), &Control::default()).unwrap(), none);
 }
@@ -146,7 +146,7 @@ fn what_is_too_small_or_no_disk_or_not_wanted() {
 fn cuts_may_be_kept_near_those_that_are_there() {
     let control = Control::default();
     let open = open_to_disk(&shapes::surface(shapes::sphere(4)), &control).unwrap().surface;
-    let within = |within| relax(&open, Relaxation { within, ..Relaxation::default() }, &control).unwrap();
+    let within = |within| relax(&open, Relaxation { within, length: 2.0, ..Relaxation::default() }, &control).unwrap();
     let distances = from_lips(&open, &control).unwrap();
     let farthest = |relaxed: &Relaxed| {
         let vertices = relaxed.cuts.iter().flat_map(|cut| &cut.vertices);
@@ -157,5 +157,4 @@ fn cuts_may_be_kept_near_those_that_are_there() {
     assert!(farthest(&free) > 0.6);
     assert_cut(&open, &near);
     assert!(within(0.0).cuts.is_empty());
-    assert_eq!(free, relax(&open, Relaxation::default(), &control).unwrap());
 }
