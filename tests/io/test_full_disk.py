@@ -18,13 +18,15 @@ pytestmark = pytest.mark.slow
 
 @contextmanager
 def no_room():
-    """No file can become longer than 4,000 bytes."""
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """No file can become longer than 4,000 bytes; bytecode is not kept, of which Python would leave broken files."""
+    usual, keeps = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, usual[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        sys.dont_write_bytecode = keeps
 
 
 def sheet():
@@ -76,7 +78,7 @@ def test_the_command_line_ends_with_one_line(tmp_path):
         "from voxflat.cli import main\n"
         "main(['patches', 'sheet.ply', '-o', sys.argv[1], '--quiet'])\n"
     )
-    arguments = [sys.executable, "-c", command, tmp_path / "atlas.npz"]
+    arguments = [sys.executable, "-B", "-c", command, tmp_path / "atlas.npz"]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr == f"voxflat: error: {tmp_path / 'atlas.npz'}: File too large\n"
