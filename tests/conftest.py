@@ -17,6 +17,14 @@ settings.load_profile("without a clock")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+LONGEST = ("test_demo.py", "test_lab.py")
+
+
+def pytest_collection_modifyitems(items):
+    """Put what takes longest first: begun at the end, it would keep one process busy while the others have nothing."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
+
+
 def pytest_addoption(parser):
     parser.addoption("--pictures", type=Path, help="keep the pictures that tests of napari's workflow take here")
     parser.addoption("--sequences", type=int, help="try so many random sequences of actions in napari's window")

@@ -13,6 +13,7 @@ import voxflat
 from voxflat import cli
 
 ROOT = Path(__file__).parents[1]
+FEW = 642  # vertices, where it is a matter of commands
 AS_GOOD = 1.1  # times the error of the best map that any option gives
 
 
@@ -34,7 +35,7 @@ def run(command):
 def subject(tmp_path_factory):
     """The directory after all commands, in the order of the pages."""
     folder = tmp_path_factory.mktemp("surf")
-    lab.write(folder)
+    lab.write(folder, FEW)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         run("cut lh.white --pial lh.pial --drop medial-wall -o lh.cortex.patch.3d")
@@ -42,7 +43,7 @@ def subject(tmp_path_factory):
         for section in ("Flatten FreeSurfer and HCP surfaces", "Cut a hemisphere open", "Measure on a map"):
             for command in commands("docs/how-to.md", section):
                 if "..." not in command:
-                    said[command] = run(command.replace("1204 8811 9032", "1204 2011 932"))
+                    said[command] = run(command.replace("1204 8811 9032", "204 611 532"))
         unwrap(voxflat.load("map.npz"), folder / "unwrapped.obj")
         for command in commands("docs/how-to.md", "Judge a map"):
             said[command] = run(f"{command} --sources 20")
@@ -51,7 +52,7 @@ def subject(tmp_path_factory):
 
 def unwrap(flat, path):
     """Write a map as the texture of its surface, as programs that unwrap do."""
-    white, _, _ = lab.hemisphere()
+    white, _, _ = lab.hemisphere(FEW)
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in white]
     lines += [f"vt {u:.6f} {v:.6f}" for u, v in flat.uv]
     lines += [
@@ -69,15 +70,15 @@ def test_the_commands_run_and_readmes_are_among_them(subject):
             assert command in said or command.startswith("flatten lh.white --pial lh.pial -o")
     flat = nib.load(folder / "lh.flat.surf.gii")
     places, faces = flat.agg_data()
-    assert len(places) == lab.VERTICES
+    assert len(places) == FEW
     assert not places[:, 2].any()
-    assert len(faces) > 4500
+    assert len(faces) > 1000
 
 
 @pytest.mark.slow
-def test_what_is_left_out_gives_the_best_map_of_any_option(subject, monkeypatch):
-    folder, _ = subject
-    monkeypatch.chdir(folder)
+def test_what_is_left_out_gives_the_best_map_of_any_option(tmp_path, monkeypatch):
+    lab.write(tmp_path)
+    monkeypatch.chdir(tmp_path)
     surface = voxflat.surface("lh.white", pial="lh.pial")
 
     def error(**options):

@@ -188,16 +188,16 @@ class TestLookUp:
         corners = rng.normal(size=(count, 3, 2)) * scale * rng.exponential(size=(count, 1, 1)) + rng.normal(size=2)
         places = rng.normal(size=(200, 2)) * scale + corners.mean(axis=(0, 1))
         found, weights = TriangleFinder(corners).find(places)
-        for place, triangle, weight in zip(places, found, weights, strict=True):
-            a, b, c = np.moveaxis(corners - place, 1, 0)
-            parts = np.stack([np.linalg.det(np.stack(two, axis=1)) for two in ((b, c), (c, a), (a, b))], axis=1)
-            inside = (parts / parts.sum(axis=1, keepdims=True) > 1e-7).all(axis=1)
-            if triangle >= 0:
-                assert not inside[:triangle].any()
-                assert_allclose(weight @ corners[triangle], place, atol=1e-7 * scale)
-                assert weight.min() >= -1e-9
-            else:
-                assert not inside.any()
+        x, y = np.moveaxis(corners - places[:, None, None], -1, 0)  # a place, a triangle, a corner
+        twice = [x[..., k] * y[..., m] - y[..., k] * x[..., m] for k, m in ((1, 2), (2, 0), (0, 1))]
+        parts = np.stack(twice, axis=-1)
+        inside = (parts / parts.sum(axis=-1, keepdims=True) > 1e-7).all(axis=-1)
+        is_found = found >= 0
+        is_before = np.arange(count) < np.where(is_found, found, count)[:, None]
+        assert not (inside & is_before).any()
+        there = np.einsum("pk,pkx->px", weights[is_found], corners[found[is_found]])
+        assert_allclose(there, places[is_found], atol=1e-7 * scale)
+        assert (weights[is_found] >= -1e-9).all()
 
     def test_a_map_has_it_too(self):
         sheet = voxflat.flatten(shapes.sheet(), sources=50)

@@ -159,13 +159,13 @@ class TestFlatten:
 
 # ----------------------------------------------------------------------------------------- interruptions
 
-LARGE = np.ones((120, 120, 1), dtype=np.uint8)
+LARGE = np.ones((100, 100, 1), dtype=np.uint8)
 MANY = 500
 HEIGHT_OF_MANY = 32  # 16 blocks
 RUN = """
 import sys, logging, numpy, voxflat
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-print("computing", voxflat.geodesic(numpy.ones((120, 120, 1), numpy.uint8), 500, store=sys.argv[1], sampling="random",
+print("computing", voxflat.geodesic(numpy.ones((100, 100, 1), numpy.uint8), 500, store=sys.argv[1], sampling="random",
                                     threads=int(sys.argv[2])))
 """
 
@@ -234,7 +234,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
 voxflat.geodesic(numpy.ones((30, 20, 1), numpy.uint8), 40, store=sys.argv[1])
 """
     store = tmp_path / "store"
-    done = subprocess.run([sys.executable, "-c", limited, store], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-B", "-c", limited, store], capture_output=True, text=True, check=False)
     assert re.search(
         rf"OSError: \[Errno 27\] cannot write: File too large .*has room.*: '{store}/rows.npy'", done.stderr
     )

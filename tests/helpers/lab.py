@@ -9,7 +9,7 @@ from pathlib import Path
 
 import nibabel as nib
 import numpy as np
-from studies import before_subdivision
+import studies
 
 VERTICES = 2562
 C_RAS = (3.0, -17.0, 22.0)
@@ -22,15 +22,15 @@ def fsaverage5(name):
     return arrays[0].astype(np.float64), arrays[1].astype(np.int64)
 
 
-def hemisphere():
-    """Return points of the white and of the pial surface, shape (2562, 3), and triangles, shape (5120, 3)."""
-    (white, faces), (pial, _) = fsaverage5("white_left"), fsaverage5("pial_left")
-    return white[:VERTICES], pial[:VERTICES], before_subdivision(faces, VERTICES)
+def hemisphere(vertices=VERTICES):
+    """Return points of the white and of the pial surface, shape (vertices, 3), and triangles."""
+    of = studies.hemisphere("lh", vertices)
+    return of["white"].copy(), of["pial"].copy(), of["faces"].copy()
 
 
-def write(folder):
-    """Write lh.white, lh.pial, lh.midthickness.surf.gii, lh.Medial_wall.label, lh.sulc, and orig.mgz with its c_ras."""
-    white, pial, faces = hemisphere()
+def write(folder, vertices=VERTICES):
+    """Write lh.white, lh.pial, lh.midthickness.surf.gii and lh.Medial_wall.label, with their c_ras."""
+    white, pial, faces = hemisphere(vertices)
     affine = np.array([[-1.0, 0, 0, 128], [0, 0, 1, -128], [0, -1, 0, 128], [0, 0, 0, 1]])
     affine[:3, 3] += C_RAS
     footer = {

@@ -175,7 +175,7 @@ millimetres = st.floats(0.05, 20)
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(rotations, st.tuples(*[millimetres] * 3), st.tuples(*[st.floats(-500, 500)] * 3), st.booleans())
 def test_any_orthogonal_affine(tmp_path_factory, turn, sizes, origin, sform):
     affine = np.eye(4)

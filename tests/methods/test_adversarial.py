@@ -1,5 +1,7 @@
 """Surfaces that are hard to flatten: a map without folds, finite and told truly, or a clear refusal; never NaN."""
 
+from functools import cache
+
 import hard_shapes
 import numpy as np
 import pytest
@@ -7,9 +9,14 @@ import pytest
 import voxflat
 
 
+@cache
+def usual_map(shape):
+    return voxflat.flatten(hard_shapes.surface(shape))
+
+
 @pytest.fixture(scope="module", params=hard_shapes.MESHES + hard_shapes.VOLUMES, ids=lambda shape: shape.__name__)
 def made(request):
-    return voxflat.flatten(hard_shapes.surface(request.param))
+    return usual_map(request.param)
 
 
 @pytest.mark.slow
@@ -40,7 +47,7 @@ def test_what_did_not_converge_is_told(made):
     ids=lambda shape: shape.__name__,
 )
 def test_sheets_that_unroll_do(shape):
-    flat = voxflat.flatten(hard_shapes.surface(shape)).distortion
+    flat = usual_map(shape).distortion
     assert flat.raw.relative_error < 2e-3
     assert flat.triangles.edge < 2e-3
 
@@ -50,8 +57,7 @@ def test_sheets_that_unroll_do(shape):
     "shape", [hard_shapes.pocket, hard_shapes.sphere_with_pinhole], ids=lambda shape: shape.__name__
 )
 def test_a_surface_without_a_good_map_is_told_and_cuts_help(shape):
-    surface = hard_shapes.surface(shape)
-    poor, cut = (voxflat.flatten(surface, relax=relax) for relax in (False, None))
+    poor, cut = voxflat.flatten(hard_shapes.surface(shape), relax=False), usual_map(shape)
     assert poor.distortion.best_scale.relative_error > 0.4
     assert any("no good map" in text for text in poor.metadata["warnings"])
     assert cut.distortion.best_scale.relative_error < 0.2

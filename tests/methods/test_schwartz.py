@@ -145,8 +145,8 @@ class TestFlatten:
         def record(stage, done, total):
             seen.add(stage)
 
-        mesh, _ = cylinder((31, 21))
-        voxflat.flatten(mesh, **schwartz1989, neighbourhood=12, progress=record)
+        mesh, _ = cylinder((21, 15))
+        voxflat.flatten(mesh, **schwartz1989, neighbourhood=8, progress=record)
         assert {"measuring neighbourhoods", "moving points from a random start"} <= seen
         for last in ("measuring neighbourhoods", "moving points from a random start"):
             with pytest.raises(Cancelled):

@@ -212,7 +212,7 @@ def test_true_and_false_are_no_numbers(bad):
 def test_check_is_the_same_with_any_number_of_threads():
     sphere = pv_sphere()
     one = voxflat.check(sphere, threads=1)
-    assert one == voxflat.check(sphere, threads=2) == voxflat.check(sphere)
+    assert one == voxflat.check(sphere, threads=3)
     assert one.automatic_cuts
     with pytest.raises(voxflat.InputError, match="threads is 0"):
         voxflat.check(sphere, threads=0)

@@ -1,5 +1,6 @@
 """Surfaces and patches in files."""
 
+import lab
 import numpy as np
 import pytest
 import shapes
@@ -40,7 +41,7 @@ class TestFiles:
     @pytest.mark.slow
     def test_a_patch_says_what_to_keep(self, white, flat_map, tmp_path):
         flat_map.save(tmp_path / "lh.patch.flat")
-        again = voxflat.flatten(white, keep=tmp_path / "lh.patch.flat", sources=50)
+        again = voxflat.geodesic(white, 1, keep=tmp_path / "lh.patch.flat")
         np.testing.assert_array_equal(np.sort(again.ids), read_patch(tmp_path / "lh.patch.flat").vertex_ids)
 
     def test_an_overlay_is_shown_on_the_map(self, flat_map, fsaverage):
@@ -64,8 +65,10 @@ class TestFiles:
 
 class TestPatches:
     @pytest.mark.slow
-    def test_own_cuts_come_first_and_the_rest_is_automatic(self, white, tmp_path):
-        seam = voxflat.path(white, 100, 5000, geodesic="edges").ids
+    def test_own_cuts_come_first_and_the_rest_is_automatic(self, tmp_path):
+        points, _, faces = lab.hemisphere()
+        white = points, faces
+        seam = voxflat.path(white, 100, 1200, geodesic="edges").ids
         np.savetxt(tmp_path / "seam.txt", seam, fmt="%d")
         write_mesh(tmp_path / "lh.white", Mesh(*white))
         away = np.linalg.norm(white[0][:, None] - white[0][seam][None], axis=2).min(axis=1)
@@ -105,12 +108,13 @@ class TestPatches:
             assert flat.distortion.triangles.flipped_share < 0.05
 
     @pytest.mark.slow
-    def test_check_counts_what_is_there(self, white):
-        found = voxflat.check(white)
+    def test_check_counts_what_is_there(self):
+        points, _, faces = lab.hemisphere()
+        found = voxflat.check((points, faces))
         assert (found.euler_characteristic, found.closed, found.handles) == (2, True, ())
-        assert found.components == (len(white[0]),)
+        assert found.components == (len(points),)
         assert found.can_flatten
-        ring = voxflat.check(white, keep=np.abs(white[0][:, 2] - 20) < 15)
+        ring = voxflat.check((points, faces), keep=np.abs(points[:, 2] - 20) < 15)
         assert ring.boundary
         assert str(len(ring.boundary)) in ring.table()
 
@@ -121,7 +125,7 @@ def test_a_sheet_of_grey_matter_becomes_a_map():
     sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)
     assert sheet.metadata["sheet"]
     assert sheet.core.topology()["components"][0]["faces"] > 0.999 * len(sheet.faces)
-    flat = voxflat.flatten(sheet, seed_point=(53, 49, 57), radius=30.0)
+    flat = voxflat.flatten(sheet, seed_point=(53, 49, 57), radius=30.0, sources=200)
     assert len(flat) > 2000
     assert [53, 49, 57] in flat.ids.tolist()
     reach = np.linalg.norm(flat.uv - flat.uv[(flat.ids == [53, 49, 57]).all(axis=1)][0], axis=1)

@@ -79,10 +79,12 @@ class Raster:
         ndarray of float64, shape (H, W) or (H, W, C)
             NaN outside the map.
         """
-        inside = self.inside
-        image = np.full((*self.shape, *values.shape[1:]), np.nan)
-        corners = np.asarray(values, dtype=np.float64)[self.corners[inside]]
-        image[inside] = np.einsum("pc,pc...->p...", self.weights[inside].astype(np.float64), corners)
+        values = np.asarray(values, dtype=np.float64)
+        image = np.zeros((*self.shape, *values.shape[1:]))
+        each = (...,) + (None,) * (values.ndim - 1)
+        for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # np.einsum's order, and so its bits
+            weights = self.weights[..., corner].astype(np.float64)[each]
+            image += weights * values.take(self.corners[..., corner], axis=0, mode="clip")  # outside weights are NaN
         return image
 
 

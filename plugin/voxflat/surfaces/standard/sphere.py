@@ -253,21 +253,20 @@ def in_triangles(
     for number, corners in enumerate(candidates.tolist()):
         for corner in corners:
             around.setdefault(corner, []).append(number)
+    own = places[candidates]
+    normals = [np.cross(own[:, (k + 1) % 3], own[:, (k + 2) % 3]) for k in range(3)]  # of planes through edges
     found = np.zeros((len(wanted), 3), dtype=np.int64)
     weights = np.zeros((len(wanted), 3))
     is_inside = np.zeros(len(wanted), dtype=np.bool_)
     for row, (place, vertices) in enumerate(zip(wanted, near.tolist(), strict=True)):
-        of = candidates[sorted({number for vertex in vertices for number in around.get(vertex, ())})]
-        corners = places[of]
-        volumes = np.stack(
-            [np.cross(corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]) @ place for k in range(3)], axis=1
-        )
+        of = sorted({number for vertex in vertices for number in around.get(vertex, ())})
+        volumes = np.stack([normal[of] @ place for normal in normals], axis=1)
         total = volumes.sum(axis=1)
         shares = np.where(total[:, None] > 0, volumes / np.where(total > 0, total, 1)[:, None], -np.inf)
         best = int(shares.min(axis=1).argmax())
         is_inside[row] = shares[best].min() > -1e-6
-        found[row] = of[best]
-        bounded = np.clip(np.nan_to_num(shares[best], neginf=0.0), 0, None)
+        found[row] = candidates[of[best]]
+        bounded = np.maximum(shares[best], 0)
         weights[row] = bounded / bounded.sum() if bounded.sum() > 0 else np.full(3, 1 / 3)
     return found, weights, is_inside
 
