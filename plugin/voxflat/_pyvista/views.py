@@ -9,10 +9,10 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from voxflat._pyvista.laying import laid
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS, Look
 from voxflat.maps.colours import label_colours
+from voxflat.maps.laying import laid
 
 _LABELLED = 24  # different whole numbers that get colours of their own
 _BAR = {
