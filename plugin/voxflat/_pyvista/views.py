@@ -278,7 +278,9 @@ class _Link:
                 )
             )
             self._actors[-1].SetVisibility(False)
-        self._text: Any = plotter.add_text(_HINT, position="upper_left", font_size=10, color="black")
+        self._text: Any = plotter.add_text(
+            "" if plotter.off_screen else _HINT, position="upper_left", font_size=10, color="black"
+        )
         plotter.enable_point_picking(
             self._picked,
             picker="cell",
