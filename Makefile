@@ -143,6 +143,7 @@ gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional d
 	$(RUN) python docs/gallery/flat_maps.py $(T1PREP) docs/pictures
 	$(RUN) python docs/gallery/functional.py docs/pictures
 	$(SCREEN) $(RUN) python docs/gallery/pyvista_verbs.py
+	$(SCREEN) $(RUN) python docs/gallery/pyvista_examples.py
 
 pictures: demo gallery ## the pictures of the docs
 	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/

@@ -4,7 +4,7 @@ The way through: `surface` makes a `Surface` of a label volume or a mesh, `range
 it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give
 the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
 whatever tool, and `compare` several of them. `patches` flattens a surface of any topology in pieces, as a `FlatAtlas`,
-with bounds of the distortion that are proven.
+with bounds of the distortion that are proven. `map_page` shows a map beside its surface in a notebook or a browser.
 
 ``voxflat.vtk`` has filters of VTK; it is imported when it is first asked for.
 """
@@ -53,6 +53,7 @@ __all__ = [
     "GluedAtlas",
     "GluedPiece",
     "InputError",
+    "MapPage",
     "Path",
     "Places",
     "Plane",
@@ -71,6 +72,7 @@ __all__ = [
     "geodesic",
     "load",
     "load_atlas",
+    "map_page",
     "measure",
     "open_rows",
     "patches",
@@ -82,6 +84,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from voxflat import vtk as vtk
+    from voxflat.lab.map_page import MapPage, map_page
 else:
 
     def __getattr__(name: str) -> object:
@@ -90,4 +93,8 @@ else:
             import importlib
 
             return importlib.import_module("voxflat.vtk")
+        if name in ("MapPage", "map_page"):
+            from voxflat.lab import map_page as module
+
+            return getattr(module, name)
         raise AttributeError(f"module 'voxflat' has no attribute {name!r}")

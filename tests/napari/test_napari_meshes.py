@@ -1,5 +1,6 @@
 """The napari plugin flattens meshes."""
 
+import doors
 import numpy as np
 import pytest
 from napari_maps import same_map
@@ -16,6 +17,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat._napari.results.report import figures
+from voxflat._napari.workbench import Workbench
+from voxflat.io.meshes import read_mesh
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Surface  # noqa: E402
@@ -46,6 +49,21 @@ def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
     ids, places = image.metadata["voxflat"].locate()  # from pixels to vertices
     assert ids.shape == image.data.shape
     assert np.linalg.norm(places - points[ids], axis=-1)[ids >= 0].max() < 3
+
+
+def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
+    """The mesh and options of `test_the_same_map_through_every_door`: the same arrays, bit by bit."""
+    mesh = read_mesh(doors.write_mesh(tmp_path / "bowl.vtp"))
+    viewer, widget = open_widget(Surface((mesh.points, mesh.faces), name="bowl"))
+    choose_whole(widget)
+    for name, value in doors.OPTIONS.items():
+        getattr(widget.form.options, name).setValue(value)
+    run(widget, qtbot)
+    found, own = Workbench.of(viewer).current.flat_map, voxflat.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
+    for name in ("uv", "ids", "faces", "points"):
+        assert getattr(found, name).tobytes() == getattr(own, name).tobytes()
+    assert found.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()
+    assert found.distortion.triangles.areal.tobytes() == own.distortion.triangles.areal.tobytes()
 
 
 def test_patch_of_the_values_that_are_not_0(open_widget, qtbot):

@@ -13,9 +13,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 pv = pytest.importorskip("pyvista")
 
+import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
-from voxflat._pyvista.browser import page_of  # noqa: E402
-from voxflat._pyvista.laying import laid  # noqa: E402
+from voxflat._pyvista.browser import browser_page  # noqa: E402
+from voxflat.maps.laying import laid  # noqa: E402
 
 pytestmark = pytest.mark.slow  # opens a browser
 
@@ -33,7 +34,11 @@ def scene_of(text):
     data, arrays, at = zlib.decompress(base64.b64decode(content["data"])), {}, 0
     for array in content["arrays"]:
         coded = np.frombuffer(data, "<u2", array["length"], at)
-        arrays[array["name"]] = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
+        if "known" in array:  # whole numbers
+            values = np.array([*array["known"], np.nan])[np.minimum(coded, len(array["known"]))]
+        else:
+            values = np.where(coded == 65535, np.nan, array["low"] + array["step"] * coded)
+        arrays[array["name"]] = values
         at += 2 * array["length"]
     return content, arrays, np.frombuffer(data, "<u4", offset=at).reshape(-1, 3)
 
@@ -81,7 +86,7 @@ def test_the_pointer_reads_values_and_the_slider_unfolds(flat, tmp_path):
     said, drawn = console_of(page, "--window-size=1280,900")
     assert said == []
     marked = int(re.search(r'data-marked="(\d+)"', drawn)[1])
-    told = re.search(r"<output>Vertex (\d+), at \((.*?)\) mm\. mean relative error of distances \(%\): (\S+) ", drawn)
+    told = re.search(r"<output>Vertex (\d+), at \((.*?)\)\. mean relative error of distances \(%\): (\S+) ", drawn)
     assert int(told[1]) == flat["vertex_ids"][marked]
     assert_allclose([float(part) for part in told[2].split(",")], flat["surface_points"][marked], atol=0.06)
     assert float(told[3]) == pytest.approx(100 * flat["distance_error"][marked], rel=0.006)
@@ -90,6 +95,80 @@ def test_the_pointer_reads_values_and_the_slider_unfolds(flat, tmp_path):
     shown = np.array(re.search(r'data-places="([^"]*)"', drawn)[1].split(), dtype=float).reshape(-1, 3)
     assert_allclose(shown, places[:10], atol=5e-3)
     assert 'data-bars="1"' in drawn
+
+
+SEEN = """<script>setTimeout(() => {
+  const viewer = document.querySelector(".viewer").viewer, facts = parent.document.body.dataset;
+  const drawn = (canvas) => {
+    const gl = canvas.gl, pixels = new Uint8Array(4 * canvas.element.width * canvas.element.height);
+    gl.readPixels(0, 0, canvas.element.width, canvas.element.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    return pixels.filter((value, n) => n % 4 === 3 && value).length / (pixels.length / 4);
+  };
+  const ground = getComputedStyle(document.body).backgroundColor, { away } = viewer.axes();
+  facts.seen = JSON.stringify({ drawn: [viewer.flat, viewer.space].map(drawn), away, ground, width: innerWidth });
+  const right = (one) => one.getBoundingClientRect().right;
+  facts.beyond = Math.max(...Array.from(viewer.root.querySelectorAll("*"), right)) - right(viewer.root);
+  Array.from(document.querySelectorAll("button")).find((button) => button.textContent === "above").click();
+  facts.above = viewer.axes().away[2];
+}, 3000);</script>"""
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)], ids=["desktop", "phone, dark"])
+def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-2, 2, 17), indexing="ij")
+    leaning = pv.StructuredGrid(x, y, 0.2 * (x * x - y * y)).rotate_x(40).rotate_z(70)
+    page = tmp_path / "page.html"
+    text = leaning.voxflat.show("Leaning", sources=20, relax=False).html.replace("</body>", f"{SEEN}</body>")
+    frame = f'<iframe srcdoc="{html.escape(text)}" style="border: 0; width: {width}px; height: 844px"></iframe>'
+    page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are 500 pixels wide at least
+    said, drawn = console_of(
+        page, "--window-size=1400,900", f"--blink-settings=preferredColorScheme={0 if dark else 1}"
+    )
+    assert said == []
+    seen = json.loads(html.unescape(re.search(r'data-seen="([^"]*)"', drawn)[1]))
+    assert seen["width"] == width
+    assert min(seen["drawn"]) > 0.15
+    assert (sum(map(int, re.findall(r"\d+", seen["ground"]))) < 200) == dark
+    assert float(re.search(r'data-beyond="([^"]*)"', drawn)[1]) <= 0
+    normal = pv.Plane().rotate_x(40).rotate_z(70).point_normals[0]
+    assert abs(np.dot(seen["away"], normal)) > 0.95  # as the map is seen
+    assert float(re.search(r'data-above="([^"]*)"', drawn)[1]) < -0.99
+
+
+def test_labels_stay_labels_and_numbers_exact():
+    plane = pv.Plane(i_resolution=12, j_resolution=12).triangulate()
+    middle = plane.cell_centers().points
+    plane.cell_data["code"] = np.where(middle[:, 0] < 0.2, 16_711_680, 3)  # colours of an annotation, say
+    plane.cell_data["one"] = np.arange(plane.n_cells) == 100
+    plane.cell_data["height"] = middle[:, 1]
+    plane.point_data["number"] = 10**9 + np.arange(plane.n_points)
+    flat = plane.voxflat(sources=20)
+    content, arrays, faces = scene_of(flat.voxflat.show().html)
+    layers = {layer["name"]: layer for layer in content["layers"]}
+    assert set(arrays["code"]) == {3, 16_711_680}
+    of_triangles = np.where(arrays["code"] == 3, 1, -1)[faces].sum(axis=1)
+    assert_array_equal(of_triangles[np.abs(of_triangles) == 3] > 0, (flat["code"] == 3)[np.abs(of_triangles) == 3])
+    assert layers["code"]["labelled"]
+    assert len(layers["code"]["colours"]) == 2 * 3
+    assert_array_equal(np.flatnonzero(arrays["one"]), np.sort(faces[np.flatnonzero(flat["one"])[0]]))
+    assert_array_equal(arrays["number"], flat["number"])
+    assert not layers["number"]["labelled"]
+    count = np.bincount(faces.ravel())
+    mean = np.bincount(faces.ravel(), np.repeat(flat["height"], 3)) / count
+    assert_allclose(arrays["height"], mean, atol=1e-4)
+
+
+def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
+    ball = pv.Icosphere(radius=20.0, nsub=2)
+    flat_map = ball.voxflat.flatten(sources=20, relax=False)
+    voxflat.map_page(flat_map, "Ball").save(tmp_path / "ball.html")
+    content, arrays, faces = scene_of((tmp_path / "ball.html").read_text())
+    of_mesh, same, triangles = scene_of(flat.voxflat.show("Ball").html)
+    assert_array_equal(faces, triangles)
+    assert (content["unit"], of_mesh["unit"]) == ("mm", "")
+    for name in ("uv", "folded", "distance_error", "areal", "angle", "isometric", "quasi_conformal", "flipped"):
+        assert_allclose(arrays[name], same[name], atol=2e-3)
+    assert_allclose(arrays["curvature"], flat_map.curvature, atol=1e-4)
 
 
 def test_a_notebook_shows_the_page(flat):
@@ -106,7 +185,7 @@ def test_large_maps_make_no_large_pages():
     plane.point_data["surface_points"] = np.asarray(plane.points, dtype=np.float64)
     plane.point_data["value"] = np.random.default_rng(0).random(plane.n_points)  # does not shrink
     assert plane.n_points > 90_000
-    assert len(page_of(plane, "plane").html) < 1e6
+    assert len(browser_page(plane, "plane").html) < 1e6
 
 
 def test_what_cannot_be_a_page_is_refused(flat, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("pyvista")
 
-MODULES = ["_pyvista.accessor", "_pyvista.morphs", "_pyvista.files", "vtk"]
+MODULES = ["_pyvista.accessor", "_pyvista.blocks", "_pyvista.morphs", "_pyvista.files", "lab.map_page", "vtk"]
 
 
 @pytest.mark.slow

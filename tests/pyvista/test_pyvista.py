@@ -11,7 +11,7 @@ pv = pytest.importorskip("pyvista")
 
 import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
-from voxflat._pyvista import VoxflatAccessor, to_polydata, to_surface_polydata  # noqa: E402
+from voxflat._pyvista import BlocksAccessor, VoxflatAccessor, to_polydata, to_surface_polydata  # noqa: E402
 from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions  # noqa: E402
 
 SHAPE = (20, 26, 10)
@@ -394,6 +394,51 @@ def test_blocks_are_flattened_one_by_one(capsys):
     assert "100%" in capsys.readouterr().err
     with pytest.raises(InputError, match="block 'points': PolyData of 4 cells: it has no faces"):
         pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
+
+
+def test_verbs_of_blocks_are_those_of_each_block():
+    parts = {"tube": open_cylinder(), "bumps": bumpy()}
+    blocks = pv.MultiBlock({"tube": parts["tube"], "more": pv.MultiBlock({"bumps": parts["bumps"], "none": None})})
+    calls = {
+        "__call__": lambda of: of(sources=10),
+        "surface": lambda of: of.surface(),
+        "patches": lambda of: of.patches(25),
+        "cut": lambda of: of.cut(relax=False),
+    }
+    for call in calls.values():
+        made = call(blocks.voxflat)
+        assert made["tube"] == call(parts["tube"].voxflat)
+        assert made["more"]["bumps"] == call(parts["bumps"].voxflat)
+        assert made["more"]["none"] is None
+    flat = blocks.voxflat(sources=10)
+    measured = blocks.voxflat.measure(flat, sources=10)
+    assert measured["more"]["bumps"] == parts["bumps"].voxflat.measure(flat["more"]["bumps"], sources=10)
+    flat_maps = blocks.voxflat.flatten(sources=10)
+    assert list(flat_maps) == list(blocks.voxflat.check()) == ["tube", "more/bumps"]
+    np.testing.assert_array_equal(flat_maps["tube"].uv, parts["tube"].voxflat.flatten(sources=10).uv)
+    with pytest.raises(InputError, match="the maps are 1 blocks; give a MultiBlock with one for each of 2 blocks"):
+        blocks.voxflat.measure(pv.MultiBlock([flat["tube"]]))
+    with pytest.raises(InputError, match="the maps are PolyData; give a MultiBlock"):
+        blocks.voxflat.measure(flat["tube"])
+
+
+def test_verbs_of_one_surface_are_refused_for_blocks():
+    blocks = pv.MultiBlock({"tube": open_cylinder()})
+    verbs = {name for name in dir(VoxflatAccessor) if not name.startswith(("_", "to_"))}
+    refused = verbs - set(dir(BlocksAccessor))
+    assert refused == {"geodesic", "path", "texture", "plot", "morph", "show", "export_html", "volume", "voxel_at"}
+    for name in refused:
+        with pytest.raises(AttributeError, match=rf"take a block, blocks\['tube'\]\.voxflat\.{name}\("):
+            getattr(blocks.voxflat, name)
+    with pytest.raises(AttributeError, match="'BlocksAccessor' object has no attribute 'flaten'"):
+        blocks.voxflat.flaten()
+    twice = pv.MultiBlock()
+    for _ in range(2):
+        twice.append(pv.Plane(), "plane")
+    with pytest.raises(InputError, match="two blocks are called 'plane'"):
+        twice.voxflat.check()
+    with pytest.raises(InputError, match="block 'table' is a Table, which has no surface"):
+        pv.MultiBlock({"table": pv.Table({"a": np.arange(2)})}).voxflat()
 
 
 def test_patches_leave_the_mesh_as_it_is():

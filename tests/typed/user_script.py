@@ -18,7 +18,11 @@ assert_type(mesh.voxflat.flatten(), voxflat.FlatMap)
 assert_type(mesh.voxflat.morph(3), Morph)
 assert_type(mesh.voxflat.texture(np.zeros((2, 2))), tuple[pv.PolyData, pv.Texture])
 assert_type(voxflat.vtk.FlattenSurface(relax=False).radius, float | None)
+assert_type(pv.MultiBlock().voxflat.cut(relax=False), pv.MultiBlock)
+assert_type(pv.MultiBlock().voxflat.flatten(), dict[str, voxflat.FlatMap])
+assert_type(voxflat.map_page(mesh.voxflat.flatten()), voxflat.MapPage)
 mesh.voxflat(raduis=3)  # type: ignore[call-arg]
 mesh.voxflat.plot(clim="wide")  # type: ignore[arg-type]
 mesh.voxflat.flaten()  # type: ignore[attr-defined]
+pv.MultiBlock().voxflat.plot()  # type: ignore[attr-defined]
 voxflat.vtk.SurfaceGeodesic().method = 3  # type: ignore[assignment]

@@ -612,9 +612,9 @@ class VoxflatAccessor:
         >>> page = flat.voxflat.show("Enneper's surface")
         >>> page.save("enneper.html")  # doctest: +SKIP
         """
-        from voxflat._pyvista.browser import page_of  # colours are matplotlib's, which takes long to import
+        from voxflat._pyvista.browser import browser_page  # colours are matplotlib's, which takes long to import
 
-        return page_of(self._laid(progress_bar, options), title)
+        return browser_page(self._laid(progress_bar, options), title)
 
     def export_html(
         self,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from voxflat._pyvista.laying import laid
-from voxflat.lab.map_page import MapPage, map_page
+from voxflat.lab.map_page import MapPage, page_of
 
 _OWN = ("vertex_ids", "voxel_ids", "torn", "mesh_vertex_ids")
 
@@ -25,7 +25,7 @@ class _Sheet:
     torn: NDArray[np.bool_]
 
 
-def page_of(flat: pv.PolyData, title: str) -> MapPage:
+def browser_page(flat: pv.PolyData, title: str) -> MapPage:
     """Return a page with a map, its surface and all its arrays that have a number a point or a triangle.
 
     Parameters
@@ -42,7 +42,7 @@ def page_of(flat: pv.PolyData, title: str) -> MapPage:
     Raises
     ------
     InputError
-        As in `map_page`.
+        As in `voxflat.lab.map_page.page_of`.
     """
     surface = np.array(flat.point_data["surface_points"], dtype=np.float64)
     plane = np.asarray(flat.points, dtype=np.float64)
@@ -56,21 +56,11 @@ def page_of(flat: pv.PolyData, title: str) -> MapPage:
         faces.astype(np.uint32),
         np.asarray(torn, dtype=np.bool_),
     )
-    return map_page(sheet, laid(plane, surface)[1], _values(flat, faces), title)
+    of_points, of_triangles = _values(flat.point_data), _values(flat.cell_data)
+    return page_of(sheet, of_points, of_triangles, title, first=flat.active_scalars_name)
 
 
-def _values(flat: pv.PolyData, faces: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
-    """Return what can be shown, the active array first; of triangles the mean around each point."""
-    values: dict[str, NDArray[np.float64]] = {}
-    for name in flat.point_data:
-        array = np.asarray(flat.point_data[name])
-        if array.ndim == 1 and array.dtype.kind in "biuf" and name not in _OWN:
-            values[name] = array.astype(np.float64)
-    count = np.maximum(np.bincount(faces.ravel(), minlength=flat.n_points), 1)
-    for name in flat.cell_data:
-        array = np.asarray(flat.cell_data[name])
-        if array.ndim == 1 and array.dtype.kind in "biuf" and name not in (*_OWN, *values):
-            summed = np.bincount(faces.ravel(), np.repeat(array.astype(np.float64), 3), flat.n_points)
-            values[name] = summed / count
-    first = [name for name in (flat.active_scalars_name,) if name in values]
-    return {name: values[name] for name in [*first, *(name for name in values if name not in first)]}
+def _values(data: pv.DataSetAttributes) -> dict[str, NDArray[Any]]:
+    """Return what can be shown of the points or the triangles: numbers."""
+    arrays = {name: np.asarray(data[name]) for name in data if name not in _OWN}
+    return {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "biuf"}

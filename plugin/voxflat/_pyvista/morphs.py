@@ -11,10 +11,10 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from voxflat._pyvista.bars import shown
-from voxflat._pyvista.laying import laid
 from voxflat._pyvista.views import Shown, look_at
 from voxflat.arguments import is_number, is_whole
 from voxflat.errors import InputError
+from voxflat.maps.laying import laid
 
 
 class Morph(Sequence[pv.PolyData]):

@@ -9,10 +9,10 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 
-from voxflat._pyvista.laying import laid
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS, Look
 from voxflat.maps.colours import label_colours
+from voxflat.maps.laying import laid
 
 _LABELLED = 24  # different whole numbers that get colours of their own
 _BAR = {
@@ -278,7 +278,9 @@ class _Link:
                 )
             )
             self._actors[-1].SetVisibility(False)
-        self._text: Any = plotter.add_text(_HINT, position="upper_left", font_size=10, color="black")
+        self._text: Any = plotter.add_text(
+            "" if plotter.off_screen else _HINT, position="upper_left", font_size=10, color="black"
+        )
         plotter.enable_point_picking(
             self._picked,
             picker="cell",

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
+from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
 from voxflat.io.files import atomic_path
 from voxflat.lab.pages import Laid, Layer, colour_bar, filled, layers_of, scene
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.laying import laid
 
-__all__ = ["MapPage", "map_page"]
+__all__ = ["MapPage", "map_page", "page_of"]
+
+_PATCHES = ("patch", "piece")  # labels that begin with 0
+_STEEP = 0.9  # beyond this a surface is seen from above or below
 
 
 @dataclass(frozen=True)
@@ -61,19 +68,61 @@ class MapPage:
             beside.write_text(self.html, encoding="utf-8")
 
 
-def map_page(flat: Laid, laid: NDArray[np.float64], values: Mapping[str, NDArray[np.float64]], title: str) -> MapPage:
+def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
+    """Show a flat map beside its surface in a notebook or a browser, linked under the pointer.
+
+    Its measures, folds and depths can be chosen; a slider leads from the surface to the map.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    title : str
+        Above it.
+
+    Returns
+    -------
+    MapPage
+        Which Jupyter shows by itself; `MapPage.save` writes it, as one file that needs no network. It holds at most
+        about 20,000 points, those of the map that stand for all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int), sources=20)
+    >>> page = voxflat.map_page(flat_map, "A sheet")
+    >>> page.save("sheet.html")  # doctest: +SKIP
+    """
+    of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
+    anatomy = {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
+    of_points |= {name: values for name, values in anatomy.items() if values is not None}
+    return page_of(flat_map, of_points, of_triangles, title, unit="mm")
+
+
+def page_of(
+    flat: Laid,
+    of_points: Mapping[str, NDArray[Any]],
+    of_triangles: Mapping[str, NDArray[Any]],
+    title: str,
+    *,
+    first: str | None = None,
+    unit: str = "",
+) -> MapPage:
     """Return a page with a surface and its map, linked, and a slider from one to the other.
 
     Parameters
     ----------
     flat : Laid
         The map.
-    laid : ndarray of float64, shape (N, 3)
-        The map's points, laid near the surface.
-    values : dict of str to ndarray of float64, shape (N,)
-        What can be shown, by its name: measures (`voxflat.distortion.triangles`) and any other; the first one at first.
+    of_points, of_triangles : dict of str to ndarray, shape (N,) and (F,)
+        What can be shown, by its name: measures (`voxflat.distortion.triangles`) and any other.
     title : str
         Of the page.
+    first : str, optional
+        What is shown at first; by default the first one.
+    unit : str
+        Of the places.
 
     Returns
     -------
@@ -84,22 +133,66 @@ def map_page(flat: Laid, laid: NDArray[np.float64], values: Mapping[str, NDArray
     InputError
         If there is nothing to show.
     """
-    layers = _layers(values)
+    faces = flat.faces[~flat.torn]
+    here = {name: _at_points(values[~flat.torn], faces, len(flat.uv)) for name, values in of_triangles.items()}
+    values = {**of_points, **{name: array for name, array in here.items() if name not in of_points}}
+    names = sorted(values, key=lambda name: name != first)
+    layers = [_layer(name, values[name], faces) for name in names]
     if not layers:
         raise InputError("the map has no array with a number a point: there is nothing to show")
     shown = [{"layer": layer, "bar": colour_bar(layer)} for layer in layers]
+    turn, places = laid(np.column_stack([flat.uv, np.zeros(len(flat.uv))]), flat.points)
+    content = scene(flat, layers, {}, places, view=_view(turn), unit=unit)
     count = f"{len(flat.uv):,}"
-    content = scene(flat, layers, {}, laid)
     return MapPage(
         filled("map.html", key="map", title=title, layers=shown, scene=content, points=count, version=__version__)
     )
 
 
-def _layers(values: Mapping[str, NDArray[np.float64]]) -> Sequence[Layer]:
-    """Return values as layers: measures with their own look, others as overlays have it."""
-    found = {layer.name: layer for layer in layers_of([{n: v for n, v in values.items() if n not in LOOKS}])[0]}
-    for name in values.keys() & LOOKS.keys():
+def _layer(name: str, values: NDArray[Any], faces: NDArray[Any]) -> Layer:
+    """Return values as a layer: measures with their own look, labels with a colour each, others as overlays have it."""
+    shown = values.astype(np.float64)
+    if name in LOOKS:
         look = LOOKS[name]
-        shown = look.factor * values[name]
-        found[name] = Layer(name, look.label, "", shown, look.cmap, look.limits(shown))
-    return [found[name] for name in values]
+        shown = look.factor * shown
+        return Layer(name, look.label, "", shown, look.cmap, look.limits(shown))
+    if name in _PATCHES or _are_labels(values, faces):
+        limits = (float(shown.min()), float(shown.max()))
+        return Layer(name, name, "", shown, "tab20", limits, 0 if name in _PATCHES else 1)
+    return layers_of([{name: shown}])[0][0]
+
+
+def _are_labels(values: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Tell labels from numbers that happen to be whole: labels form areas, so most neighbours have the same."""
+    if values.dtype.kind not in "iu" or not len(faces):
+        return False
+    ends = values[faces]
+    return bool(2 * np.mean(ends == np.roll(ends, 1, axis=1)) >= 1)
+
+
+def _at_points(values: NDArray[Any], faces: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return values of triangles at the points: whole numbers as most triangles around have them, of others the mean.
+
+    What is true of one triangle is true of its corners.
+    """
+    corners, held = faces.ravel(), np.repeat(values, 3)
+    if values.dtype.kind == "f":
+        known = np.isfinite(held)
+        number = np.bincount(corners[known], minlength=count)
+        summed = np.bincount(corners[known], held[known].astype(np.float64), count)
+        return np.where(number > 0, summed / np.maximum(number, 1), np.nan)
+    if values.dtype.kind == "b":
+        return np.bincount(corners[held], minlength=count) > 0
+    known, which = np.unique(held, return_inverse=True)
+    pairs, times = np.unique(corners.astype(np.int64) * len(known) + which.reshape(-1), return_counts=True)
+    order = np.argsort(times, kind="stable")  # the last one written stays
+    found = np.zeros(count, dtype=values.dtype)
+    found[pairs[order] // len(known)] = known[pairs[order] % len(known)]
+    return found
+
+
+def _view(turn: NDArray[np.float64]) -> tuple[float, float]:
+    """Return from where to see a surface such that it lies as the map does; `turn` leads from the map to it."""
+    (x, y, z), up = turn[:, 2].tolist(), turn[:, 1]
+    around = np.arctan2(-up[0] * np.sign(z), up[1] * np.sign(z)) if abs(z) > _STEEP else np.arctan2(x, -y)
+    return float(around), float(np.arcsin(np.clip(z, -1.0, 1.0)))

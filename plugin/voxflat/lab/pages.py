@@ -24,7 +24,7 @@ from voxflat.figures.colours import AREAS, ERRORS, top
 from voxflat.figures.flat_maps import folds
 from voxflat.figures.overlays import painted
 from voxflat.lab.results import MEASURES
-from voxflat.maps.colours import WINDOW
+from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
 
 __all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
@@ -32,6 +32,8 @@ __all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "pn
 _MOST_POINTS = 20_000  # of a scene: 0.5 MB in a page
 _POINTS_A_STEP = 60  # by which a scene's surface is smoothed: as much, however many points it has
 _NOTHING = 65_535  # in place of a value
+_EXACT = 2**53  # whole numbers below are exact in the page
+_COLOURS = 64  # of a layer in a scene
 _WIDTH = 620  # pixels of a picture
 _BAR = 12  # colours of a bar
 _SHADE = 0.45  # how much of an overlay's light the folds take
@@ -55,6 +57,9 @@ class Layer:
         Of matplotlib.
     limits : tuple of 2 floats
         The ends of the colours.
+    first_label : int or None
+        The least of labels that stand for something, such as 1 where 0 is no parcel: each has a colour of its own.
+        None of values.
     """
 
     name: str
@@ -63,10 +68,28 @@ class Layer:
     values: NDArray[np.float64]
     colour_map: str
     limits: tuple[float, float]
+    first_label: int | None = None
 
     def __repr__(self) -> str:
         low, high = self.limits
         return f"<Layer {self.name}: {len(self.values)} values, {low:.3g} to {high:.3g} {self.unit}>"
+
+    def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Return the colours of values.
+
+        Parameters
+        ----------
+        values : ndarray of float64, shape (n,)
+            Labels, or values between the limits.
+
+        Returns
+        -------
+        ndarray of uint8, shape (n, 3)
+        """
+        if self.first_label is not None:
+            return label_colours(values[:, None] + 1.0 - self.first_label)[:, 0, :3]
+        low, high = self.limits
+        return np.asarray(colormaps[self.colour_map]((values - low) / (high - low), bytes=True)[:, :3])
 
 
 def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
@@ -167,10 +190,14 @@ def png(pixels: NDArray[np.uint8], mm: float) -> dict[str, Any]:
 
 def colour_bar(layer: Layer) -> dict[str, Any]:
     """Return a layer's colours for a page: ``gradient`` as CSS has it, and the ends."""
-    colours = colormaps[layer.colour_map](np.linspace(0, 1, _BAR), bytes=True)[:, :3]
-    listed = ", ".join(f"rgb({r} {g} {b})" for r, g, b in colours.tolist())
-    low, high = (f"{value:.3g}" for value in layer.limits)
-    return {"gradient": f"linear-gradient(to right, {listed})", "low": low, "high": high, "unit": layer.unit}
+    labels = None if layer.first_label is None else np.unique(layer.values[np.isfinite(layer.values)])
+    colours = layer.colours(np.linspace(*layer.limits, _BAR) if labels is None else labels)
+    listed = [f"rgb({r} {g} {b})" for r, g, b in colours.tolist()]
+    if labels is not None:  # a field each
+        ends = np.linspace(0, 100, len(labels) + 1)
+        listed = [f"{one} {low:.2f}% {high:.2f}%" for one, low, high in zip(listed, ends, ends[1:], strict=False)]
+    low, high = (f"{value:.3g}" if labels is None else f"{value:.0f}" for value in layer.limits)
+    return {"gradient": f"linear-gradient(to right, {', '.join(listed)})", "low": low, "high": high, "unit": layer.unit}
 
 
 # ------------------------------------------------------------------------------------------ scenes
@@ -205,6 +232,9 @@ def scene(
     layers: Sequence[Layer],
     cuts: Mapping[str, NDArray[np.int64]],
     target: NDArray[np.float64] | None = None,
+    *,
+    view: tuple[float, float] | None = None,
+    unit: str = "mm",
 ) -> str:
     """Return a map and its surface for the viewer of a page.
 
@@ -218,12 +248,18 @@ def scene(
         Points of the map along each cut.
     target : ndarray of float64, shape (N, 3), optional
         Where the slider leads the surface's points; by default to the surface without its folds.
+    view : tuple of 2 floats, optional
+        From where the surface is seen at first, radians: turned about z, seen along y if 0, and from how far above. By
+        default a hemisphere's medial side.
+    unit : str
+        Of places.
 
     Returns
     -------
     str
         JSON: numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in
-        base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest.
+        base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole
+        numbers as they are.
     """
     rows = np.unique(flat_map.ids, axis=0, return_inverse=True)[1].ravel()  # both sides of a cut have one
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -238,6 +274,11 @@ def scene(
         parts.append(coded.astype("<u2").tobytes())
         arrays.append({"name": name, "low": low, "step": step, "length": int(values.size)})
 
+    def add_whole(name: str, values: NDArray[np.float64], known: NDArray[np.float64]) -> None:
+        coded = np.where(np.isnan(values), _NOTHING, np.searchsorted(known, np.nan_to_num(values)))
+        parts.append(coded.astype("<u2").tobytes())
+        arrays.append({"name": name, "known": known.astype(np.int64).tolist(), "length": int(values.size)})
+
     add("uv", flat_map.uv[chosen])
     add("folded", places)
     if target is None:
@@ -249,14 +290,21 @@ def scene(
         add("smooth", target[chosen])
     for layer in layers:
         values = layer.values[chosen]
-        add(layer.name, values if np.isfinite(values).any() else np.zeros(len(chosen)))
+        known = np.unique(values[np.isfinite(values)])
+        if not len(known):
+            add(layer.name, np.zeros(len(chosen)))
+        elif all_whole(values) and len(known) < _NOTHING and np.abs(known).max() < _EXACT:
+            add_whole(layer.name, values, known)
+        else:
+            add(layer.name, values)
     near = _nearest_points(flat_map, chosen)
     lines = {name: _without_repeats(near[points]) for name, points in cuts.items()}
     parts.append(faces.astype("<u4").tobytes())
     told = [
         {
             **{"name": layer.name, "title": layer.title, "unit": layer.unit, "limits": layer.limits},
-            "colours": colormaps[layer.colour_map](np.linspace(0, 1, 64), bytes=True)[:, :3].ravel().tolist(),
+            "labelled": layer.first_label is not None,
+            "colours": layer.colours(_shown(layer, chosen)).ravel().tolist(),
         }
         for layer in layers
     ]
@@ -269,9 +317,19 @@ def scene(
         "layers": told,
         "cuts": lines,
         "ids": ids.tolist() if ids.ndim == 1 else [],
+        "view": view,
+        "unit": unit,
         "data": base64.b64encode(zlib.compress(b"".join(parts), 9)).decode(),
     }
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")  # it stands within HTML
+
+
+def _shown(layer: Layer, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the values of which a scene has the colours: each label, or so many between the limits."""
+    if layer.first_label is None:
+        return np.linspace(*layer.limits, _COLOURS)
+    values = layer.values[chosen]
+    return np.unique(values[np.isfinite(values)])
 
 
 def thinned(

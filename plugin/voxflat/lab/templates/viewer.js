@@ -87,15 +87,16 @@ class Viewer {
     this.content = content;
     this.values = {};
     let at = 0;
-    for (const { name, low, step, length } of content.arrays) {
+    for (const { name, low, step, known, length } of content.arrays) {
       const coded = new Uint16Array(buffer, at, length);
-      this.values[name] = Float32Array.from(coded, (code) => (code === 65535 ? NaN : low + step * code));
+      const value = known ? (code) => known[code] : (code) => low + step * code;
+      this.values[name] = Float64Array.from(coded, (code) => (code === 65535 ? NaN : value(code)));
       at += 2 * length;
     }
     this.faces = new Uint32Array(buffer.slice(at, at + 12 * content.triangles));
     this.flat = new Canvas(root.querySelector("canvas.flat"));
     this.space = new Canvas(root.querySelector("canvas.space"));
-    this.turn = [root.dataset.side === "right" ? -Math.PI / 2 : Math.PI / 2, 0.1]; // medial, where most cuts are
+    this.turn = content.view ?? [root.dataset.side === "right" ? -Math.PI / 2 : Math.PI / 2, 0.1]; // medial, where most cuts are
     this.zoom = 1;
     this.marked = -1;
     this.places = new Float32Array(3 * content.points);
@@ -108,12 +109,14 @@ class Viewer {
   }
 
   layer(number) {
-    const { name, limits, colours } = this.content.layers[number];
+    const { name, limits, labelled, colours } = this.content.layers[number];
     const [low, high] = limits, last = colours.length / 3 - 1, values = this.values[name];
+    const known = labelled && this.content.arrays.find((array) => array.name === name).known;
+    const row = labelled && new Map(known.map((label, n) => [label, n]));
     this.colours = new Float32Array(3 * this.content.points).fill(0.62);
     values.forEach((value, n) => {
       if (Number.isNaN(value)) return;
-      const at = 3 * Math.round(last * Math.min(1, Math.max(0, (value - low) / (high - low))));
+      const at = 3 * (labelled ? row.get(value) : Math.round(last * Math.min(1, Math.max(0, (value - low) / (high - low)))));
       for (let k = 0; k < 3; k++) this.colours[3 * n + k] = colours[at + k] / 255;
     });
     this.root.querySelectorAll(".bar").forEach((bar, n) => (bar.hidden = n !== number));
@@ -147,10 +150,10 @@ class Viewer {
   }
 
   axes() {
-    // seen along y (anterior) at first, turned about z (superior), then tilted
+    // seen along y (anterior), turned about z (superior), then from above
     const [around, tilt] = this.turn;
     const [ca, sa, ct, st] = [Math.cos(around), Math.sin(around), Math.cos(tilt), Math.sin(tilt)];
-    return { right: [ca, sa, 0], up: [sa * st, -ca * st, ct], away: [-sa * ct, ca * ct, st] };
+    return { right: [ca, sa, 0], up: [-sa * st, ca * st, ct], away: [-sa * ct, ca * ct, -st] };
   }
 
   spaceView() {
@@ -159,10 +162,13 @@ class Viewer {
       low[n % 3] = Math.min(low[n % 3], p[n]);
       high[n % 3] = Math.max(high[n % 3], p[n]);
     }
-    const middle = low.map((v, k) => (v + high[k]) / 2), size = Math.hypot(...low.map((v, k) => high[k] - v));
+    const middle = low.map((v, k) => (v + high[k]) / 2);
+    let farthest = 0;
+    for (let n = 0; n < p.length; n += 3)
+      farthest = Math.max(farthest, Math.hypot(p[n] - middle[0], p[n + 1] - middle[1], p[n + 2] - middle[2]));
+    const size = 2 * farthest || 1; // whichever way it is turned
     const { clientWidth: width, clientHeight: height } = this.space.element;
-    const fit = (2.25 * this.zoom) / size, x = (fit * Math.min(width, 1.2 * height)) / width;
-    const y = (fit * Math.min(width, 1.2 * height)) / height, z = 0.5 / size;
+    const fit = (1.96 * this.zoom * Math.min(width, height)) / size, x = fit / width, y = fit / height, z = 0.5 / size;
     const at = (axis, scale) => -scale * (axis[0] * middle[0] + axis[1] * middle[1] + axis[2] * middle[2]);
     return new Float32Array([x * right[0], y * up[0], z * away[0], 0, x * right[1], y * up[1], z * away[1], 0,
       x * right[2], y * up[2], z * away[2], 0, at(right, x), at(up, y), at(away, z), 1]);
@@ -240,10 +246,11 @@ class Viewer {
       const id = this.content.ids[point];
       const told = this.content.layers.map(({ name, title, unit }) => {
         const value = this.values[name][point];
-        return `${title}: ${Number.isNaN(value) ? "none" : value.toPrecision(3) + (unit ? " " + unit : "")}`;
+        const shown = Number.isInteger(value) ? String(value) : value.toPrecision(3);
+        return `${title}: ${Number.isNaN(value) ? "none" : shown + (unit ? " " + unit : "")}`;
       });
       const place = [0, 1, 2].map((k) => this.values.folded[3 * point + k].toFixed(1)).join(", ");
-      output.textContent = (id === undefined ? "" : `Vertex ${id}, `) + `at (${place}) mm. ` + told.join(" · ");
+      output.textContent = (id === undefined ? "" : `Vertex ${id}, `) + `at (${place})${this.content.unit && " " + this.content.unit}. ` + told.join(" · ");
     }
     this.draw();
   }
