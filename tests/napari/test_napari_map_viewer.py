@@ -18,7 +18,10 @@ from napari_window import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 
+import voxflat
 from voxflat._napari.map_viewer.viewer_parts import camera, canvas_widget, projected
+from voxflat._napari.results.maps import map_layers
+from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
 
 napari = pytest.importorskip("napari")
@@ -227,7 +230,7 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     workbench = Workbench.of(viewer)
     widgets = None
     widget.form.options.sources.setValue(40)
-    for n in range(10):
+    for n in range(3):
         run(widget, qtbot)
         if n == 0:
             widgets = widgets_in(viewer)
@@ -264,6 +267,23 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
     assert form.results.title.text() == "Map of <b>bumps</b>"
     workbench.remove(workbench.runs[0])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3)
+
+
+def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_viewer, qtbot):
+    points, faces, _ = bumps(9)
+    layers = map_layers(voxflat.flatten((points, faces), sources=20), "it")
+    viewer = make_napari_viewer()
+    workbench, controls = Workbench.of(viewer), viewer.window._qt_viewer.controls
+    workbench.add(Run(layers, "it"))
+    qtbot.waitUntil(lambda: len(controls.widgets) > len(viewer.layers))  # they are made ahead
+    workbench.remove(workbench.current)
+    assert len(controls.widgets) == 0
+    workbench.add(Run(layers, "it"))
+    qtbot.waitUntil(lambda: workbench.is_settled)
+    assert set(controls.widgets) == {*viewer.layers} == {viewer.layers["it distortion"]}
+    assert controls.count() == 2  # and the empty one
+    viewer.layers.selection = {*viewer.layers}
+    assert controls.currentWidget() is controls.widgets[viewer.layers[0]]
 
 
 def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):

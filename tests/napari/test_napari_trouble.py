@@ -40,12 +40,12 @@ def large_mesh():
 
 @pytest.fixture(scope="module")
 def large():
-    """A thick shell: some seconds of work from 6000 sources within 90 mm, one from a few within 40 mm."""
-    x = np.indices((150, 150, 150)) - 75
-    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 65) < 1.5).astype(np.uint8)
+    """A thick shell: many seconds of work from 6000 sources within 60 mm, a second or two from a few within 25 mm."""
+    x = np.indices((100, 100, 100)) - 50
+    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 40) < 1.5).astype(np.uint8)
 
 
-def start_large(widget, qtbot, large, sources=6000, radius=90):
+def start_large(widget, qtbot, large, sources=6000, radius=60):
     """Start what takes seconds, and wait until the core is amid it."""
     choose(widget.form.patch, "disk")
     widget.form.seed.set_point(tuple(int(n) for n in np.argwhere(large)[0]))
@@ -200,9 +200,10 @@ def test_window_stays_alive(open_widget, qtbot, large):
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
     timer.stop()
     times, layers = np.transpose(ticks)
-    gap = np.diff(times[layers == layers[0]]).max()
+    computing = times[layers == layers[0]]
+    gap = np.diff(computing).max()
     print(f"longest gap {gap:.3f} s while computing, {np.diff(times).max():.3f} s when napari adds the map's layers")
-    assert gap < 5  # it works for longer than that; the stalls are measured by make bench-napari
+    assert gap < np.ptp(computing) / 2  # the stalls themselves are measured by make bench-napari
 
 
 def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot):
@@ -215,7 +216,7 @@ def test_removing_the_mesh_meanwhile_is_safe(open_widget, qtbot):
 
 def test_removing_the_layer_meanwhile_is_safe(open_widget, qtbot, large):
     viewer, widget = open_widget(Labels(large, name="shell"))
-    start_large(widget, qtbot, large, sources=300, radius=40)
+    start_large(widget, qtbot, large, sources=300, radius=25)
     viewer.layers.clear()
     qtbot.waitUntil(lambda: "shell distortion" in viewer.layers, timeout=PATIENCE)
 

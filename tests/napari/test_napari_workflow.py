@@ -22,7 +22,7 @@ from qtpy.QtWidgets import QApplication  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
-FSAVERAGE4 = 2562  # whose vertices are the first of fsaverage5's
+FSAVERAGE4, FSAVERAGE3 = 2562, 642  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
 
 
@@ -49,18 +49,18 @@ def window(make_napari_viewer, qtbot):
 
 @pytest.fixture
 def hemisphere(request):
-    """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of fsaverage4's."""
+    """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of a coarser one."""
 
-    def read(name):
+    def read(name, count=FSAVERAGE4):
         points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
         if request.config.getoption("pictures") is not None:
             return points, faces
-        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:FSAVERAGE4]
+        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:count]
         faces = ConvexHull(sphere).simplices
         a, b, c = np.moveaxis(sphere[faces], 1, 0)
         turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
         faces[turned] = faces[turned, ::-1]
-        return points[:FSAVERAGE4], faces
+        return points[:count], faces
 
     return read
 
@@ -180,7 +180,7 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
 
 def test_a_gifti_surface(window, hemisphere, tmp_path):
     viewer, hand = window(LARGE, "light")
-    points, faces = hemisphere("white")
+    points, faces = hemisphere("white", FSAVERAGE3)
     path = tmp_path / "lh.midthickness.surf.gii"
     voxflat.io.write_mesh(path, voxflat.io.Mesh(points, faces))
     open_files(hand, viewer, path)

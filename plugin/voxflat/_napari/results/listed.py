@@ -5,10 +5,12 @@ from __future__ import annotations
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from napari.layers import Layer
+from napari.utils.events import Event
 from qtpy.QtCore import QTimer
 
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
 
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
+
+_BREATH = 10
+"""Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
 
 
 class ListedLayers:
@@ -80,7 +85,7 @@ class ListedLayers:
 
     def remove(self) -> None:
         """Take them out of the list."""
-        self._steps.clear()
+        self._stop()
         self._steps.extend(partial(self._take_out, layer=layer) for layer in self.layers)
         QTimer.singleShot(0, self._go_on)
 
@@ -91,8 +96,17 @@ class ListedLayers:
         -------
         list of Layer
         """
-        self._steps.clear()
+        self._stop()
         return self.layers
+
+    def _stop(self) -> None:
+        """Take no further step."""
+        self._steps.clear()
+        viewer = self._viewer()
+        if viewer is not None:
+            for layer in self._layers:
+                if layer not in viewer.layers:
+                    _drop_controls(viewer, layer)
 
     def _go_on(self) -> None:
         """Take a step, and come back for the next one when the window has lived."""
@@ -101,7 +115,7 @@ class ListedLayers:
             self._steps.clear()
             return
         self._steps.popleft()(viewer)
-        QTimer.singleShot(0, self._go_on)
+        QTimer.singleShot(_BREATH, self._go_on)
 
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
         if taken is not None and taken in viewer.layers:
@@ -109,12 +123,40 @@ class ListedLayers:
             return
         layer = Layer.create(*hidden(data))
         self._layers.append(layer)
-        self._steps.appendleft(partial(_insert_hidden, layer=layer))
+        self._steps.extendleft([partial(_insert_hidden, layer=layer), partial(_make_controls, layer=layer)])
 
     def _take_out(self, viewer: Viewer, layer: Layer) -> None:
         self._layers.remove(layer)
         if layer in viewer.layers:
             viewer.layers.remove(layer)
+
+
+def _controls(viewer: Viewer) -> Any:
+    """Return what holds the controls of a viewer's layers, where this napari has it."""
+    found = getattr(getattr(getattr(viewer, "window", None), "_qt_viewer", None), "controls", None)
+    return found if all(hasattr(found, name) for name in ("_add", "_remove", "widgets")) else None
+
+
+def _make_controls(viewer: Viewer, layer: Layer) -> None:
+    """Make the controls of a layer that is about to come: half of the time that napari takes for it."""
+    controls = _controls(viewer)
+    if controls is not None:
+        controls._add(Event("inserted", value=layer))
+
+
+def _drop_controls(viewer: Viewer, layer: Layer) -> None:
+    """Forget the controls of a layer that does not come, if they were made."""
+    controls = _controls(viewer)
+    if controls is not None and layer in controls.widgets:
+        controls._remove(Event("removed", value=layer))
+
+
+def _without_controls(viewer: Viewer, layer: Layer) -> Any:
+    """Keep napari from making the controls of a layer a second time."""
+    controls = _controls(viewer)
+    if controls is None or layer not in controls.widgets:
+        return nullcontext()
+    return viewer.layers.events.inserted.blocker(controls._add)
 
 
 def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
@@ -138,7 +180,8 @@ def insert(viewer: Viewer, layer: Layer) -> None:
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
     try:
-        viewer.add_layer(layer)
+        with _without_controls(viewer, layer):
+            viewer.add_layer(layer)
     finally:
         layers._activate_on_insert = True
     if set(layers.selection) != before:  # where the switch is none
