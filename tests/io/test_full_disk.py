@@ -14,6 +14,7 @@ pytestmark = [
 
 SETUP = """
 import resource, sys
+sys.dont_write_bytecode = True  # a module that is compiled within the limit would be cut short, for all who come after
 import numpy as np
 from pathlib import Path
 import voxflat
