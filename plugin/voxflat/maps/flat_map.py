@@ -486,8 +486,9 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
         note(path)
+        uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
         with naming(path, AGAIN):
-            _check(arrays, metadata)
+            _check(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
         triangles = more.pop("triangles")
@@ -522,12 +523,11 @@ _LAYOUT = {
 """Kinds and axes of a file's arrays, as `check_shapes` takes them."""
 
 
-def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
+def _check(arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]) -> None:
     """Check the arrays of a file against each other, and against what it was made of."""
-    ids = "points 3" if metadata.get("kind") == "voxels" else "points"
-    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", ids)})
-    number = len(arrays["uv"])
-    check_range(arrays, {"faces": number, "sources": number})
-    if not np.isfinite(arrays["uv"]).all():
+    axes = "points 3" if metadata.get("kind") == "voxels" else "points"
+    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", axes)})
+    check_range(arrays, {"faces": len(uv), "sources": len(uv)})
+    if not np.isfinite(uv).all():
         raise InputError(f"its uv are not all finite: {AGAIN}")
-    check_origin(metadata, arrays["ids"])
+    check_origin(metadata, ids)
