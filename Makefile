@@ -111,7 +111,8 @@ bench-napari: setup ## stalls, memory and random use of napari's window (half an
 bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
 	$(RUN) python docs/benchmarks/cluster.py
 
-soak: setup ## kill runs into a store 20 times, and workers that write one 20 times: the same bits
+soak: setup ## 100,000 damaged files and a million wrong calls; runs into a store, and workers that write one, killed 20 times
+	$(RUN) python docs/benchmarks/fuzz.py
 	$(RUN) python docs/benchmarks/store_soak.py
 	$(RUN) python docs/benchmarks/cluster_soak.py
 

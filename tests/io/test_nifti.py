@@ -61,7 +61,7 @@ def test_missing_packages_are_named(tmp_path, monkeypatch):
     hide(monkeypatch, "itk")
     with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'; .*pip install 'voxflat\[nibabel\]'"):
         read_volume(path)
-    (tmp_path / "v.mha").write_text("ElementDataFile = LOCAL\n")
+    (tmp_path / "v.mha").write_text("NDims = 3\nDimSize = 2 2 2\nElementDataFile = LOCAL\n")
     with pytest.raises(InputError, match=r"pip install 'voxflat\[itk\]'$"):
         read_volume(tmp_path / "v.mha")
 

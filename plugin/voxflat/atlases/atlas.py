@@ -19,10 +19,21 @@ from voxflat.atlases.layout import lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
-from voxflat.io.files import SAVED_ENDINGS, atomic_path, holding
+from voxflat.io.files import (
+    AGAIN,
+    SAVED_ENDINGS,
+    atomic_path,
+    check_range,
+    check_regular,
+    check_shapes,
+    from_json,
+    holding,
+    naming,
+)
 from voxflat.io.provenance import Record, saving
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
+from voxflat.maps.sampler import check_origin
 
 __all__ = ["Atlas"]
 
@@ -346,9 +357,51 @@ class Atlas(FlatPieces, ABC):
         FileNotFoundError
             If there is no such file.
         """
+        with naming(path, AGAIN):
+            check_regular(Path(path))
         with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
-            text = json.loads(str(file["text"]))
+            text = from_json(str(file["text"]))
             note(path)
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
-            return cls._of_file(text, {name: file[name] for name in cls._arrays})
+            arrays = {name: file[name] for name in cls._arrays}
+            with naming(path, AGAIN):
+                _check(arrays, text["metadata"])
+            return cls._of_file(text, arrays)
+
+
+_LAYOUT = {
+    "points": ("f", "points 3"),
+    "faces": ("iu", "faces 3"),
+    "piece_ids": ("iu", "faces"),
+    "patch_ids": ("iu", "faces"),
+    "stretch": ("f", "faces 2"),
+    "starts": ("iu", "?"),
+    "vertex_ids": ("iu", "rows"),
+    "uv": ("f", "rows 2"),
+    "uv_faces": ("iu", "faces 3"),
+    "measured": ("f", "pieces ?"),
+    "planes": ("f", "pieces 4 3"),
+}
+"""Kinds and axes of a file's arrays, as `check_shapes` takes them."""
+
+
+def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
+    """Check the arrays of a file against each other, and against what it was made of."""
+    ids = "points 3" if metadata.get("kind") == "voxels" else "points"
+    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", ids)})
+    points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
+    pieces = len(starts) - 1
+    if (
+        pieces != len(arrays["measured"])
+        or pieces < 1
+        or starts[0] != 0
+        or starts[-1] != rows
+        or (np.diff(starts) < 1).any()
+    ):
+        raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say: {AGAIN}")
+    check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
+    check_range(arrays, {"patch_ids": len(arrays["faces"])})
+    if arrays["measured"].shape[1] < 3 or not np.isfinite(arrays["uv"]).all():
+        raise InputError(f"its uv are not all finite, or it measured too little: {AGAIN}")
+    check_origin(metadata, arrays["ids"])

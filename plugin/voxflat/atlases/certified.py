@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
-from voxflat.io.files import holding
+from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas"]
@@ -261,6 +261,8 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     FileNotFoundError
         If there is no such file.
     """
+    with naming(path, REMEDY):
+        check_regular(Path(path))
     with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
-        form = json.loads(str(file["text"]))["format"]
+        form = from_json(str(file["text"]))["format"]
     return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)

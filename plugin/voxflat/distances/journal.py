@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from voxflat.distances.store import FINISH, OTHER
 from voxflat.errors import InputError
+from voxflat.io.files import from_json
 
 __all__ = ["Journal", "append", "complete", "read_journal"]
 
@@ -71,7 +71,7 @@ def read_journal(store: Path) -> Journal:
     path = store / "journal.jsonl"
     try:
         first, *lines = path.read_text(errors="replace").splitlines() or [""]
-        header = json.loads(first)
+        header = from_json(first)
         rows, columns, height = (header.get(name) for name in ("rows", "columns", "block_rows"))
         if not (isinstance(height, int) and height > 0):
             raise ValueError("its first line is no header")
@@ -85,7 +85,7 @@ def read_journal(store: Path) -> Journal:
     is_complete = False
     for line in lines:
         try:
-            entry = json.loads(line)
+            entry = from_json(line)
             is_complete |= entry.get("complete") is True
             if "block" in entry:
                 checksums[entry["block"]] = int(entry["crc32"], 16)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, amount, log
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, naming_file, one_line, save_array
+from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array
 from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 1"
@@ -130,7 +130,7 @@ def read_description(path: Path) -> dict[str, Any]:
             f"{path} is no store of distance rows: it has no store.json; give a directory that was a store="
         )
     try:
-        described = json.loads(file.read_text())
+        described = from_json(file.read_text())
         named = described["format"]
         wanted = ["geodesic", "points", "sources", "fingerprint", *(f"{name}_sha256" for name in ARRAYS)]
         if named == FORMAT and not all(name in described for name in wanted):
@@ -151,7 +151,7 @@ def write_provenance(path: str | os.PathLike[str], record: Record) -> None:
 def read_provenance(path: Path) -> Record:
     """Return what made a store's rows; nothing if that is not known. Nothing depends on it."""
     with suppress(OSError, ValueError):
-        record = json.loads((path / "provenance.json").read_text(encoding="utf-8"))
+        record = from_json((path / "provenance.json").read_text(encoding="utf-8"))
         return record if isinstance(record, dict) else {}
     return {}
 

@@ -6,7 +6,6 @@ Whatever has a shape, a dtype, chunks and slices is such an array.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
-from voxflat.io.files import require
+from voxflat.io.files import from_json, require
 from voxflat.io.grid import Affine
 from voxflat.io.reading import check_room, note
 
@@ -282,7 +281,7 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         if not file.is_file():
             continue
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))
+            content = from_json(file.read_text(encoding="utf-8"))
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
         except (ValueError, AttributeError):

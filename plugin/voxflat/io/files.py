@@ -5,13 +5,14 @@ from __future__ import annotations
 import errno
 import gzip
 import importlib
+import json
 import os
 import re
 import shutil
 import stat
 import textwrap
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -99,13 +100,53 @@ def naming_file(path: Path, temporary: Path | None = None) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or os.strerror(error.errno), str(path)) from error
 
 
-def contents(path: Path) -> bytes:
-    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
+def check_regular(path: Path) -> os.stat_result:
+    """Refuse what is no regular file, for which a reader might wait for ever; return what the system knows of it."""
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError("is a directory: name a file")
     if not stat.S_ISREG(status.st_mode):
         raise InputError("is no regular file: copy what it gives into a file")
+    return status
+
+
+def from_json(text: str | bytes) -> Any:
+    """Parse JSON; what is nested deeper than Python goes is a ValueError, as all that is wrong with it."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("its lists are nested too deeply") from None
+
+
+def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
+    """Compare arrays of one file with each other.
+
+    Of each, by its name, the kinds of NumPy type that it may have, and its axes, apart by blanks: numbers, or names,
+    which are as long wherever they stand. Axes that may vary are called "?".
+    """
+    lengths: dict[str, tuple[int, str]] = {}
+    for name, (kinds, axes) in layout.items():
+        if name not in arrays:
+            continue
+        array, wanted = arrays[name], axes.split()
+        if array.dtype.kind not in kinds or array.ndim != len(wanted):
+            raise InputError(f"its {name} are {array.dtype} of shape {array.shape}: {AGAIN}")
+        for length, axis in zip(array.shape, wanted, strict=True):
+            known, by = (int(axis), "its kind") if axis.isdigit() else lengths.setdefault(axis, (length, name))
+            if axis != "?" and length != known:
+                raise InputError(f"its {name} have the shape {array.shape}, which does not fit {by}: {AGAIN}")
+
+
+def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:
+    """Check that arrays of numbers of rows, by their names, name rows that there are."""
+    for name, limit in limits.items():
+        if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
+            raise InputError(f"its {name} name rows that there are not, of {limit}: {AGAIN}")
+
+
+def contents(path: Path) -> bytes:
+    """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
+    status = check_regular(path)
     limit = allowed_memory() // 4
     with path.open("rb") as file:
         is_gzipped = file.read(2) == b"\x1f\x8b"

@@ -23,6 +23,7 @@ from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 
 _POINTS, _TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 _BLOCK = 1 << 20
+_MOST_DIMENSIONS = 6
 
 
 # --------------------------------------------------------------------------------------------- XML
@@ -114,6 +115,10 @@ class _Walk:
         elif name == "DataArray":
             self.arrays += 1
             self.array = attributes
+            if not 1 <= int(attributes.get("Dimensionality", 1)) <= _MOST_DIMENSIONS:
+                raise InputError(f"array {self.arrays} has {attributes['Dimensionality']} dimensions: is it damaged?")
+        elif self.text is not None:
+            raise InputError(f"array {self.arrays} has <{name}> within its data: copy or download it again")
         elif name == "Data":
             self.text = []
 

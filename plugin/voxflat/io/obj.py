@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +41,11 @@ def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))
     places = np.concatenate([_places(rows["vt"], used), [[np.nan, np.nan]]])  # to which −1 leads
-    text = data.decode("utf-8", "replace")
-    names = {key: set(re.findall(rf"(?m)^\s*{key}\s+(.*?)\s*$", text)) for key in ("mtllib", "usemtl")}
+    names: dict[str, set[str]] = {"mtllib": set(), "usemtl": set()}
+    for line in data.decode("utf-8", "replace").splitlines():
+        key, *rest = line.split(None, 1)[:2] or [""]
+        if key in names and rest:
+            names[key].add(rest[0].strip())
     return faces, places[used], names
 
 

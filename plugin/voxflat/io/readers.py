@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import by_ending, one_line, require
+from voxflat.io.files import by_ending, check_regular, one_line, require
 from voxflat.io.grid import Affine, check_affine, volume_shape
 from voxflat.io.reading import check_room, note
 
@@ -51,7 +51,8 @@ def read(path: Path) -> Read:
     """Read the voxels of a file and its affine, if it has one."""
     if path.is_dir():
         raise InputError("is a directory: name a volume file (a DICOM series: convert it to NIfTI first)")
-    path.open("rb").close()  # the system's own error for a missing file says more than a reader's
+    check_regular(path)  # the system's own error for a missing file says more than a reader's
+    path.open("rb").close()
     read: Callable[[Path], Read] = by_ending(path, READERS, "read")
     found = read(path)
     note(path)
@@ -205,6 +206,10 @@ def has_place(path: Path) -> bool:
     return any(head[252:256])
 
 
+_NIFTI_BITS = {1: 1, 2: 8, 4: 16, 8: 32, 16: 32, 32: 64, 64: 64, 128: 24, 256: 8, 512: 16, 768: 32, 1024: 64}
+_NIFTI_BITS |= {1280: 64, 1536: 128, 1792: 128, 2048: 256, 2304: 32}
+
+
 def _nifti_header(head: bytes) -> np.void:
     """Return the fields of a NIfTI-1 header of either byte order."""
     for order in ("<", ">"):
@@ -213,6 +218,9 @@ def _nifti_header(head: bytes) -> np.void:
         header: np.void = np.frombuffer(head, _NIFTI1.newbyteorder(order), count=1)[0]
         if header["sizeof_hdr"] == 348 and header["magic"] == b"n+1" and 1 <= header["dim"][0] <= 7:
             check_unit(_NIFTI_UNITS.get(int(header["xyzt_units"]) & 7, "mm"))
+            kind, bits = int(header["datatype"]), int(header["bitpix"])
+            if _NIFTI_BITS.get(kind) != bits:
+                raise InputError(f"its voxels are of type {kind} and {bits} bits, which is none: its header is damaged")
             return header
     raise InputError("is no NIfTI file, or its header is damaged: does its ending name its format?")
 
@@ -257,6 +265,8 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
 def _read_nrrd(path: Path) -> Read:
     with path.open("rb") as file:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
+    for line in re.findall(rb"(?mi)^data ?file:(.*)$", head):
+        note(_beside(path, line))
     for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
         for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
             check_unit(unit)
@@ -267,21 +277,61 @@ def _read_nrrd(path: Path) -> Read:
 
 def _read_metaimage(path: Path) -> Read:
     with path.open("rb") as file:
-        start = file.read(_BLOCK)
-    end = re.search(rb"(?m)^ElementDataFile *= *(.*?) *\r?\n", start)
-    if end is None:
-        raise InputError("is no MetaImage: does its ending name its format?")
-    head = start[: end.start()]
-    if unit := re.search(rb"(?m)^DistanceUnits *= *(\S*)", head):
-        check_unit(unit[1].decode("latin1"))
-    separate = path.parent / end[1].decode("utf-8", "replace")
-    is_separate = end[1] != b"LOCAL" and separate.is_file()
+        fields, start = _metaimage_header(file.read(_BLOCK))
+    check_unit(fields.get(b"DistanceUnits", b"").decode("latin1"))
+    named = fields[b"ElementDataFile"]
+    separate = None if named == b"LOCAL" else _beside(path, named)
     size = _size_by_itk(path)
-    if re.search(rb"(?mi)^CompressedData *= *(True|1)", head) and (is_separate or end[1] == b"LOCAL"):
-        _check_deflated(separate if is_separate else path, 0 if is_separate else end.end(), size)
-    if is_separate:
+    if fields.get(b"CompressedData", b"").lower() in (b"true", b"1"):
+        _check_deflated(separate or path, 0 if separate else start, size)
+    if separate:
         note(separate)
     return from_itk(_load_itk(path))
+
+
+_MOST_WORDS = 64  # of a line of a MetaImage's header; ITK's parser has room for some hundred, and does not count
+
+
+def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
+    """Return the fields of a MetaImage's header, as ITK will find them, and where its voxels begin."""
+    fields: dict[bytes, bytes] = {}
+    at = 0
+    while (end := start.find(b"\n", at)) >= 0:
+        key, separator, value = start[at:end].partition(b"=")
+        key, value, at = key.strip(), value.strip(), end + 1
+        if not separator or key in fields or len(key) > 80 or len(value) > 4000 or len(value.split()) > _MOST_WORDS:
+            break
+        fields[key] = value
+        if key == b"ElementDataFile":
+            _check_metaimage(fields)
+            return fields, at
+    raise InputError("is no MetaImage, or its header is damaged: does its ending name its format?")
+
+
+def _check_metaimage(fields: dict[bytes, bytes]) -> None:
+    """Refuse numbers that ITK would take on trust: it ends the process."""
+    axes, sizes, channels = (
+        fields.get(name, other).split()
+        for name, other in ((b"NDims", b""), (b"DimSize", b""), (b"ElementNumberOfChannels", b"1"))
+    )
+    numbers = [*axes, *sizes, *channels]
+    is_whole = all(number.isdigit() and len(number) < 11 and int(number) > 0 for number in numbers)
+    if len(axes) != 1 or len(channels) != 1 or not is_whole or int(axes[0]) > 4 or len(sizes) != int(axes[0]):
+        shown = [b" ".join(words).decode("latin1")[:60] for words in (axes, sizes, channels)]
+        raise InputError(f"has NDims {shown[0]!r}, DimSize {shown[1]!r}, channels {shown[2]!r}: its header is damaged")
+
+
+def _beside(path: Path, named: bytes) -> Path:
+    """Return the file of voxels that a header names: one, in the header's directory or below."""
+    name = named.strip().decode("utf-8", "surrogateescape")
+    file = path.parent / name
+    if not name or "%" in name or name.split()[0] == "LIST":  # which are lists of files, and formats of printf
+        raise InputError(f"keeps its voxels in {name!r:.80}, and not in one file: write it as .mha, .nrrd or .nii.gz")
+    if not file.resolve().is_relative_to(path.parent.resolve()):
+        raise InputError(f"keeps its voxels in {name!r:.80}, outside its directory: copy them beside it")
+    if not file.is_file():
+        raise InputError(f"keeps its voxels in {name!r:.80}, which is not there: copy it, too")
+    return file
 
 
 def _check_deflated(path: Path, start: int, size: int) -> None:

@@ -22,8 +22,8 @@ def read_stl(path: Path, data: bytes) -> dict[str, Any]:
     """Read an STL file; equal corners become one point."""
     if data.lstrip()[:5].lower() == b"solid" and not is_binary_stl(data):
         text = data.lower()
-        found = re.findall(rb"(?m)^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text)
-        number = len(re.findall(rb"(?m)^\s*facet\b", text))
+        found = re.findall(rb"(?m)^[ \t\r]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t\r]*$", text)
+        number = len(re.findall(rb"(?m)^[ \t\r]*facet\b", text))
         if len(found) != 3 * number or b"endsolid" not in text[-200:]:
             raise InputError(f"has {len(found)} corners in {number} facets, or no end: copy or download it again")
         corners = np.array(found, dtype=np.float64).reshape(-1, 3)

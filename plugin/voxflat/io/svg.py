@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import naming, require
+from voxflat.io.files import check_regular, naming, require
 from voxflat.io.reading import note
 
 __all__ = ["Outline", "read_outlines"]
@@ -74,8 +74,9 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
         If the file cannot be opened.
     """
     path = Path(path)
-    path.open("rb").close()
     with naming(path, "is it an SVG figure of voxflat.figures?"):
+        check_regular(path)
+        path.open("rb").close()
         svg = require("svgelements")
         root = svg.SVG.parse(os.fspath(path), reify=True)
         note(path)

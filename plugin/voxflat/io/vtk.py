@@ -26,23 +26,54 @@ from voxflat.io.triangles import of_strips, triangulated
 
 def read_vtk(path: Path, data: bytes) -> dict[str, Any]:
     """Read VTK's older format; of a file cut short VTK returns what it has, so the counts are taken here."""
-    head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*\n.*\r?\n(ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
+    head = re.match(rb"# vtk DataFile Version (\d+)\.\d+\s*?\n.*\r?\n(ASCII|BINARY)\s+DATASET\s+(\w+)", data, re.I)
     if head is None:
         raise InputError("has a damaged header: copy or download it again")
     if head[3].upper() != b"POLYDATA":
         raise InputError(f"holds {head[3].decode('latin1')}: extract its surface, and write it as POLYDATA")
-    points = re.search(rb"(?mi)^POINTS\s+(\d+)", data)
+    _check_fields(data, head.end())
+    points = _POINTS.search(data, head.end())
+    if points and int(points[1]) < 0:
+        raise InputError(f"has {int(points[1])} points by its header, which is damaged: copy it again")
     has_offsets, faces, strips = int(head[1]) >= 5, 0, 0  # from 5.1 on: offsets, one more than there are faces
-    for cells in re.finditer(rb"(?mi)^(LINES|TRIANGLE_STRIPS|POLYGONS|VERTICES)\s+(\d+) +(\d+)\s*?\n(OFF)?", data):
+    for cells in _CELLS.finditer(data, head.end()):
+        if cells[2].startswith(b"-") or cells[3].startswith(b"-") or max(int(cells[2]), int(cells[3])) > len(data):
+            raise InputError(f"has {int(cells[2])} cells of {int(cells[3])} numbers by its header: copy it again")
+        if cells[5]:  # an array of such a name
+            continue
         number = int(cells[2]) - has_offsets
         if bool(cells[4]) != has_offsets:
             raise InputError("has cells of another version than its header says: copy or download it again")
         if not has_offsets:
-            _check_cells(data[cells.end() :], number, int(cells[3]), head[2].upper() == b"BINARY")
+            _check_cells(
+                data[cells.end(3) + (1 if head[2].upper() == b"BINARY" else 0) :],
+                number,
+                int(cells[3]),
+                head[2].upper() == b"BINARY",
+            )
         faces += number if cells[1].upper() == b"POLYGONS" else 0
         strips += number if cells[1].upper() == b"TRIANGLE_STRIPS" else 0
     counts = int(points[1]) if points else 0, faces, strips
     return _read_polydata(path, "vtkmodules.vtkIOLegacy", "vtkPolyDataReader", *counts)
+
+
+# VTK takes words wherever they stand; what follows counts is told apart: offsets, or the type of an array of that name
+_TYPES = rb"(?:unsigned_|vtk)?(?:bit|char|short|int|long|idtype|typeint64|float|double|string|stdstring|variant)\b"
+_CELLS = re.compile(
+    rb"(?i)(?<!\S)(LINES|TRIANGLE_STRIPS|POLYGONS|VERTICES)\s+([-+]?\d{1,18})\s+([-+]?\d{1,18})(?!\S)"
+    rb"(?:[ \t\r]*\n?(OFF)|\s+(" + _TYPES + rb"))?"
+)
+_POINTS = re.compile(rb"(?i)(?<!\S)POINTS\s+([-+]?\d+)")
+_FIELD = re.compile(rb"(?i)(?<!\S)([-+]?\d+)\s+([-+]?\d+)\s+" + _TYPES)
+
+
+def _check_fields(data: bytes, start: int) -> None:
+    """Check the sizes of arrays of fields, for which VTK reserves memory unseen."""
+    field = re.compile(rb"(?i)(?<!\S)FIELD\s").search(data, start)
+    for array in _FIELD.finditer(data, field.end()) if field else ():
+        width, number = int(array[1]), int(array[2])
+        if min(width, number) < 0 or width * number > 8 * len(data):  # of bits eight lie in a byte
+            raise InputError(f"has an array of {number} times {width} values by its header: copy it again")
 
 
 def _check_cells(data: bytes, number: int, size: int, is_binary: bool) -> None:
@@ -58,12 +89,20 @@ def _check_cells(data: bytes, number: int, size: int, is_binary: bool) -> None:
 
 
 _VTP_COUNTS = (b"NumberOfPoints", b"NumberOfPolys", b"NumberOfVerts", b"NumberOfLines", b"NumberOfStrips")
+_COUNTS = re.compile(rb"(" + b"|".join(_VTP_COUNTS) + rb""")\s*=\s*(?:"([^"<>]*)"|'([^'<>]*)')""")
+_ATTRIBUTE = re.compile(rb"""(\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+
+
+def _attributes(tag: bytes) -> dict[bytes, bytes]:
+    """Return the attributes within a tag."""
+    return {name: double or single for name, double, single in _ATTRIBUTE.findall(tag)}
 
 
 def read_vtp(path: Path, data: bytes) -> dict[str, Any]:
     """Read VTK's XML format."""
     _check_blocks(data)
-    counts = {name: [int(count) for count in re.findall(rb'%s="([^"]*)"' % name, data)] for name in _VTP_COUNTS}
+    named = [(name, int(double or single)) for name, double, single in _COUNTS.findall(data)]
+    counts = {name: [count for found, count in named if found == name] for name in _VTP_COUNTS}
     if min(min(numbers, default=0) for numbers in counts.values()) < 0:
         raise InputError("has a negative number of points or cells by its header: copy or download it again")
     sums = (sum(counts[name]) for name in (b"NumberOfPoints", b"NumberOfPolys", b"NumberOfStrips"))
@@ -75,12 +114,16 @@ def _check_blocks(data: bytes) -> None:
     _, head = gifti.xml_root(data)
     order = ">" if head.get("byte_order") == "BigEndian" else "<"
     size = np.dtype(order + ("u8" if head.get("header_type") == "UInt64" else "u4"))
-    appended = re.search(rb'<AppendedData\s+encoding="(\w+)"\s*>\s*_', data)
-    for array in re.finditer(rb"<(?:Data)?Array\b([^>]*)>\s*", data):
-        offset = re.search(rb'offset="(\d+)"', array[1])
-        if appended and offset:
-            stored, is_raw = data[appended.end() + int(offset[1]) :], appended[1] == b"raw"
-        elif b'format="binary"' in array[1]:
+    appended = re.search(rb"<AppendedData\b([^<>]*)>\s*_", data)
+    encoding = _attributes(appended[1]).get(b"encoding") if appended else None
+    for array in re.finditer(rb"<(?:Data)?Array\b([^<>]*)>\s*", data):
+        told = _attributes(array[1])
+        sizes = [int(told.get(name, b"1")) for name in (b"NumberOfComponents", b"NumberOfTuples")]
+        if min(sizes) < 0 or max(sizes) > 8 * len(data):
+            raise InputError(f"has an array of {sizes[1]} times {sizes[0]} values by its header: copy it again")
+        if appended and b"offset" in told:
+            stored, is_raw = data[appended.end() + int(told[b"offset"]) :], encoding == b"raw"
+        elif told.get(b"format") == b"binary":
             stored, is_raw = data[array.end() :], False
         else:
             continue
@@ -94,8 +137,8 @@ def _check_blocks(data: bytes) -> None:
         else:
             total = int(_numbers(stored, is_raw, size, 1)[0])
             is_bad = total > len(data)
-            if b'"offsets"' in array[1] and not is_bad:
-                kind = np.dtype(order + ("i8" if b'"Int64"' in array[1] else "i4"))
+            if told.get(b"Name") == b"offsets" and not is_bad:
+                kind = np.dtype(order + ("i8" if told.get(b"type") == b"Int64" else "i4"))
                 corners = _numbers(stored, is_raw, kind, total // kind.itemsize, start=size.itemsize)
                 is_bad = max(corners.tolist(), default=0) > len(data)
         if is_bad or total > allowed_memory() // 4:

@@ -17,7 +17,17 @@ from voxflat.distances.store import write_provenance
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
-from voxflat.io.files import SAVED_ENDINGS, atomic_path, holding
+from voxflat.io.files import (
+    AGAIN,
+    SAVED_ENDINGS,
+    atomic_path,
+    check_range,
+    check_regular,
+    check_shapes,
+    from_json,
+    holding,
+    naming,
+)
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
@@ -27,7 +37,7 @@ from voxflat.maps.pictures import as_picture, check_cover, check_values, place, 
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.regions import Regions, regions_of
-from voxflat.maps.sampler import Sampler, usual_spacing
+from voxflat.maps.sampler import Sampler, check_origin, usual_spacing
 from voxflat.maps.texture import TexturedSurface
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
 from voxflat.surfaces.surface import patch_of
@@ -467,13 +477,18 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     FileNotFoundError
         If there is no such file.
     """
+    with naming(path, AGAIN):
+        check_regular(Path(path))
     with holding(path, "a flat map"):
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        metadata = json.loads(str(arrays.pop("metadata")))
+        metadata = from_json(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
         note(path)
+        uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
+        with naming(path, AGAIN):
+            _check(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
         triangles = more.pop("triangles")
@@ -484,3 +499,35 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
         Space.of(metadata)  # a damaged one ends here
         return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)
+
+
+_LAYOUT = {
+    "uv": ("f", "points 2"),
+    "points": ("f", "points 3"),
+    "normals": ("f", "points 3"),
+    "faces": ("iu", "faces 3"),
+    "torn": ("b", "faces"),
+    "sources": ("iu", "sources"),
+    "eigenvalues": ("f", "?"),
+    "rows": ("f", "sources ?"),
+    "bridges": ("iu", "? 3"),
+    "curvature": ("f", "points"),
+    "sulcal_depth": ("f", "points"),
+    "white_points": ("f", "points 3"),
+    "pial_points": ("f", "points 3"),
+    "distortion_per_point": ("f", "points"),
+    "distortion_scatter": ("f", "? 2"),
+    "distortion_areal": ("f", "points"),
+    "distortion_is_flipped": ("b", "faces"),
+}
+"""Kinds and axes of a file's arrays, as `check_shapes` takes them."""
+
+
+def _check(arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]) -> None:
+    """Check the arrays of a file against each other, and against what it was made of."""
+    axes = "points 3" if metadata.get("kind") == "voxels" else "points"
+    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", axes)})
+    check_range(arrays, {"faces": len(uv), "sources": len(uv)})
+    if not np.isfinite(uv).all():
+        raise InputError(f"its uv are not all finite: {AGAIN}")
+    check_origin(metadata, ids)

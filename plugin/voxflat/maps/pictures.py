@@ -15,10 +15,13 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, naming
+from voxflat.io.files import REMEDY, check_regular, naming
 from voxflat.io.reading import note
 
-__all__ = ["as_picture", "check_cover", "check_values", "place", "values_at"]
+__all__ = ["PICTURES", "as_picture", "check_cover", "check_values", "place", "values_at"]
+
+PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
+"""Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
 
 _SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over its border
 
@@ -144,7 +147,9 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
         from PIL import Image
 
         path = Path(picture)
-        with naming(path, REMEDY), Image.open(path) as image:
+        with naming(path, REMEDY):
+            check_regular(path)
+        with naming(path, REMEDY), Image.open(path, formats=PICTURES) as image:
             note(path)
             return _of_pillow(image), path
     if hasattr(picture, "getbands") and hasattr(picture, "convert"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import checked_number, log
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, atomic_path, contents, naming, require
+from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
 from voxflat.io.freesurfer import write_annot, write_label
 from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
@@ -28,6 +27,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import Depths
 from voxflat.maps.lines import ellipse
+from voxflat.maps.pictures import PICTURES
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
@@ -515,7 +515,7 @@ def _of_shapes(layer: Any) -> list[Outline]:
 def _read_polygons(path: Path) -> list[Outline]:
     """Read polygons by their names: {"V1": [[u, v], ...]}, or several polygons each."""
     with naming(path, 'give {"name": [[u, v], ...]} in mm'):
-        content = json.loads(contents(path))
+        content = from_json(contents(path))
         if not isinstance(content, dict):
             raise InputError("holds no regions by their names")
         return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
@@ -524,6 +524,7 @@ def _read_polygons(path: Path) -> list[Outline]:
 def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
     """Return a label image, and the side of its pixels in mm, if its file says it."""
     name = path.name.lower()
+    check_regular(path)
     if name.endswith(".npy"):
         data = np.load(path, allow_pickle=False)
         note(path)
@@ -533,7 +534,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
-    image = require("PIL.Image").open(path)
+    image = require("PIL.Image").open(path, formats=PICTURES)
     note(path)
     if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
         raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, is_whole, log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
 from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_zarr_path
-from voxflat.io.files import REMEDY, naming
+from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
@@ -29,7 +29,7 @@ from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, sh
 from voxflat.maps.sampling import phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
-__all__ = ["Sampler", "usual_spacing"]
+__all__ = ["Sampler", "check_origin", "usual_spacing"]
 
 _LONGEST_STEP = 100.0  # s; a longer one is doubted: TR in ms where the header says s
 _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9, sulc 0.65, the other side's 0.05
@@ -57,6 +57,44 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
         return float(np.cbrt(np.prod(np.linalg.norm(affine[:3, :3], axis=0))))
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
     return float(np.median(np.linalg.norm(sides, axis=2)))
+
+
+def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
+    """Check what a file says a map's surface was made of.
+
+    Parameters
+    ----------
+    metadata : dict
+        As of `Sampler`.
+    ids : ndarray of int64, shape (N, 3) or (N,)
+        Voxel indices, or vertex numbers in the mesh.
+
+    Raises
+    ------
+    InputError
+        If it says nothing that can be, or the ids do not fit.
+    """
+    kind = metadata.get("kind")
+    if kind == "voxels":
+        shape, affine = metadata.get("shape"), metadata.get("affine")
+        if not (isinstance(shape, list) and len(shape) == 3 and all(is_whole(n) and 0 < n < 2**31 for n in shape)):
+            raise InputError(f"its volume has the shape {shape!r:.80}: {AGAIN}")
+        try:
+            matrix = np.asarray(affine, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            matrix = np.empty(0)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise InputError(f"its volume has the affine {affine!r:.80}: {AGAIN}")
+        most, width = np.array(shape), 3
+    elif kind == "mesh":
+        vertices = metadata.get("vertices")
+        if not (is_whole(vertices) and 0 < vertices < 2**31):
+            raise InputError(f"its mesh has {vertices!r:.80} vertices: {AGAIN}")
+        most, width = np.array(vertices), 1
+    else:
+        raise InputError(f"it is made of {kind!r:.80}, neither voxels nor a mesh: {AGAIN}")
+    if ids.size != width * len(ids) or (ids < 0).any() or (ids >= most).any():
+        raise InputError(f"its ids are not all of {most.tolist()}: {AGAIN}")
 
 
 @dataclass(frozen=True, eq=False)

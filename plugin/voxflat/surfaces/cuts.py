@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from itertools import pairwise
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, is_whole
 from voxflat.errors import InputError
-from voxflat.io.files import contents
+from voxflat.io.files import contents, from_json
 from voxflat.surfaces.surface import Surface
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
@@ -63,7 +62,7 @@ def read_cuts(whole: Surface, cuts: object | None) -> tuple[list[Any] | None, ND
 def _from_file(path: Path, indices: int | None) -> tuple[list[NDArray[np.int64]], NDArray[np.int64] | None]:
     """Read a file of cuts: lists of vertices, and those that are left out."""
     try:
-        content = json.loads(contents(path))
+        content = from_json(contents(path))
     except OSError as error:
         raise InputError(
             f"cannot read the cuts {path}: {error.strerror}; give 'standard', 'automatic', a file or paths"

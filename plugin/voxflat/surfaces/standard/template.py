@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import contents
+from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record
 
 __all__ = [
@@ -151,7 +151,7 @@ def standard_template(space: str, side: str) -> Template:
     Template
     """
     path = Path(__file__).parent / f"{space}.{side}.json"
-    return _parsed(path, json.loads(path.read_text(encoding="utf-8")), STANDARD)
+    return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
 
 
 def is_template(path: Path) -> bool:
@@ -167,7 +167,7 @@ def is_template(path: Path) -> bool:
     bool
     """
     try:
-        content = json.loads(contents(path)) if path.suffix.lower() == ".json" else None
+        content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
     except (OSError, ValueError):
         return False
     return isinstance(content, dict) and content.get("voxflat") == "template"
@@ -192,7 +192,7 @@ def read_template(path: str | os.PathLike[str]) -> Template:
     """
     path = Path(path)
     try:
-        content = json.loads(contents(path))
+        content = from_json(contents(path))
     except OSError as error:
         raise InputError(f"cannot read the template {path}: {error.strerror}") from error
     except ValueError as error:

@@ -1,0 +1,292 @@
+"""Damaged files and wrong calls: a result or an error of voxflat, within 20 s and within memory; all else is a finding.
+
+    make soak
+    python docs/benchmarks/fuzz.py --files 2000 --calls 2000     # a minute
+    python docs/benchmarks/fuzz.py --case files 123              # one of them again, with its traceback
+
+A small file of every format is written by voxflat and nibabel, damaged at random and opened; public functions and
+methods are called with right and wrong values. Each case is drawn from the seed and its number alone. Workers of their
+own, whose memory is limited, do it: a crash, a hang, memory, an exception that is not voxflat's, more than one line, or
+anything printed is told once for each place, with the command that repeats it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import random
+import resource
+import select
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+DEADLINE = 20.0
+"""Seconds that a case may take."""
+
+READING = 1 << 28
+"""Bytes that reading may take, as it is told."""
+
+MOST = 1 << 30
+"""Bytes that a case may take more than there were before it."""
+
+ADDRESSES = 3 << 30
+"""Bytes of addresses beyond those that a worker has when it starts."""
+
+
+# ------------------------------------------------------------------------------------------------- worker
+
+
+class Cases:
+    """Draws cases and runs them, in a folder of their own."""
+
+    def __init__(self, folder: Path, kind: str, seed: int) -> None:
+        self.folder, self.kind, self.seed = folder, kind, seed
+        if kind == "files":
+            from fuzz_files import corpus
+
+            self.entries = corpus(folder / "corpus")
+        else:
+            from fuzz_calls import calls
+
+            (folder / "read").mkdir()
+            self.calls, self.values = calls(folder / "read")
+
+    def drawn(self, number: int) -> tuple[str, Callable[[], object]]:
+        """Return what a case is, and the case."""
+        chance = random.Random(f"{self.kind} {self.seed} {number}")
+        if self.kind == "files":
+            from fuzz_files import OPENERS, damaged
+
+            entry = self.entries[number % len(self.entries)]
+            path, opener = damaged(entry, self.entries, self.folder / "case", chance)
+            return f"{opener} {path.name}", lambda: OPENERS[opener](path)
+        from fuzz_calls import arguments, told
+
+        label = sorted(self.calls)[number % len(self.calls)]
+        given = arguments(self.calls[label], self.values, chance)
+        return told(label, given), lambda: self.calls[label](**given)
+
+    def run(self, number: int) -> dict[str, Any]:
+        """Run a case; return what came of it."""
+        from voxflat.errors import VoxflatError
+        from voxflat.io.reading import reading
+
+        what, case = self.drawn(number)
+        before, start = _memory(), time.perf_counter()
+        outcome, where, trace = "result", "", ""
+        try:
+            with reading(READING):
+                case()
+        except VoxflatError as error:
+            text = str(error)
+            outcome = "refused" if text.strip() and "\n" not in text else "not one line"
+            where = "" if outcome == "refused" else _place(error)
+        except OSError as error:
+            outcome = "refused" if error.errno is not None and error.filename is not None else "raw"
+            where = "" if outcome == "refused" else f"{type(error).__name__} from {_place(error)}"
+        except Exception as error:
+            outcome = "raw"
+            where, trace = f"{type(error).__name__} from {_place(error)}", traceback.format_exc()
+            what = f"{what}\n        {' '.join(str(error).split())[:150]}"
+        return {
+            "outcome": outcome,
+            "what": what,
+            "where": where,
+            "trace": trace,
+            "seconds": time.perf_counter() - start,
+            "memory": max(0, _memory(peak=True) - before),
+        }
+
+
+def _place(error: BaseException) -> str:
+    """Return the innermost function of the package that an error passed."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "/voxflat/" in frame.filename]
+    if not frames:
+        return "no function of voxflat"
+    return f"{frames[-1].filename.rpartition('/voxflat/')[2]}:{frames[-1].lineno} {frames[-1].name}"
+
+
+def _memory(*, peak: bool = False) -> int:
+    """Return the bytes that this process takes, or has at most taken since it was asked before."""
+    if not peak:
+        Path("/proc/self/clear_refs").write_text("5")
+    status = Path("/proc/self/status").read_text()
+    return 1024 * int(status.partition("VmHWM:" if peak else "VmRSS:")[2].split()[0])
+
+
+def work(kind: str, seed: int) -> None:
+    """Run the cases whose numbers come on standard input; what comes of each goes to standard output, a line each."""
+    answers = os.fdopen(os.dup(1), "w")
+    with tempfile.TemporaryDirectory() as directory:
+        folder = Path(directory)
+        (folder / "here").mkdir()
+        cases = Cases(folder, kind, seed)
+        os.chdir(folder / "here")
+        logging.getLogger("voxflat").addHandler(logging.NullHandler())
+        logging.getLogger("voxflat").propagate = False
+        printed = (folder / "printed").open("w+b")
+        for stream in (1, 2):
+            os.dup2(printed.fileno(), stream)
+        limit = 1024 * int(Path("/proc/self/status").read_text().partition("VmSize:")[2].split()[0]) + ADDRESSES
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        print("ready", file=answers, flush=True)
+        for line in sys.stdin:
+            found = cases.run(int(line))
+            sys.stdout.flush()
+            sys.stderr.flush()
+            if size := printed.seek(0, os.SEEK_END):
+                printed.seek(0)
+                text = printed.read(min(size, 400)).decode("utf-8", "replace")
+                printed.truncate(0)
+                if found["outcome"] in ("result", "refused"):
+                    found |= {"outcome": "printed", "where": " ".join(text.split())[:200]}
+            print(json.dumps(found), file=answers, flush=True)
+
+
+# ------------------------------------------------------------------------------------------------- caller
+
+
+class Worker:
+    """A process that runs cases, one after the other; when one ends or hangs it is replaced."""
+
+    def __init__(self, kind: str, seed: int) -> None:
+        self.command = [sys.executable, __file__, "--work", kind, "--seed", str(seed)]
+        self.start()
+
+    def start(self) -> None:
+        """Start a process, and wait until it is ready."""
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "MPLBACKEND": "agg"},
+        )
+        if self._line(300) != "ready\n":
+            raise SystemExit(f"a worker does not start: {' '.join(self.command)}")
+
+    def _line(self, seconds: float) -> str | None:
+        """Return the next line, empty if the process ended, None if none came in time."""
+        assert self.process.stdout is not None
+        if not select.select([self.process.stdout], [], [], seconds)[0]:
+            return None
+        return self.process.stdout.readline()
+
+    def run(self, number: int) -> dict[str, Any]:
+        """Run a case; return what came of it."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{number}\n")
+        self.process.stdin.flush()
+        line = self._line(DEADLINE)
+        if line:
+            found: dict[str, Any] = json.loads(line)
+            if found["outcome"] in ("result", "refused") and found["memory"] > MOST:
+                found |= {"outcome": "memory", "where": f"{found['what'][:60]}: more than {MOST >> 20} MiB"}
+            return found
+        if line is None:
+            self.process.kill()
+        status = self.process.wait()
+        self.start()
+        outcome = "hang" if line is None else "crash"
+        where = f"more than {DEADLINE:g} s" if line is None else f"status {status}"
+        return {"outcome": outcome, "what": "", "where": where, "seconds": DEADLINE, "memory": 0}
+
+    def stop(self) -> None:
+        """End the process."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def run(kind: str, numbers: range, seed: int, workers: int) -> list[str]:
+    """Run cases; return what was found."""
+    if not numbers:
+        return []
+    bar = tqdm(total=len(numbers), desc=kind, disable=not sys.stderr.isatty())
+    turns, outcomes, findings = count(numbers.start), Counter[str](), dict[str, list[Any]]()
+    slowest, greatest = (0.0, 0), (0, 0)
+
+    def turn(_: int) -> None:
+        nonlocal slowest, greatest
+        worker = Worker(kind, seed)
+        while (number := next(turns)) < numbers.stop:
+            found = worker.run(number)
+            outcomes[found["outcome"]] += 1
+            slowest, greatest = max(slowest, (found["seconds"], number)), max(greatest, (found["memory"], number))
+            if found["outcome"] not in ("result", "refused"):
+                findings.setdefault(f"{found['outcome']}: {found['where']}", []).append((number, found["what"]))
+            bar.update()
+        worker.stop()
+
+    start = time.monotonic()
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(turn, range(workers)))
+    bar.close()
+    took = time.monotonic() - start
+    print(
+        f"{len(numbers):,} {kind} in {took:.0f} s: {', '.join(f'{n:,} {name}' for name, n in outcomes.most_common())}"
+    )
+    print(
+        f"  the slowest took {slowest[0]:.1f} s ({kind} {slowest[1]}), "
+        f"the greatest {greatest[0] >> 20} MiB ({greatest[1]})"
+    )
+    for name, cases in sorted(findings.items(), key=lambda item: -len(item[1])):
+        number, what = cases[0]
+        print(
+            f"{len(cases):5} x {name}\n        {what}\n"
+            f"        python {sys.argv[0]} --seed {seed} --case {kind} {number}"
+        )
+    return list(findings)
+
+
+def main() -> None:
+    """Run files and calls, or one of them again."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--files", type=int, default=100_000, help="damaged files")
+    parser.add_argument("--calls", type=int, default=1_000_000, help="calls of the public API")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of either kind")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--case", nargs=2, metavar=("KIND", "NUMBER"), help="only this one, in this process")
+    parser.add_argument("--work", choices=("files", "calls"), help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.work:
+        work(asked.work, asked.seed)
+    elif asked.case:
+        again(asked.case[0], int(asked.case[1]), asked.seed)
+    else:
+        found = []
+        for kind, number in (("files", asked.files), ("calls", asked.calls)):
+            found += run(kind, range(asked.first, asked.first + number), asked.seed, asked.workers)
+        sys.exit(f"{len(found)} findings" if found else 0)
+
+
+def again(kind: str, number: int, seed: int) -> None:
+    """Run one case in this process, and tell all about it; a damaged file is kept."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz_"))
+    cases = Cases(folder, kind, seed)
+    (folder / "here").mkdir()
+    os.chdir(folder / "here")
+    print(f"in {folder}", flush=True)
+    print(cases.drawn(number)[0], flush=True)
+    found = cases.run(number)
+    print(
+        f"{found['outcome']}: {found['where']}, {found['seconds']:.2f} s, {found['memory'] >> 20} MiB\n{found['trace']}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,245 @@
+"""Calls of the public API with whatever may be handed over: right values, and wrong ones of every kind."""
+
+from __future__ import annotations
+
+import inspect
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fuzz_files import N, grid, odd_array, sheet
+
+import voxflat
+from voxflat import figures, io
+from voxflat.io.volumes import write_volume
+
+_LEFT_OUT = {"progress", "dask", "self"}
+_PATHS = (
+    "out.npz",
+    "out.vtp",
+    "out.surf.gii",
+    "out.png",
+    "out.json",
+    "out.nii.gz",
+    "out.svg",
+    "missing/out.npz",
+    "out",
+)
+
+ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, -0.5, 1e-300, 1e19, 1e107, float("nan")]
+ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
+ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]
+ODD += [
+    np.zeros(0),
+    np.zeros((0, 3)),
+    np.zeros((3, 0)),
+    np.full(3, np.nan),
+    np.array("x"),
+    np.array([None]),
+    np.zeros(3),
+]
+ODD += [np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4), np.ones((2, 2, 2)), np.eye(4) * np.nan, Path("x")]
+
+
+def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
+    """Return what is called, by its name, and right values of its parameters, by theirs.
+
+    Parameters
+    ----------
+    folder : Path
+        For files that calls read.
+    """
+    surface = voxflat.surface(sheet())
+    mesh = (grid().points, grid().faces)
+    of_mesh = voxflat.surface(mesh)
+    flat_map, of_mesh_map = voxflat.flatten(surface, sources=9), voxflat.flatten(of_mesh, sources=9)
+    atlas = voxflat.patches(surface, bound=1.2)
+    write_volume(folder / "v.nii", sheet(), np.eye(4))
+    io.write_mesh(folder / "s.surf.gii", grid())
+    flat_map.save(folder / "map.npz")
+    atlas.save(folder / "atlas.npz")
+    voxflat.geodesic(surface, 9, store=folder / "store")
+    made: dict[str, Any] = {
+        "surface": surface,
+        "of_mesh": of_mesh,
+        "map": flat_map,
+        "of_mesh_map": of_mesh_map,
+        "atlas": atlas,
+        "glued": atlas.glue(),
+        "page": atlas.page(),
+        "cut": voxflat.cut(of_mesh, relax=False),
+        "rows": voxflat.geodesic(surface, 9),
+        "image": flat_map.heat_map(),
+        "images": flat_map.images(np.ones((*sheet().shape, 2))),
+        "regions": flat_map.regions({"a": flat_map.uv.mean(axis=0) + np.array([[-2, -2], [2, -2], [0, 2]])}),
+        "textured": flat_map.textured(np.zeros((4, 4, 3), np.uint8)),
+        "comparison": voxflat.compare(of_mesh, {"a": of_mesh_map}, sources=9),
+        "distortion": flat_map.distortion,
+    }
+    found: dict[str, Callable[..., Any]] = {}
+    for module in (voxflat, io, figures):
+        for name in module.__all__:
+            one = getattr(module, name)
+            if callable(one) and (module is io or not isinstance(one, type)):
+                found[f"{module.__name__}.{name}"] = one
+    for name, value in made.items():
+        for method, one in inspect.getmembers(type(value), inspect.isfunction):
+            if not method.startswith("_"):
+                found[f"{name}.{method}"] = getattr(value, one.__name__)
+    for name in ("with_core", "with_provenance", "atomic_path", "index", "count", "has_triangles", "merged_in"):
+        found = {label: one for label, one in found.items() if not label.endswith("." + name)}
+    return found, _values(folder, made, mesh)
+
+
+def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any]]:
+    """Return right values of parameters, by their names."""
+    volume, points = sheet(), made["of_mesh_map"].uv
+    any_surface = [made["surface"], made["of_mesh"], volume, mesh, folder / "v.nii", folder / "s.surf.gii"]
+    picture = np.zeros((5, 4, 3), np.uint8)
+    values: dict[str, list[Any]] = {
+        "surface": any_surface,
+        "source": any_surface,
+        "obj": [volume, folder / "v.nii"],
+        "method": ["voxflat", "grossmann2002", "zigelman2002", "schwartz1989", "saucan2006"],
+        "label": [1],
+        "threshold": [0.5],
+        "spacing": [(1, 1, 2), 1.0],
+        "affine": [np.eye(4), np.diag([1, 1, 2, 1])],
+        "keep": [volume, np.ones(N, bool)],
+        "drop": [volume * 0, np.zeros(N, bool), [0, 1]],
+        "seed_point": [(3, 3, 2), 9],
+        "radius": [4.0, 12.0],
+        "polygon": [[(0, 0, 2), (7, 0, 2), (7, 7, 2), (0, 7, 2)], [0, 7, 63]],
+        "cuts": ["automatic", [[0, 1, 2]], [[(0, 3, 2), (1, 3, 2)]]],
+        "relax": [False, True, 0.1],
+        "adapt": [10.0],
+        "sources": [9, 20, [0, 5, 60], [(0, 0, 2), (7, 7, 2), (0, 7, 2)]],
+        "sampling": ["farthest", "random"],
+        "geodesic": ["graph", "exact", "fast-marching"],
+        "weighting": [0.0, 1.0],
+        "scale": ["best"],
+        "link_lengths": ["euclidean"],
+        "neighbourhood": [4, 20.0],
+        "starts": [1],
+        "bound": [1.5],
+        "seed": [0, 7],
+        "threads": [1, 2],
+        "memory_limit": [10**8, 10**9],
+        "store": [folder / "new"],
+        "repair": ["none", "smallest"],
+        "sheet": [True, False],
+        "max_angle": [30.0],
+        "count": [2],
+        "seeds": ["curvature", "farthest"],
+        "flat": [made["map"], made["of_mesh_map"], points, folder / "map.npz"],
+        "maps": [{"a": made["map"]}, {"a": made["of_mesh_map"], "b": points}],
+        "reference": ["exact", "graph"],
+        "a": [0, (0, 0, 2)],
+        "b": [9, (7, 7, 2)],
+        "depth": [0.0, 1.0, np.zeros((9, 9)) + np.arange(9), [0.0, 1.0]],
+        "mask": [np.ones((9, 9), bool)],
+        "volume": [volume, np.ones(N), folder / "v.nii", np.ones((*volume.shape, 2))],
+        "pixel_size": [1.0, 0.5],
+        "channel": [0, "a"],
+        "interpolation": ["linear", "nearest"],
+        "period": [3.0],
+        "time_step": [1.0],
+        "fraction": [0.5],
+        "layering": ["equivolume", "equidistant"],
+        "places": [points[:3], [[0.0, 0.0]]],
+        "points": [np.zeros((3, 3)), N, grid().points],
+        "faces": [grid().faces],
+        "vertices": [np.arange(9)],
+        "n": [N],
+        "values": [np.ones(N), np.ones((N, 2))],
+        "picture": [picture, np.zeros((5, 4))],
+        "texel_size": [1.0],
+        "rois": [{"a": points[:4]}, np.ones(np.shape(made["image"].data), np.uint8)],
+        "mesh": [grid()],
+        "data": [volume],
+        "ids": [[0, 1], [(0, 0, 2)], 3],
+        "place": [(0, 0, 2)],
+        "atlas": [made["atlas"], made["glued"]],
+        "flat_map": [made["map"], made["of_mesh_map"]],
+        "map": [made["map"], made["of_mesh_map"]],
+        "stack": [made["images"]],
+        "images": [made["images"]],
+        "overwrite": [True],
+        "sidecar": [True, False],
+        "tolerance": [16.0],
+    }
+    files = [folder / name for name in ("map.npz", "atlas.npz", "store", "v.nii", "s.surf.gii")]
+    values["path"] = [*_PATHS, *files, *(folder / name for name in ("lh.white", "p.patch.flat"))]
+    return values
+
+
+def arguments(one: Callable[..., Any], values: dict[str, list[Any]], chance: random.Random) -> dict[str, Any]:
+    """Choose what a function is given.
+
+    Parameters
+    ----------
+    one : callable
+        The function.
+    values : dict
+        Right values of parameters, by their names.
+    chance : Random
+        Chooses.
+
+    Returns
+    -------
+    dict
+        By the parameters' names.
+    """
+    given: dict[str, Any] = {}
+    for name, parameter in inspect.signature(one).parameters.items():
+        if name in _LEFT_OUT or parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        is_needed = parameter.default is parameter.empty
+        if not is_needed and chance.random() > 0.2:
+            continue
+        right = values.get(name)
+        if right and chance.random() < (0.75 if is_needed else 0.5):
+            given[name] = chance.choice(right)
+        elif right and chance.random() < 0.5:
+            given[name] = _spoiled(chance.choice(right), chance)
+        else:
+            given[name] = chance.choice(ODD)
+        if isinstance(given[name], Path) and name == "path" and chance.random() < 0.2:
+            given[name] = str(given[name])
+    return given
+
+
+def _spoiled(value: Any, chance: random.Random) -> Any:
+    """Return a value like a right one, but wrong somewhere."""
+    if isinstance(value, np.ndarray):
+        return odd_array(value, chance)
+    if isinstance(value, dict):
+        return {key: _spoiled(one, chance) for key, one in value.items()}
+    if isinstance(value, tuple | list) and len(value):
+        at = chance.randrange(len(value))
+        return type(value)([*value[:at], _spoiled(value[at], chance), *value[at + 1 :]])
+    if isinstance(value, bool):
+        return chance.choice((None, 0, 1, "yes", np.bool_(value)))
+    if isinstance(value, int | float):
+        return chance.choice((-value, value * 1e9, value + 0.5, str(value), [value], np.float64(value), 10**25, None))
+    return chance.choice(ODD)
+
+
+def told(label: str, given: dict[str, Any]) -> str:
+    """Return a call as text.
+
+    Parameters
+    ----------
+    label : str
+        What is called.
+    given : dict
+        With what.
+
+    Returns
+    -------
+    str
+    """
+    shown = ", ".join(f"{name}={' '.join(repr(value).split())[:90]}" for name, value in given.items())
+    return f"{label}({shown})".encode("ascii", "backslashreplace").decode()

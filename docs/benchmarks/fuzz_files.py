@@ -1,0 +1,654 @@
+"""Files to damage: a small one of every format that voxflat reads, ways to damage it, and what opens it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import json
+import random
+import re
+import shutil
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import nibabel as nib
+import numpy as np
+import pyvista as pv
+from PIL import Image
+
+import voxflat
+from voxflat.io.files import contents
+from voxflat.io.label_tables import own_table, read_table
+from voxflat.io.meshes import Mesh, holds_mesh, is_mesh_name, read_mesh, write_mesh
+from voxflat.io.overlays import holds_volume, read_channels, read_overlay, read_region
+from voxflat.io.patches import Patch, is_patch, read_patch, write_patch
+from voxflat.io.tables import read_points
+from voxflat.io.volumes import read_volume, write_volume
+from voxflat.maps.pictures import as_picture
+from voxflat.surfaces.standard.template import is_template, read_template, standard_template
+
+SIDE = 8
+"""Points along a side of the flat sheet that most files are of."""
+
+N = SIDE * SIDE
+
+
+def sheet() -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return a flat sheet of voxels."""
+    volume = np.zeros((SIDE, SIDE, 5), np.uint8)
+    volume[:, :, 2] = 1
+    return volume
+
+
+def grid() -> Mesh:
+    """Return a sheet of triangles, a little bent."""
+    i, j = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
+    points = np.column_stack([5.0 * i.ravel(), 5.0 * j.ravel(), np.sin(i.ravel())])
+    corner = (i[:-1, :-1] * SIDE + j[:-1, :-1]).ravel()
+    halves = [(corner, corner + SIDE, corner + 1), (corner + 1, corner + SIDE, corner + SIDE + 1)]
+    return Mesh(points, np.concatenate([np.column_stack(half) for half in halves]))
+
+
+# -------------------------------------------------------------------------------------------------- openers
+
+
+def _mesh(path: Path) -> None:
+    is_mesh_name(path)
+    holds_mesh(path)
+    read_mesh(path)
+
+
+def _values(path: Path) -> None:
+    holds_volume(path)
+    read_overlay(path, N)
+    channels = read_channels(path, N)
+    channels.read(len(channels) - 1)
+
+
+def _labels(path: Path) -> None:
+    own_table(path)
+    read_overlay(path, N)
+    read_region(path, N, name="V1")
+
+
+def _series(path: Path) -> None:
+    _MADE["map"].images(path)
+
+
+def _map(path: Path) -> None:
+    found = voxflat.load(path)
+    found.heat_map()
+    found.image(np.ones(found.volume_shape) if found.is_voxels else np.ones(found.metadata["vertices"]))
+    found.look_up([[0.0, 0.0]])
+    found.save(path.with_name("again.vtp"))
+    repr(found)
+
+
+def _atlas(path: Path) -> None:
+    found = voxflat.load_atlas(path)
+    found.table()
+    found.page().heat_map()
+    found.save(path.with_name("again.npz"))
+
+
+def _store(path: Path) -> None:
+    rows = voxflat.open_rows(path)
+    rows.verify()
+    rows.chunks  # noqa: B018
+
+
+def _cuts(path: Path) -> None:
+    voxflat.cut(_MADE["surface"], cuts=path, relax=False)
+
+
+def _template(path: Path) -> None:
+    is_template(path)
+    read_template(path)
+
+
+def _regions(path: Path) -> None:
+    _MADE["map"].regions(path).at(np.zeros((1, 2)))
+
+
+def _patch(path: Path) -> None:
+    is_patch(path)
+    read_patch(path)
+
+
+OPENERS: dict[str, Callable[[Path], object]] = {
+    "volume": read_volume,
+    "series": _series,
+    "mesh": _mesh,
+    "values": _values,
+    "labels": _labels,
+    "region": lambda path: read_region(path, N),
+    "patch": _patch,
+    "table": read_table,
+    "points": read_points,
+    "map": _map,
+    "atlas": _atlas,
+    "store": _store,
+    "cuts": _cuts,
+    "template": _template,
+    "regions": _regions,
+    "picture": as_picture,
+    "contents": contents,
+}
+
+_MADE: dict[str, Any] = {}
+"""What openers need beside their file."""
+
+
+# -------------------------------------------------------------------------------------------------- corpus
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A folder with one file, or with files that belong together, and how it is opened."""
+
+    folder: Path
+    main: str
+    opener: str
+
+    @property
+    def files(self) -> list[Path]:
+        """All of it."""
+        return sorted(path for path in self.folder.rglob("*") if path.is_file())
+
+
+def corpus(folder: Path) -> list[Entry]:
+    """Write a small file of every format.
+
+    Parameters
+    ----------
+    folder : Path
+        Where.
+
+    Returns
+    -------
+    list of Entry
+    """
+    entries: list[Entry] = []
+
+    def entry(main: str, opener: str, write: Callable[[Path], object], name: str = "") -> None:
+        own = folder / f"{len(entries):02}"
+        own.mkdir(parents=True)
+        write(own / (name or main))
+        entries.append(Entry(own, main, opener))
+
+    surface = voxflat.surface(sheet())
+    flat_map = voxflat.flatten(surface, sources=9)
+    _MADE.update(surface=surface, map=flat_map)
+    affine = np.diag([1.0, 1.0, 2.0, 1.0])
+    floats = np.random.default_rng(0).random((6, 5, 4)).astype(np.float32)
+    for ending in (".nii", ".nii.gz", ".nrrd", ".mha", ".mgh", ".mgz", ".npz"):
+        entry(f"v{ending}", "volume", lambda path: write_volume(path, sheet(), affine))
+    entry("f.nii", "volume", lambda path: write_volume(path, floats, affine))
+    entry("f.mha", "volume", lambda path: write_volume(path, floats, affine))
+    entry("v.npy", "volume", lambda path: write_volume(path, sheet(), np.eye(4)))
+    entry("v2.nii", "volume", lambda path: nib.save(nib.Nifti2Image(sheet(), affine), path))
+    entry("text.nhdr", "volume", _write_nhdr)
+    entry("raw.mhd", "volume", _write_mhd)
+    entry("ascii.mha", "volume", _write_text_mha)
+    series = nib.Nifti1Image(np.ones((SIDE, SIDE, 5, 3), np.float32), np.eye(4))
+    entry("t.nii", "series", lambda path: nib.save(series, path))
+    entry("t.nii.gz", "series", lambda path: nib.save(series, path))
+    mgh = nib.MGHImage(np.ones((SIDE, SIDE, 5, 3), np.float32), np.eye(4))
+    entry("t.mgz", "series", lambda path: nib.save(mgh, path))
+    entry("t.zarr", "series", lambda path: flat_map_zarr(path))
+    _meshes(entry)
+    _on_points(entry)
+    entry("map.npz", "map", flat_map.save)
+    of_mesh = voxflat.flatten((grid().points, grid().faces), sources=9)
+    entry("map.voxflat", "map", of_mesh.save)
+    atlas = voxflat.patches(surface, bound=1.2)
+    entry("atlas.npz", "atlas", atlas.save)
+    entry("glued.npz", "atlas", atlas.glue().save)
+    entry("store", "store", lambda path: voxflat.geodesic(surface, 9, store=path))
+    entry("cuts.json", "cuts", lambda path: path.write_text('{"cuts": [[[0,3,2],[1,3,2],[2,3,2]]], "drop": [[7,7,2]]}'))
+    entry("t.json", "template", lambda path: path.write_text(standard_template("fsaverage", "left").as_json()))
+    middle = flat_map.uv.mean(axis=0)
+    square = (middle + 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])).tolist()
+    entry("rois.json", "regions", lambda path: path.write_text(json.dumps({"V1": square, "V2": [square]})))
+    entry("rois.svg", "regions", lambda path: _write_svg(path, flat_map))
+    pixels = flat_map.heat_map().data
+    entry("rois.npy", "regions", lambda path: np.save(path, np.ones(np.shape(pixels), np.uint8)))
+    entry("rois.png", "regions", flat_map.heat_map().save)
+    entry("rois.tif", "regions", flat_map.heat_map().save)
+    entry("rois.nii", "regions", flat_map.heat_map().save)
+    picture = Image.fromarray(np.arange(300, dtype=np.uint8).reshape(10, 10, 3))
+    for ending in (".png", ".jpg", ".tif", ".bmp"):
+        entry(f"p{ending}", "picture", picture.save)
+    return entries
+
+
+def _meshes(entry: Callable[..., None]) -> None:
+    mesh = grid()
+    of_vtk = pv.PolyData.from_regular_faces(mesh.points, mesh.faces)
+    for name in ("s.surf.gii", "lh.white", "s.vtp", "s.ply", "s.obj"):
+        entry(name, "mesh", lambda path: write_mesh(path, mesh))
+    entry("s.gii.gz", "mesh", lambda path: _packed(path, mesh))
+    for name, binary in (("text.vtp", False), ("s.vtk", True), ("text.vtk", False), ("text.ply", False)):
+        entry(name, "mesh", lambda path, binary=binary: of_vtk.save(path, binary=binary))
+    entry("old.vtk", "mesh", lambda path: _write_old(path, of_vtk, 2))
+    entry("oldtext.vtk", "mesh", lambda path: _write_old(path, of_vtk, 1))
+    entry("s.stl", "mesh", of_vtk.save)
+    entry("text.stl", "mesh", lambda path: of_vtk.save(path, binary=False))
+    quads = b"".join(b"v %d %d 0 # z\n" % (i, j) for i in range(3) for j in range(3)) + b"vt 0 0\nvt 0 1\n"
+    quads += b"mtllib m.mtl\nusemtl a\nf 1/1 2/2 5/1 4/2\nf 2//1 3//1 6//1 5//1\nf -1 -2 -5\n"
+    entry("quads.obj", "mesh", lambda path: path.write_bytes(quads))
+
+
+def _on_points(entry: Callable[..., None]) -> None:
+    values = np.linspace(0, 1, N, dtype=np.float32)
+    labels = (np.arange(N) % 3).astype(np.int32)
+    gifti = nib.gifti
+    arrays = [gifti.GiftiDataArray(values, "NIFTI_INTENT_SHAPE"), gifti.GiftiDataArray(values, "NIFTI_INTENT_SHAPE")]
+    entry("v.func.gii", "values", lambda path: nib.save(gifti.GiftiImage(darrays=arrays), path))
+    table = gifti.GiftiLabelTable()
+    for key, name in enumerate(("???", "V1", "V2")):
+        label = gifti.GiftiLabel(key, 0.1, 0.2, 0.3, 1.0)
+        label.label = name
+        table.labels.append(label)
+    of_labels = gifti.GiftiDataArray(labels, "NIFTI_INTENT_LABEL")
+    entry("v.label.gii", "labels", lambda path: nib.save(gifti.GiftiImage(darrays=[of_labels], labeltable=table), path))
+    entry("lh.curv", "values", lambda path: nib.freesurfer.write_morph_data(path, values))
+    colours = np.array([[10, 20, 30, 0], [40, 50, 60, 0], [70, 80, 90, 0]])
+    names = ["unknown", "V1", "V2"]
+    entry(
+        "lh.annot",
+        "labels",
+        lambda path: nib.freesurfer.write_annot(path, labels, np.c_[colours, [0, 0, 0]], names, fill_ctab=True),
+    )
+    entry("v.mgh", "values", lambda path: nib.save(nib.MGHImage(values.reshape(-1, 1, 1), np.eye(4)), path))
+    points = nib.Nifti1Image(np.tile(values, (2, 1)).T.reshape(N, 1, 1, 2).copy(), np.eye(4))
+    entry("v.nii", "values", lambda path: nib.save(points, path))
+    axes = nib.cifti2
+    brain = axes.BrainModelAxis.from_mask(np.ones(N, bool), "CortexLeft")
+    scalars = nib.Cifti2Image(np.tile(values, (2, 1)), (axes.ScalarAxis(["a", "b"]), brain))
+    entry("v.dscalar.nii", "values", lambda path: nib.save(scalars, path))
+    keys = {0: ("???", (0, 0, 0, 0)), 1: ("V1", (1, 0, 0, 1)), 2: ("V2", (0, 1, 0, 1))}
+    labelled = nib.Cifti2Image(labels[None].astype(np.float32), (axes.LabelAxis(["parcels"], keys), brain))
+    entry("v.dlabel.nii", "labels", lambda path: nib.save(labelled, path))
+    entry("v.npy", "values", lambda path: np.save(path, values))
+    entry("v.txt", "values", lambda path: np.savetxt(path, values))
+    rows = "".join(f"{n}  1.0  2.0  3.0 0.0\n" for n in range(5))
+    entry("lh.V1.label", "region", lambda path: path.write_text(f"#!ascii label , from subject\n5\n{rows}"))
+    patch = Patch(np.arange(9), np.zeros((9, 3)) + np.arange(9)[:, None], np.arange(9) % 2 == 0)
+    entry("lh.cortex.patch.3d", "patch", lambda path: write_patch(path, patch))
+    entry("lut.txt", "table", lambda path: path.write_text("# No. Name R G B A\n0 Unknown 0 0 0 0\n1 V1 255 0 9 0\n"))
+    entry("lut.tsv", "table", lambda path: path.write_text("index\tname\tcolor\n0\tnone\t#000000\n1\tV1\t#ff0a0b\n"))
+    entry(
+        "lut.label.gii", "table", lambda path: nib.save(gifti.GiftiImage(darrays=[of_labels], labeltable=table), path)
+    )
+    entry("points.csv", "points", lambda path: path.write_text("name,x,y,z\na,1,2,3\nb,4,5,6\n"))
+    entry("points.tsv", "points", lambda path: path.write_text("x\ty\tz\n1\t2\t3\n4\t5\t6\n"))
+
+
+def _packed(path: Path, mesh: Mesh) -> None:
+    plain = path.with_name("s.surf.gii")
+    write_mesh(plain, mesh)
+    path.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
+    plain.unlink()
+
+
+def _write_old(path: Path, mesh: Any, kind: int) -> None:
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+
+    writer = vtkPolyDataWriter()
+    writer.SetInputData(mesh)
+    writer.SetFileName(str(path))
+    writer.SetFileVersion(42)
+    writer.SetFileType(kind)
+    writer.Write()
+
+
+def _write_nhdr(path: Path) -> None:
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nsizes: 8 8 5\n"
+    head += "space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nencoding: raw\ndata file: v.raw\n\n"
+    path.write_text(head)
+    path.with_name("v.raw").write_bytes(sheet().tobytes(order="F"))
+
+
+def _mhd_head(where: str) -> str:
+    head = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nOffset = 0 0 0\n"
+    return head + f"ElementSpacing = 1 1 2\nDimSize = 8 8 5\nElementType = MET_UCHAR\nElementDataFile = {where}\n"
+
+
+def _write_mhd(path: Path) -> None:
+    path.write_text(_mhd_head("v.raw"))
+    path.with_name("v.raw").write_bytes(sheet().tobytes(order="F"))
+
+
+def _write_text_mha(path: Path) -> None:
+    head = _mhd_head("LOCAL").replace("BinaryData = True", "BinaryData = False")
+    path.write_text(head + " ".join(map(str, sheet().ravel(order="F"))) + "\n")
+
+
+def _write_svg(path: Path, flat_map: voxflat.FlatMap) -> None:
+    from voxflat import figures
+
+    figures.save(figures.flat_map(flat_map), path)
+    drawn = '<g id="rois"><path id="V1" d="M 50 50 L 150 50 L 150 150 Z"/></g></svg>'
+    path.write_text(path.read_text().replace("</svg>", drawn))
+
+
+def flat_map_zarr(path: Path) -> None:
+    """Write a volume as OME-Zarr."""
+    import zarr
+
+    group = zarr.open_group(path, mode="w", zarr_format=2)
+    group.create_array("0", data=np.ones((5, SIDE, SIDE), np.float32), chunks=(5, 4, 4))
+    steps = [{"type": "scale", "scale": [1, 1, 1]}, {"type": "translation", "translation": [0, 0, 0]}]
+    sets = [{"path": "0", "coordinateTransformations": steps}]
+    axes = [{"name": name, "type": "space", "unit": "millimeter"} for name in "zyx"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": sets}]
+
+
+# -------------------------------------------------------------------------------------------------- damage
+
+_WORDS = [b"0", b"-1", b"1", b"3", b"255", b"65536", b"2147483647", b"2147483648", b"-2147483648", b"4294967295"]
+_WORDS += [b"9223372036854775807", b"18446744073709551616", b"1e19", b"1e107", b"1e400", b"nan", b"-inf", b"", b"0.5"]
+_WORDS += [
+    b"99999999999999999999",
+    b"%n%x%s",
+    b"x",
+    b"\xff\xfe",
+    b"'",
+    b'"',
+    b"../../../etc/hosts",
+    b"None",
+    b"1 2 3 4",
+]
+_INTEGERS = [0, 1, 2, 3, 7, 127, 255, 256, 32767, 65535, 2**24, 2**31 - 1, 2**31, 2**32 - 1, -1, -2, -(2**31)]
+_FLOATS = [0.0, -0.0, 1.0, -1.0, 1e-30, 1e19, 1e30, float("nan"), float("inf"), float("-inf")]
+_VALUES: list[Any] = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
+_VALUES += [[None], [[1, 2], [3]], {"a": 1}, [1, 2, 3], float("nan"), float("inf"), ["a", "b"], "\x00", 0.5]
+_NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+
+
+def damage(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+    """Damage the bytes of a file.
+
+    Parameters
+    ----------
+    data : bytes
+        All of it.
+    chance : Random
+        Says how.
+    other : callable
+        Returns the bytes of another file.
+
+    Returns
+    -------
+    bytes
+    """
+    if chance.random() < 0.6:
+        inside = _inside(data, chance, other)
+        if inside is not None:
+            return inside
+    for _ in range(chance.choice((1, 1, 1, 2, 4))):
+        data = chance.choice(_WAYS)(data, chance, other)
+    return data
+
+
+def _inside(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes | None:
+    """Damage what is packed in a file, and pack it again so that no checksum tells; None if nothing is."""
+    if data[:2] == b"\x1f\x8b":
+        return gzip.compress(damage(gzip.decompress(data), chance, other), 1, mtime=0)
+    if data[:2] == b"PK":
+        return _in_archive(data, chance, other)
+    if data[:6] == b"\x93NUMPY":
+        return _in_array(data, chance)
+    if data[:1] in (b"{", b"["):
+        return json.dumps(_in_json(json.loads(data), chance)).encode("utf-8", "replace")
+    if blocks := list(re.finditer(rb">\s*([A-Za-z0-9+/]{40,}=*)\s*<", data)):
+        block = chance.choice(blocks)
+        inner = base64.b64decode(block[1])
+        try:
+            inner, pack = zlib.decompress(inner), zlib.compress
+        except zlib.error:
+            pack = bytes
+        inner = base64.b64encode(pack(_numbers(inner, chance, other)))
+        return data[: block.start(1)] + inner + data[block.end(1) :]
+    return None
+
+
+def _in_archive(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    name = chance.choice(sorted(members))
+    match chance.randrange(8):
+        case 0:
+            del members[name]
+        case 1:
+            members[name] = members[chance.choice(sorted(members))]
+        case 2:
+            members[name] = damage(members[name], chance, other)
+        case _:
+            members[name] = _in_array(members[name], chance)
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        for member, content in members.items():
+            archive.writestr(zipfile.ZipInfo(member), content)
+    return made.getvalue()
+
+
+def _in_array(data: bytes, chance: random.Random) -> bytes:
+    """Change values, shape or type of an array; of text that is JSON what it says."""
+    try:
+        array = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, TypeError):
+        return data[: len(data) // 2]
+    if array.dtype.kind == "U" and array.ndim == 0 and str(array)[:1] == "{":
+        array = np.array(json.dumps(_in_json(json.loads(str(array)), chance)))
+    else:
+        array = odd_array(array, chance)
+    made = io.BytesIO()
+    np.lib.format.write_array(made, array, allow_pickle=array.dtype.hasobject)
+    return made.getvalue()
+
+
+def odd_array(array: Any, chance: random.Random) -> Any:
+    """Return an array like another, but wrong somewhere.
+
+    Parameters
+    ----------
+    array : ndarray
+        The right one.
+    chance : Random
+        Says how.
+
+    Returns
+    -------
+    ndarray
+    """
+    array = np.array(array)
+    with np.errstate(all="ignore"):
+        match chance.randrange(9):
+            case 0:
+                return array[: len(array) // 2] if array.ndim else array[None]
+            case 1:
+                return np.concatenate([array, array]) if array.ndim else array[None]
+            case 2:
+                return array[..., None]
+            case 3:
+                return array.ravel()
+            case 4:
+                return (
+                    array.astype(chance.choice(("f2", "f8", "i1", "u8", "c16", "?")))
+                    if array.dtype.kind != "U"
+                    else array
+                )
+            case 5:
+                return np.array(chance.choice(("x", 3, 0.5, -1, np.nan)))
+            case 6:
+                return array[:0] if array.ndim else array
+            case 7:
+                return array.astype(array.dtype.newbyteorder(">"))
+            case _:
+                if array.size and array.dtype.kind in "iufb":
+                    array = array.copy()
+                    values = _FLOATS if array.dtype.kind == "f" else _INTEGERS
+                    value = np.array(chance.choice(values))
+                    array.reshape(-1)[chance.randrange(array.size)] = value.astype(array.dtype)
+                return array
+
+
+def _in_json(value: Any, chance: random.Random) -> Any:
+    """Change something in a value of JSON."""
+    if chance.random() < 0.02:
+        return _nested(20)
+    inner = [key for key in value if isinstance(value[key], dict | list)] if isinstance(value, dict) else []
+    if isinstance(value, dict) and value:
+        key = chance.choice(sorted(inner)) if inner and chance.random() < 0.7 else chance.choice(sorted(value))
+        if isinstance(value[key], dict | list) and value[key] and chance.random() < 0.7:
+            return {**value, key: _in_json(value[key], chance)}
+        if chance.random() < 0.3:
+            return {name: one for name, one in value.items() if name != key}
+        return {**value, key: chance.choice(_VALUES)}
+    if isinstance(value, list) and value:
+        at = chance.randrange(len(value))
+        if isinstance(value[at], dict | list) and chance.random() < 0.7:
+            return [*value[:at], _in_json(value[at], chance), *value[at + 1 :]]
+        if chance.random() < 0.3:
+            return value[:at] + value[at + 1 :]
+        return [*value[:at], chance.choice(_VALUES), *value[at + 1 :]]
+    return chance.choice(_VALUES)
+
+
+def _nested(depth: int) -> Any:
+    value: Any = 1
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+def _numbers(data: bytes, chance: random.Random, _: object) -> bytes:
+    """Write numbers that headers had better not have over some bytes, most of them near the start."""
+    if len(data) < 8:
+        return data
+    changed = bytearray(data)
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        width = chance.choice((1, 2, 4, 4, 8))
+        most = len(data) - width if chance.random() < 0.3 else min(len(data) - width, 512)
+        at = chance.randrange(most + 1) // width * width + (chance.randrange(4) if chance.random() < 0.2 else 0)
+        order = chance.choice("<>")
+        if width >= 4 and chance.random() < 0.4:
+            new = struct.pack(order + {4: "f", 8: "d"}[width], chance.choice(_FLOATS))
+        else:
+            value = chance.choice(_INTEGERS) % 256**width
+            new = value.to_bytes(width, "little" if order == "<" else "big")
+        changed[at : at + width] = new
+    return bytes(changed)
+
+
+def _words(data: bytes, chance: random.Random, _: object) -> bytes:
+    """Write something else for one number of a text."""
+    found = list(_NUMBER.finditer(data[:100_000]))
+    if not found:
+        return data
+    word = chance.choice(found[: 40 if chance.random() < 0.6 else None])
+    return data[: word.start()] + chance.choice(_WORDS) + data[word.end() :]
+
+
+def _lines(data: bytes, chance: random.Random, _: object) -> bytes:
+    """Leave out, double, exchange or make endless one line."""
+    lines = data.split(b"\n")
+    at = chance.randrange(min(len(lines), 60))
+    match chance.randrange(5):
+        case 0:
+            del lines[at]
+        case 1:
+            lines.insert(at, lines[chance.randrange(len(lines))])
+        case 2:
+            lines[at] = chance.choice((b"\t", b" ", b"\r")) + lines[at]
+        case 3:
+            lines.insert(at, chance.choice((b"\n", b" ", b"\t", b"(", b"<a>")) * chance.choice((100, 20_000)))
+        case _:
+            lines[at] = lines[at].replace(b"=", b" = ").replace(b'"', b"'")
+    return b"\n".join(lines)
+
+
+def _flipped(data: bytes, chance: random.Random, _: object) -> bytes:
+    changed = bytearray(data)
+    for _ in range(chance.choice((1, 1, 2, 8)) if data else 0):
+        changed[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    return bytes(changed)
+
+
+def _span(data: bytes, chance: random.Random) -> tuple[int, int]:
+    start = chance.randrange(len(data) + 1)
+    return start, min(len(data), start + chance.choice((1, 2, 4, 16, 100, 1000)))
+
+
+def _replaced(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+    start, end = _span(data, chance)
+    kinds = (b"", data[start:end] * 2, bytes(end - start), b"\xff" * (end - start), chance.randbytes(end - start))
+    return data[:start] + chance.choice((*kinds, other()[start:end])) + data[end:]
+
+
+def _cut(data: bytes, chance: random.Random, _: object) -> bytes:
+    return data[: chance.randrange(len(data) + 1)] if data else data
+
+
+def _whole(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
+    """Return something quite different."""
+    kinds: tuple[Callable[[], bytes], ...] = (
+        bytes,
+        other,
+        lambda: gzip.compress(data, 1, mtime=0),
+        lambda: gzip.compress(gzip.compress(data, 1, mtime=0), 1, mtime=0),
+        lambda: gzip.compress(data[:200] + bytes(1 << 26), 1, mtime=0),
+        lambda: data + bytes(1 << 16),
+        lambda: data[::-1],
+        lambda: b"[" * 100_000,
+        lambda: data.decode("latin1").encode("utf-16"),
+        lambda: chance.randbytes(400),
+    )
+    return chance.choice(kinds)()
+
+
+_WAYS = (_numbers, _numbers, _words, _words, _lines, _flipped, _replaced, _cut, _whole)
+
+
+def damaged(entry: Entry, entries: list[Entry], to: Path, chance: random.Random) -> tuple[Path, str]:
+    """Copy an entry of the corpus and damage one of its files.
+
+    Parameters
+    ----------
+    entry : Entry
+        What is copied.
+    entries : list of Entry
+        All of them.
+    to : Path
+        Where; it is emptied first.
+    chance : Random
+        Says how.
+
+    Returns
+    -------
+    path : Path
+        What is to be opened.
+    opener : str
+        By what.
+    """
+    shutil.rmtree(to, ignore_errors=True)
+    shutil.copytree(entry.folder, to)
+    file = to / chance.choice(entry.files).relative_to(entry.folder)
+
+    def other() -> bytes:
+        return chance.choice(chance.choice(entries).files).read_bytes()
+
+    file.write_bytes(damage(file.read_bytes(), chance, other))
+    path, opener = to / entry.main, entry.opener
+    if chance.random() < 0.04 and path.is_file():
+        another = chance.choice([one for one in entries if (one.folder / one.main).is_file()])
+        path, opener = path.rename(to / another.main), chance.choice((opener, another.opener))
+    return path, opener

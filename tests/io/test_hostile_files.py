@@ -1,0 +1,220 @@
+"""Files that ended the process, hung it, took its memory or led to other files, one by one: each is one line now."""
+
+import json
+import os
+import struct
+import time
+
+import numpy as np
+import pytest
+from mesh_files import nib, refuses
+
+import voxflat
+from voxflat.io.meshes import read_mesh
+from voxflat.io.volumes import read_volume
+from voxflat.maps.pictures import as_picture
+
+META = (
+    "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
+    "ElementDataFile = LOCAL\n"
+)
+NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 5\nencoding: raw\ndata file: v.raw\n\n"
+VOLUMES = {
+    "printf.mhd": (META.replace("LOCAL", "x%n%n%n 1 2 1"), "and not in one file"),
+    "list.mhd": (META.replace("LOCAL", "LIST"), "and not in one file"),
+    "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory: copy them beside it"),
+    "absolute.mhd": (META.replace("LOCAL", "/dev/zero"), "outside its directory"),
+    "missing.mhd": (META.replace("LOCAL", "missing.raw"), "is not there: copy it, too"),
+    "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), "NDims '-1', .*: its header is damaged"),
+    "many.mha": (META.replace("NDims = 3", "NDims = 100"), "NDims '100'"),
+    "sizes.mha": (META.replace("8 8 5", "-8 8 5"), "DimSize '-8 8 5'"),
+    "long.mha": (META.replace("8 8 5", "8 " * 2000), "its header is damaged"),
+    "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), "channels '-3'"),
+    "blanks.mha": (META.replace("NDims", "x" + " " * 60_000 + "\nNDims"), "is no MetaImage, or its header is damaged"),
+    "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "and not in one file"),
+    "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "and not in one file"),
+    "outside.nhdr": (NRRD.replace("v.raw", "../secret.raw"), "outside its directory"),
+}
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_headers_of_volumes(tmp_path, name):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (tmp_path / "secret.raw").write_bytes(bytes(320))
+    text, message = VOLUMES[name]
+    (folder / name).write_text(text)
+    start = time.process_time()
+    refuses(folder / name, message, read_volume)
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize("bits", [0, 8, -16])
+def test_bits_that_are_not_those_of_the_type(tmp_path, bits):
+    path = tmp_path / "v.nii"
+    nib.save(nib.Nifti1Image(np.ones((3, 4, 5), np.int16), np.eye(4)), path)
+    data = bytearray(path.read_bytes())
+    data[72:74] = struct.pack("<h", bits)
+    path.write_bytes(data)
+    refuses(path, f"of type 4 and {bits} bits, which is none", read_volume)
+
+
+VTK = (
+    "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 9 0 0 0 9 0\nPOLYGONS 1 4\n3 0 1 2\n"
+)
+VTP = (
+    '<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"><PolyData>'
+    '<Piece NumberOfPoints="3" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="1">'
+    '<Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">0 0 0 9 0 0 0 9 0</DataArray></Points>'
+    '<Polys><DataArray type="Int32" Name="connectivity" format="ascii">0 1 2</DataArray>'
+    '<DataArray type="Int32" Name="offsets" format="ascii">3</DataArray></Polys></Piece></PolyData></VTKFile>'
+)
+GIFTI = (
+    '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_POINTSET" '
+    'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" Dimensionality="2" Dim0="1" Dim1="3" '
+    'Encoding="ASCII" Endian="LittleEndian"><Data>0 0 0</Data></DataArray></GIFTI>'
+)
+MESHES = {
+    "tab.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS\t1\t400000000"), "1 cells of 400000000 numbers"),
+    "blank.vtk": (VTK.replace("POLYGONS 1 4", " POLYGONS 1 5"), "1 cells of 5 numbers|by its header"),
+    "same_line.vtk": (VTK.replace("0\nPOLYGONS 1 4", "0 POLYGONS 90 4"), "90 cells of 4 numbers|by its header"),
+    "minus.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS -1 -4"), "-1 cells of -4 numbers"),
+    "points.vtk": (VTK.replace("POINTS 3", " POINTS -3"), "-3 points by its header"),
+    "strings.vtk": (VTK + "POINT_DATA 3\nFIELD f 1\nname 1 300000000 string\na\n", "300000000 times 1 values"),
+    "field.vtk": (VTK + "\tPOINT_DATA 3\n FIELD f 1\nname -3 3 double\n1\n", "3 times -3 values"),
+    "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), "negative number"),
+    "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "negative number"),
+    "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), "1 times -3 values"),
+    "tuples.vtp": (VTP.replace('Name="offsets"', 'Name="offsets" NumberOfTuples="2000000000"'), "2000000000 times 1"),
+    "axes.surf.gii": (GIFTI.replace('ity="2"', 'ity="2000000000"'), "has 2000000000 dimensions"),
+    "nested.surf.gii": (GIFTI.replace("<Data>", "<Data>" * 9).replace("</Data>", "</Data>" * 9), "within its data"),
+    "lines.stl": ("solid x\n" + "\n" * 200_000 + "endsolid", "no points|in 0 facets"),
+    "lines.vtk": ("# vtk DataFile Version 3.0\nx\nASCII\n" + "\n" * 200_000, "damaged header"),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_headers_of_meshes(tmp_path, name, capfd):
+    text, message = MESHES[name]
+    (tmp_path / name).write_text(text)
+    start = time.process_time()
+    refuses(tmp_path / name, message)
+    assert time.process_time() - start < 10
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_those_were_made_of_is_read(tmp_path):
+    """Words of VTK may also be names of arrays."""
+    more = VTK + "POINT_DATA 3\nFIELD f 1\nlines 1 3 float\n1 2 3\n"
+    for name, text in {"s.vtk": VTK, "more.vtk": more, "s.vtp": VTP}.items():
+        (tmp_path / name).write_text(text)
+        assert len(read_mesh(tmp_path / name).faces) == 1
+    (tmp_path / "blanks.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\n" + "\n" * 200_000 + "f 1 2 3\n")
+    assert len(read_mesh(tmp_path / "blanks.obj").faces) == 1
+    (tmp_path / "v.raw").write_bytes(bytes(range(64)) * 5)
+    for name, text in {"v.mhd": META.replace("LOCAL", "v.raw"), "v.nhdr": NRRD}.items():
+        (tmp_path / name).write_text(text)
+        assert read_volume(tmp_path / name).data[3, 1, 2] == 11
+
+
+@pytest.fixture(scope="module")
+def flat_map():
+    volume = np.zeros((8, 8, 5), np.uint8)
+    volume[:, :, 2] = 1
+    return voxflat.flatten(volume, sources=9)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize(
+    "name", ["v.nii", "v.mha", "v.npy", "v.mgz", "map.npz", "p.png", "rois.svg", "rois.npy", "c.json"]
+)
+def test_pipes(tmp_path, name, flat_map):
+    """A pipe would be waited for until somebody writes to it."""
+    path = tmp_path / name
+    os.mkfifo(path)
+    readers = {"v": read_volume, "map": voxflat.load, "p": as_picture, "rois": flat_map.regions}
+    read = readers.get(path.stem, lambda path: voxflat.cut(np.ones((3, 3, 3)), cuts=path))
+    with pytest.raises(voxflat.InputError, match="is no regular file"):
+        read(path)
+
+
+def test_pictures_of_other_kinds(tmp_path):
+    """Pillow would run a program for PostScript."""
+    (tmp_path / "p.png").write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\nshowpage\n")
+    with pytest.raises(voxflat.InputError, match=r"p\.png: cannot identify image file"):
+        as_picture(tmp_path / "p.png")
+
+
+@pytest.mark.parametrize("start", ["[", '{"cuts":', '{"a":'])
+def test_json_that_is_nested_deeply(tmp_path, flat_map, start):
+    path = tmp_path / "deep.json"
+    path.write_text(start + "[" * 100_000)
+    volume = np.zeros((8, 8, 5), np.uint8)
+    volume[:, :, 2] = 1
+    for read in (flat_map.regions, lambda path: voxflat.cut(volume, cuts=path)):
+        with pytest.raises(voxflat.InputError, match=r"deep\.json.* nested too deeply"):
+            read(path)
+
+
+def changed(path, name, change):
+    """Write an archive again, with one array or the text changed."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    if name in arrays:
+        arrays[name] = change(arrays[name])
+    else:
+        key = "metadata" if "metadata" in arrays else "text"
+        told = json.loads(str(arrays[key]))
+        within = told if key == "metadata" else told["metadata"]
+        within[name] = change(within.get(name))
+        arrays[key] = np.array(json.dumps(told))
+    np.savez(path, **arrays)
+
+
+CHANGES = {
+    "fewer places": ("uv", lambda uv: uv[:-1]),
+    "places in space": ("uv", lambda uv: np.column_stack([uv, uv])),
+    "NaN": ("uv", lambda uv: uv * np.nan),
+    "other points": ("points", lambda points: points[:9]),
+    "complex points": ("points", lambda points: points * 1j),
+    "a corner too far": ("faces", lambda faces: faces + 1),
+    "text for faces": ("faces", lambda faces: np.array("x")),
+    "a voxel outside": ("ids", lambda ids: ids + 99),
+    "flat ids": ("ids", np.ravel),
+    "no shape": ("shape", lambda shape: None),
+    "a shape of words": ("shape", lambda shape: ["x", 1, 2]),
+    "an affine of two rows": ("affine", lambda affine: affine[:2]),
+    "another kind": ("kind", lambda kind: "dream"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_arrays_that_do_not_fit_each_other(tmp_path, flat_map, name):
+    flat_map.save(tmp_path / "map.npz")
+    changed(tmp_path / "map.npz", *CHANGES[name])
+    with pytest.raises(voxflat.InputError, match=r"map\.npz: .*: copy it again"):
+        voxflat.load(tmp_path / "map.npz")
+
+
+@pytest.fixture(scope="module")
+def atlas():
+    volume = np.zeros((8, 8, 5), np.uint8)
+    volume[:, :, 2] = 1
+    return voxflat.patches(volume, bound=1.2)
+
+
+PIECES = {
+    "starts beyond": ("starts", lambda starts: starts + 1),
+    "no starts": ("starts", lambda starts: starts[:0]),
+    "piece beyond": ("piece_ids", lambda ids: ids + 1),
+    "measured nothing": ("measured", lambda measured: measured[:, :1]),
+    "fractional pieces": ("piece_ids", lambda ids: ids + 0.5),
+}
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", *PIECES[name])
+    with pytest.raises(voxflat.InputError, match=r"atlas\.npz: .*: copy it again"):
+        voxflat.load_atlas(tmp_path / "atlas.npz")
