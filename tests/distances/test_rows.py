@@ -230,7 +230,6 @@ def test_what_was_cancelled_goes_on(tmp_path, many):
 def test_a_full_disk_is_told_and_the_run_goes_on_later(tmp_path, expected):
     limited = """
 import resource, sys, numpy, voxflat
-sys.dont_write_bytecode = True  # what is compiled within the limit would be cut short
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
 voxflat.geodesic(numpy.ones((30, 20, 1), numpy.uint8), 40, store=sys.argv[1])
 """

@@ -33,6 +33,9 @@ const AHEAD: usize = 3;
 /// Places between two looks at whether the user has had enough.
 const CHECK: usize = 512;
 
+/// Before a range is widened.
+const NOWHERE: Range<usize> = Range { start: usize::MAX, end: 0 };
+
 /// Vertices whose distances are written into all rows before those of the next: they stay in the cache.
 const WRITTEN: usize = 256;
 
@@ -90,7 +93,7 @@ impl BundleScratch {
     /// [`crate::Error::Cancelled`].
     ///
     /// # Panics
-    /// If there are more sources than [`bundles`] puts together.
+    /// If there are more sources than a bundle has.
     pub fn rows(
         &mut self,
         graph: &impl Links,
@@ -264,7 +267,7 @@ impl<G: Links> Visits<'_, G> {
     #[inline(always)]
     fn forward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let end = places.end;
-        let mut left = usize::MAX..0;
+        let mut left = NOWHERE;
         for place in places {
             if self.is_waiting(place)? {
                 self.call(place + AHEAD);
@@ -280,7 +283,7 @@ impl<G: Links> Visits<'_, G> {
     #[inline(always)]
     fn backward(&mut self, places: Range<usize>) -> Result<Range<usize>> {
         let start = places.start;
-        let mut left = usize::MAX..0;
+        let mut left = NOWHERE;
         for place in places.rev() {
             if self.is_waiting(place)? {
                 self.call(place.saturating_sub(AHEAD));
@@ -316,7 +319,7 @@ impl<G: Links> Visits<'_, G> {
         let vertex = order[place] as u32;
         waiting[place] = false;
         let Lanes(reached) = distances[vertex as usize];
-        let mut range = usize::MAX..0;
+        let mut range = NOWHERE;
         for arc in self.graph.arcs(vertex) {
             let Lanes(known) = &mut distances[arc.to as usize];
             let mut nearer = [0.0; MOST_SOURCES];
