@@ -135,7 +135,7 @@ class TestPictures:
             (tmp_path / "bad.png").write_bytes(damaged)
             with pytest.raises(InputError, match=r"bad.png: .*is the file complete"):
                 cylinder_map.textured(tmp_path / "bad.png")
-        with pytest.raises(IsADirectoryError):
+        with pytest.raises(InputError, match="is a directory: name a file"):
             cylinder_map.textured(tmp_path)
 
     @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf])
