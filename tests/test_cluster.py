@@ -157,8 +157,9 @@ def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(work
     out, there = study / "out", {}
 
     def kill_when_something_is_made():
-        until(lambda: list(out.rglob("*_flat.json")))
-        there.update({name: of for name, of in everything(out).items() if name.endswith("_flat.json")})
+        until(lambda: list(out.rglob("sub-*_flat.json")))  # not what is still being written, which begins with a dot
+        files = {Path(name).name: (name, of) for name, of in everything(out).items()}
+        there.update(files[name] for name in files if name.startswith("sub-") and name.endswith("_flat.json"))
         kill_one(workers)
 
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # or another worker would take it up at once

@@ -167,6 +167,7 @@ class FlattenWidget(QWidget):
             self.results.show_run(run)
 
     def _on_errored(self, error: Exception) -> None:
+        self._timer.stop()  # or the stage, shown once more, would take the place of the error
         self.results.show_earlier()
         if isinstance(error, Cancelled):
             return
