@@ -154,20 +154,19 @@ def made_of(folder):
 
 
 def test_a_study_is_that_of_one_process_and_goes_on_where_a_worker_has_died(workers, ready, study, monkeypatch):
-    out, there = study / "out", {}
+    out = study / "out"
 
-    def kill_when_something_is_made():
-        until(lambda: list(out.rglob("sub-*_flat.json")))  # not what is still being written, which begins with a dot
-        files = {Path(name).name: (name, of) for name, of in everything(out).items()}
-        there.update(files[name] for name in files if name.startswith("sub-") and name.endswith("_flat.json"))
+    def kill_when_something_is_written():
+        until(lambda: list(out.rglob("*desc-voxflat*")))
         kill_one(workers)
 
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 0)  # or another worker would take it up at once
-    killer = threading.Thread(target=kill_when_something_is_made)
+    killer = threading.Thread(target=kill_when_something_is_written)
     killer.start()
     command = ["bids", study / "bids", out, "participant", "--hemi", "L", "--dask", ready]
     result = run(*command, "--json")
     killer.join()
+    there = {name: of for name, of in everything(out).items() if name.endswith("_flat.json")}
     told = {one["participant"]: one for one in json.loads(result.stdout)["hemispheres"]}
     assert list(told) == [f"sub-{n:02}" for n in range(1, 5)]
     died = {name for name, one in told.items() if "its worker died 1 times" in (one["reason"] or "")}
