@@ -3,7 +3,7 @@
     make soak
 
 Four workers, ten runs, each into a store of its own. In each run two workers are killed (kill -9), up to 20 ms after a
-random share of the blocks was finished; in every third one the caller is killed, too, and called again.
+random share of the rows was finished; in every third one the caller is killed, too, and called again.
 """
 
 import argparse
@@ -64,9 +64,7 @@ def main():
             check(store, expected)
             kills += len(killed)
             told = ", ".join(f"{100 * share:.0f} %" for share in killed)
-            print(
-                f"run {number + 1:2}: workers killed after {told} of the blocks, caller {number % 3 == 2}", flush=True
-            )
+            print(f"run {number + 1:2}: workers killed after {told} of the rows, caller {number % 3 == 2}", flush=True)
         print(f"{kills} kills of workers and {callers} of callers in {options.runs} runs: the bits of one process")
 
 
@@ -95,17 +93,17 @@ def run(options, store, cluster, limit=None):
 
 
 def finished(store):
-    """Return the share of blocks that journals know, of the store and of its parts; -1 where there is no store."""
+    """Return the share of rows that journals know, of the store and of its parts; -1 where there is no store."""
     try:
         whole = read_journal(store)
         parts = [read_journal(path.parent) for path in (store / "parts").glob("*/journal.jsonl")]
     except (voxflat.InputError, OSError):
         return -1
-    return min(1, sum(len(one.checksums) for one in (whole, *parts)) / whole.blocks)
+    return min(1, sum(len(one.checksums) for one in (whole, *parts)) / whole.rows)
 
 
 def kill_at(shares, store, over, cluster, killed):
-    """Kill a worker that is alive, up to 20 ms after each share of the blocks is finished."""
+    """Kill a worker that is alive, up to 20 ms after each share of the rows is finished."""
     for share in shares:
         while finished(store) < share and not over.wait(0.002):
             pass

@@ -72,7 +72,7 @@ def few(options):
 
 
 def many(options):
-    """Time 4,000 rows, preparation included."""
+    """Time 4,000 rows."""
     lines = []
     for size in options.sizes:
         surface = ball(size)
@@ -83,8 +83,8 @@ def many(options):
         counts = [count for count in (1, 4, 16, 64, 256, 1000, ALL) if count <= held]
         rows = surface.rows(sources[:held], 1)[:: held // 4].copy()  # a view would keep them all
         check = np.asarray(solvers["navis-fastcore"](sources[:held][:: held // 4]))
-        np.testing.assert_allclose(rows, check, rtol=1e-5, err_msg="swept rows are navis-fastcore's")
-        times = {count: stages(surface, sources[:count]) for count in counts[:-1]}
+        np.testing.assert_allclose(rows, check, rtol=1e-5, err_msg="bundled rows are navis-fastcore's")
+        times = {count: spent(surface, sources[:count]) for count in counts[:-1]}
         firsts, furthers, wholes, peers = [], [], [], []
         for _ in range(min(ROUNDS[size], options.rounds)):
             first, further = bench.compare({"navis-fastcore": solvers["navis-fastcore"]}, points, 1)
@@ -92,28 +92,25 @@ def many(options):
             furthers.append(further["navis-fastcore"])
             if size in WHOLE:
                 peers.append(bench.cpu(solvers["navis-fastcore"], sources))
-            wholes.append(stages(surface, sources[:held]))
+            wholes.append(spent(surface, sources[:held]))
         first, further = np.median(firsts), np.median(furthers)
         times[held] = np.median(wholes, axis=0)
         peer = np.median(peers) if peers else first + (ALL - 1) * further
         for count in counts:
             measured[f"m rows of {size} voxels by voxflat"][count] = times[count][0]
             measured[f"m rows of {size} voxels by navis-fastcore"][count] = first + (count - 1) * further
-        whole, prepared, wall = times[held]
+        whole, wall = times[held]
         batches = ALL // held
         ours = batches * whole
         ratio = judged(peer / ours, ".2f", 10 if points < 100_000 else 5, f"{size} voxels, 4,000 rows", least=True)
-        once = "" if batches == 1 else f"{peer / (prepared + batches * (whole - prepared)):.1f}"
         lines.append(
             [
                 f"{points:,}",
                 f"{batches} x {held:,}" if batches > 1 else f"{ALL:,}",
                 f"{seconds(ours)} ({seconds(batches * wall)})",
-                f"{seconds(prepared)}" + (" each" if batches > 1 else ""),
-                f"{1e9 * (whole - prepared) / held / points:.1f} ns",
+                f"{1e9 * whole / held / points:.1f} ns",
                 seconds(peer),
                 ratio,
-                once,
             ]
         )
     table(
@@ -122,31 +119,21 @@ def many(options):
             "voxels",
             "rows in memory at a time",
             "voxflat in all (wall)",
-            "of that preparation",
-            "a vertex and source swept",
+            "a vertex and source",
             "navis-fastcore",
             "voxflat faster",
-            "if prepared once",
         ],
         lines,
         "navis-fastcore: at 20k all 4,000 rows, beyond one row and 3,999 times a further row, for each of its rows"
         " costs the same (medians of "
         + ", ".join(f"{min(ROUNDS[size], options.rounds)} at {size}" for size in options.sizes)
         + ")."
-        f" Of a million voxels 4,000 rows are 16 GB: {HELD:,} are made at a time, four times, each time with a"
-        " preparation of its own, as somebody without that memory would. One batch is measured.",
+        f" Of a million voxels 4,000 rows are 16 GB: {HELD:,} are made at a time, four times. One batch is measured.",
     )
 
 
-def stages(surface, sources):
-    """Return the CPU time of some rows, of that until the first row is begun, and the wall time, s."""
-    began = []
-
-    def progress(stage, done, total):
-        if stage == "measuring distances" and not began:
-            began.append(time.process_time())
-
+def spent(surface, sources):
+    """Return the CPU time and the wall time of some rows, s."""
     start = time.process_time(), time.perf_counter()
-    surface.rows(sources, 1, progress)
-    whole, wall = time.process_time() - start[0], time.perf_counter() - start[1]
-    return whole, (began[0] if began else start[0]) - start[0], wall
+    surface.rows(sources, 1)
+    return time.process_time() - start[0], time.perf_counter() - start[1]

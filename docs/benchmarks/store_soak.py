@@ -3,7 +3,7 @@
     make soak
 
 Each run, with a random number of threads, is killed (kill -9) at a random moment: every fourth at any time between its
-start and its end, the others up to 20 ms after a random one of the blocks that are missing was finished. At every third
+start and its end, the others up to 20 ms after a random one of the rows that are missing was finished. At every third
 kill some of the table and the last line of the journal are lost as well, as by a failing power supply.
 """
 
@@ -21,9 +21,6 @@ import numpy as np
 import voxflat
 
 SIDE, SOURCES = 150, 4000
-BLOCK = 64
-"""Rows of a block of the store, at most."""
-
 KILLS = 20
 OPTIONS = {"sampling": "random", "geodesic": "graph"}
 
@@ -46,13 +43,13 @@ def main():
         store, whole = Path(directory) / "store0", None
         while kills < options.kills:
             start, known = time.monotonic(), finished(store)
-            moment, after = random.uniform(0, whole or 1), random.randint(known + 1, max(known + 1, SOURCES // BLOCK))
+            moment, after = random.uniform(0, whole or 1), random.randint(known + 1, max(known + 1, SOURCES))
             if whole is None:
                 limit, what = None, "never"
             elif kills % 4 == 3:
                 limit, what = moment_passed(start + moment), f"{moment:4.1f} s"
             else:
-                limit, what = block_finished(store, after, moment / whole), f"{after:2} blocks"
+                limit, what = row_finished(store, after, moment / whole), f"{after:4} rows"
             if run(store, limit):
                 whole = whole or time.monotonic() - start  # the first run tells how long one takes
                 check(store, expected)
@@ -62,7 +59,7 @@ def main():
             kills += 1
             if kills % 3 == 0:
                 tear(store)
-            print(f"kill {kills:2} after {what:>9}: {finished(store)} blocks finished")
+            print(f"kill {kills:2} after {what:>10}: {finished(store)} rows finished")
         run(store, None)
         check(store, expected)
         print(f"{kills} kills, {restarts + 1} stores: all rows are those of an uninterrupted run, bit by bit")
@@ -82,8 +79,8 @@ def moment_passed(moment):
     return lambda: time.monotonic() > moment
 
 
-def block_finished(store, number, later):
-    """Return whether so many blocks are finished, and a share of 20 ms has passed since, as a function."""
+def row_finished(store, number, later):
+    """Return whether so many rows are finished, and a share of 20 ms has passed since, as a function."""
     seen = []
 
     def passed():
@@ -121,7 +118,7 @@ def tear(store):
 
 
 def finished(store):
-    """Return how many blocks the journal knows."""
+    """Return how many rows the journal knows."""
     journal = store / "journal.jsonl"
     return journal.read_text().count("crc32") if journal.exists() else 0
 

@@ -236,6 +236,20 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> tuple[int, int]: ...
+    def lay_out_store(
+        self, directory: str | PathLike[str], identity: str, rows: int, progress: _Progress | None = None
+    ) -> tuple[int, int]: ...
+    def store_part(
+        self,
+        directory: str | PathLike[str],
+        part: str | PathLike[str],
+        identity: str,
+        sources: NDArray[np.uint32],
+        rows: NDArray[np.uint32],
+        geodesic: str = "graph",
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> None: ...
     def error_of_distances(
         self,
         sources: NDArray[np.uint32],

@@ -1,7 +1,7 @@
-"""One store by many workers: each computes some of its blocks in a store of its own, a part, from which they are moved.
+"""One store by many workers: each writes some of its rows, a part, whose journal lies in a directory of its own.
 
-A part has all sources, its own blocks' first, so that it goes the same way to the same bits as the whole would; it is
-stopped when these are finished. It lies in the store's directory, and is what a dead worker, or caller, leaves behind.
+The caller takes what that journal says over into the store's. Parts lie in the store's directory, and are what a dead
+worker, or caller, leaves behind. A row has the same bits whoever computes it: two who write it at once do no harm.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -25,21 +25,20 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
 from voxflat.cluster import Cluster, Work, connected
-from voxflat.distances.journal import Journal, append, complete, read_journal
+from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, checksum, open_rows
-from voxflat.distances.store import Store, array_hash, check_disk, mapped, prepare_store, store_path
-from voxflat.errors import Cancelled, InputError
+from voxflat.distances.store import Store, array_hash, mapped, prepare_store, store_path
+from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array
 from voxflat.surfaces.surface import Surface
 
 try:
     import fcntl
-except ImportError:  # not on every system: there two callers at once compute blocks twice
+except ImportError:  # not on every system: there two callers at once compute rows twice
     fcntl = None  # type: ignore[assignment]
 
 __all__ = ["rows_by_workers"]
 
-_COMPUTING = ("preparing distances", "measuring distances")  # stages of the core, once it knows what is missing
 _UNKNOWN = 16  # parts where no worker is there yet
 _PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
 _LOOK = 1.0  # s between two looks at how far workers are
@@ -85,7 +84,7 @@ def rows_by_workers(
     memory_limit: int | None,
     progress: Progress | None,
 ) -> DistanceRows:
-    """Compute the blocks that a store lacks, on the workers of a cluster, and open it.
+    """Compute the rows that a store lacks, on the workers of a cluster, and open it.
 
     Neighbours are joined by workers alone: what takes memory and time is theirs.
 
@@ -163,11 +162,8 @@ def _finish(cluster: Cluster, store: Store, surface: Path, work: Work, how: dict
     with _locked(path):
         _collect(path)
         journal = read_journal(path)
-        missing = [block for block in range(journal.blocks) if block not in journal.checksums]
+        missing = [row for row in range(journal.rows) if row not in journal.checksums]
         if missing:
-            check_disk(
-                path, 2 * 4 * journal.rows * journal.columns
-            )  # blocks are in a part before they are in the store
             (path / "parts").mkdir()
             surface.rename(path / "parts" / "surface")
             _compute(cluster, path, _deal(path, missing, len(cluster) or _UNKNOWN), work, how)
@@ -199,27 +195,31 @@ def _locked(store: Path) -> Iterator[None]:
 
 def _collect(store: Path) -> None:
     """Take over what parts of an earlier call have finished."""
-    whole = read_journal(store)
-    rows = sum(len(whole.rows_of(block)) for block in whole.checksums)
-    for part in sorted((store / "parts").glob("*/blocks.json")):
-        with suppress(InputError, ValueError):  # it had not begun, or is of other blocks
-            if read_journal(part.parent).header == whole.header:
-                found = _moved(part.parent, store)
-                append(store, found)
-                rows += sum(len(whole.rows_of(block)) for block in found)
+    whole, table = read_journal(store), mapped(store / "rows.npy")
+    known = len(whole.checksums)
+    for part in sorted((store / "parts").glob("*/journal.jsonl")):
+        with suppress(InputError):  # it had not begun
+            own = read_journal(part.parent)
+            if own.header == whole.header:
+                sound = {row: of for row, of in own.checksums.items() if checksum(table[row]) == of}
+                append(store, sound)
+                known += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)
-    if rows:
-        log.info("%d rows were in the store %s already", rows, store)
+    if known:
+        log.info("%d rows were in the store %s already", known, store)
 
 
-def _deal(store: Path, missing: Sequence[int], workers: int) -> list[Path]:
-    """Make parts of what is missing, one for each worker: each has to join neighbours, and to prepare distances."""
+def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
+    """Make a part for each worker, as each has to join neighbours; the sources of one lie together."""
+    sources = mapped(store / "points.npy")[mapped(store / "sources.npy")[missing]]
+    along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
+    order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
     places = []
-    for blocks in np.array_split(np.array(missing), min(workers, len(missing))):
-        place = store / "parts" / str(blocks[0])
+    for rows in np.array_split(order, min(workers, len(missing))):
+        place = store / "parts" / str(rows[0])
         place.mkdir()
-        with atomic_path(place / "blocks.json") as temporary:
-            temporary.write_text(json.dumps(blocks.tolist()))
+        with atomic_path(place / "rows.json") as temporary:
+            temporary.write_text(json.dumps(rows.tolist()))
         places.append(place)
     return places
 
@@ -254,7 +254,7 @@ class _Rows:
             for part in (self._store / "parts").glob("*/journal.jsonl"):
                 with suppress(InputError):
                     finished += len(read_journal(part.parent).checksums)
-            self._rows, self._all = min(finished * whole.block_rows, whole.rows), whole.rows
+            self._rows, self._all = min(finished, whole.rows), whole.rows
         return self._progress(stage, self._rows, self._all)
 
 
@@ -271,67 +271,23 @@ def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress:
         chosen = wanted.sources
     ids = np.array(mapped(folder / "ids.npy"))
     store = prepare_store(path, core, ids, chosen, geodesic=wanted.geodesic, progress=progress)
-    is_laid_out = False
-
-    def watch(stage: str, done: int, total: int) -> bool | None:
-        nonlocal is_laid_out
-        is_laid_out |= stage in _COMPUTING
-        return False if is_laid_out else progress(stage, done, total)
-
-    try:  # the core makes table and journal, or compares those that are there with their checksums
-        core.store_rows(*store.key, chosen, geodesic=wanted.geodesic, threads=threads, progress=watch)
-    except Cancelled:
-        if not is_laid_out:
-            raise
+    core.lay_out_store(*store.key, len(chosen), progress=progress)
     return store
 
 
 def _part(
     wanted: Wanted, identity: str, memory_limit: int | None, part: Path, *, threads: int, progress: Progress
 ) -> dict[int, int]:
-    """Compute the blocks of a part and move them to the store; return their checksums."""
+    """Compute the rows of a part; return their checksums."""
     store = part.parents[1]
     core = _surface(wanted.surface, store / "parts" / "surface")
-    whole, blocks = read_journal(store), _blocks(part)
-    need = _core.store_memory_need(whole.columns, whole.rows, threads)
+    rows = json.loads((part / "rows.json").read_text())
+    need = _core.store_memory_need(len(core), len(rows), threads)
     check_memory(need, memory_limit, "take fewer threads")
-    own = np.concatenate([np.array(whole.rows_of(block)) for block in blocks])
-    order = np.concatenate([own, np.setdiff1d(np.arange(whole.rows), own)])
-    chosen = mapped(store / "sources.npy")[order].astype(np.uint32)
-    watch = _Watch(part, len(blocks), progress)
-    try:
-        core.store_rows(part, identity, chosen, geodesic=wanted.geodesic, threads=threads, progress=watch)
-    except Cancelled:
-        if not watch.is_finished:
-            raise
-    found = _moved(part, store)
-    if len(found) < len(blocks):
-        raise InputError(f"rows in {part} do not agree with their checksums: is the disk sound?")
-    return found
-
-
-class _Watch:
-    """Stops the core when the first blocks of a part, its own, are finished."""
-
-    def __init__(self, part: Path, blocks: int, progress: Progress) -> None:
-        self._part, self._blocks, self._progress = part, blocks, progress
-        self._needed: int | None = None
-        self.is_finished = False
-
-    def __call__(self, stage: str, done: int, total: int) -> bool | None:
-        if stage in _COMPUTING:
-            rows = done if stage == _COMPUTING[1] else 0
-            if self._needed is None:
-                known = self._known()
-                height = read_journal(self._part).block_rows
-                self._needed = (self._blocks - known) * height - height  # the last one may be lower
-            if rows >= self._needed and self._known() == self._blocks:
-                self.is_finished = True
-                return False
-        return self._progress(stage, done, total)
-
-    def _known(self) -> int:
-        return sum(block < self._blocks for block in read_journal(self._part).checksums)
+    chosen = mapped(store / "sources.npy").astype(np.uint32)
+    key = (store, part, identity, chosen, np.array(rows, dtype=np.uint32))
+    core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
+    return read_journal(part).checksums
 
 
 def _surface(key: str, folder: Path) -> _core.Surface:
@@ -348,35 +304,3 @@ def _surface(key: str, folder: Path) -> _core.Surface:
 
 def _forget() -> None:
     _kept.clear()
-
-
-# ---------------------------------------------------------------------------------------------- both
-
-
-def _blocks(part: Path) -> list[int]:
-    return [int(block) for block in json.loads((part / "blocks.json").read_text())]
-
-
-def _moved(part: Path, store: Path) -> dict[int, int]:
-    """Copy the finished blocks of a part to their places in the store; return their checksums."""
-    whole, own = read_journal(store), read_journal(part)
-    rows, found = mapped(part / "rows.npy"), {}
-    table = store / "rows.npy"
-    with naming_file(table), table.open("r+b") as file:
-        for place, block in enumerate(_blocks(part)):
-            there = own.rows_of(place)
-            if place not in own.checksums or checksum(rows[there.start : there.stop]) != own.checksums[place]:
-                continue
-            values = rows[there.start :][: len(whole.rows_of(block))]  # the last block of the store may be lower
-            file.seek(_place(table, whole, block))
-            file.write(np.ascontiguousarray(values, dtype="<f4").data)
-            found[block] = checksum(values)
-        file.flush()
-        os.fsync(file.fileno())
-    return found
-
-
-def _place(table: Path, whole: Journal, block: int) -> int:
-    """Return where a block begins in the file of a table, whose values end it."""
-    row = 4 * whole.columns
-    return table.stat().st_size - (whole.rows - whole.rows_of(block).start) * row

@@ -1,6 +1,6 @@
 """Distance rows: in memory, or in a store on disk that is larger than memory and survives interruptions.
 
-A store is a directory: `rows.npy`, `journal.jsonl` (which blocks of rows are finished, with their CRC-32), `store.json`
+A store is a directory: `rows.npy`, `journal.jsonl` (which rows are finished, with their CRC-32), `store.json`
 (what was measured), `points.npy`, `ids.npy`, `sources.npy`, and `lock`. The compiled core computes and writes rows and
 journal.
 """
@@ -33,6 +33,7 @@ from voxflat.io.provenance import Record
 __all__ = ["DistanceRows", "checksum", "open_rows"]
 
 _PIECE = 1 << 22  # bytes that are read at a time
+_CHUNK = 1 << 26  # bytes that are best asked for at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ class DistanceRows:
     @property
     def chunks(self) -> tuple[int, int]:
         """Shape of what is best read at once: whole rows; dask takes it as a hint."""
-        height = self.shape[0] if self.store is None else read_journal(self.store).block_rows
+        height = self.shape[0] if self.store is None else _CHUNK // max(1, 4 * self.shape[1])
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -132,15 +133,10 @@ class DistanceRows:
         if self.store is None:
             return
         checksums = _checksums(self.store, self.shape)
-        height = self.chunks[0]
-        starts = range(0, len(self), height)
-        damaged = [
-            start for start in starts if checksum(self.rows[start : start + height]) != checksums[start // height]
-        ]
+        damaged = [row for row, expected in enumerate(checksums) if checksum(self.rows[row]) != expected]
         if damaged:
-            rows = ", ".join(f"{start} to {min(start + height, len(self)) - 1}" for start in damaged[:5])
-            more = ", ..." if len(damaged) > 5 else ""
-            raise InputError(f"the rows {rows}{more} of {self.store} do not agree with their checksums; {FINISH}")
+            which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
+            raise InputError(f"the rows {which} of {self.store} do not agree with their checksums; {FINISH}")
 
 
 def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
@@ -187,21 +183,20 @@ def _array(path: Path, expected: str) -> NDArray[Any]:
 
 
 def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
-    """Return the checksums of a complete store's blocks."""
+    """Return the checksums of a complete store's rows."""
     journal = read_journal(path)
     if (journal.rows, journal.columns) != shape:
         raise InputError(f"{path / 'journal.jsonl'} is damaged (it is not of {shape[0]} x {shape[1]} rows); {OTHER}")
-    known = [journal.checksums[block] for block in range(journal.blocks) if block in journal.checksums]
-    if not journal.is_complete or len(known) < journal.blocks:
-        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.blocks} blocks); {FINISH}")
+    known = [journal.checksums[row] for row in range(journal.rows) if row in journal.checksums]
+    if not journal.is_complete or len(known) < journal.rows:
+        raise InputError(f"the store {path} is not complete ({len(known)} of {journal.rows} rows); {FINISH}")
     return known
 
 
-def checksum(rows: NDArray[np.float32]) -> int:
-    """Return the CRC-32 of rows, as a journal has it."""
+def checksum(row: NDArray[np.float32]) -> int:
+    """Return the CRC-32 of a row, as a journal has it."""
     found = 0
-    values = rows.reshape(-1)
-    step = _PIECE // values.itemsize
-    for start in range(0, len(values), step):
-        found = zlib.crc32(values[start : start + step].tobytes(), found)
+    step = _PIECE // row.itemsize
+    for start in range(0, len(row), step):
+        found = zlib.crc32(row[start : start + step].tobytes(), found)
     return found

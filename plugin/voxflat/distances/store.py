@@ -22,7 +22,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array
 from voxflat.io.provenance import Record
 
-FORMAT = "voxflat rows 1"
+FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
 FINISH = "measure again with the same store to finish or mend it"
 OTHER = "choose another directory, or delete this one"

@@ -263,10 +263,9 @@ pub enum Error {
     StoreForeign { path: String },
 
     #[error(
-        "the rows {first} to {last} of {path} do not agree with their checksum: measure again with the same store, and they \
-         are computed anew"
+        "row {row} of {path} does not agree with its checksum: measure again with the same store, and it is computed anew"
     )]
-    StoreDamaged { path: String, first: usize, last: usize },
+    StoreDamaged { path: String, row: usize },
 
     #[error("cancelled")]
     Cancelled,

@@ -31,7 +31,6 @@
 //! ```
 //! use voxflat::control::Control;
 //! use voxflat::flatten::voxflat::Scale;
-//! use voxflat::geodesic::engine::Engine;
 //! use voxflat::geodesic::graph::GeodesicGraph;
 //! use voxflat::rows::DistanceRows;
 //! use voxflat::sources::Sources;
@@ -46,9 +45,8 @@
 //! let surface = patch::largest_piece(&mesh.surface);
 //! let graph = GeodesicGraph::new(&surface, &control)?;
 //! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
-//! let engine = Engine::new(&graph, sources.len(), &control)?;
-//! let rows = DistanceRows::by(&engine, &sources, &control)?;
-//! let map = flatten::voxflat(&surface, rows, 0.5, Scale::Distances, &engine, 0, &control)?;
+//! let rows = DistanceRows::compute(&graph, &sources, &control)?;
+//! let map = flatten::voxflat(&surface, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
 //! assert_eq!(map.uv.len(), surface.len());
 //! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
 //! # Ok::<(), voxflat::Error>(())

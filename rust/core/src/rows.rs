@@ -3,7 +3,6 @@
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
-use crate::geodesic::engine::{Engine, EngineScratch, Targets};
 use crate::turns::in_turn;
 
 /// Distance rows, wherever they are kept.
@@ -13,9 +12,6 @@ pub trait Rows {
 
     /// Length of a row.
     fn columns(&self) -> usize;
-
-    /// How many rows are visited at a time.
-    fn block_rows(&self) -> usize;
 
     /// Passes all rows on, in the order of the sources: `visit(n, rows)` gets whole rows from the n-th on, one after the
     /// other.
@@ -58,51 +54,23 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        Self::by(&Engine::new(solver, sources.len(), control)?, sources, control)
+        Self::to(None, solver, sources, control)
     }
 
-    /// Rows from every source to every vertex, by an engine that is there already.
-    ///
-    /// # Errors
-    /// As [`DistanceRows::compute`].
-    pub fn by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
-        let columns = engine.columns();
-        let mut data = vec![0.0; sources.len() * columns];
-        control.begin("measuring distances", sources.len() as u64);
-        measure(engine, sources, None, &mut data, control)?;
-        Ok(Self::new(sources.to_vec(), columns, data))
-    }
-
-    /// These rows as [`compute`](Self::compute) gives them, bit by bit: those of an engine that was made for more sources, and
-    /// therefore goes another way, are measured again.
-    ///
-    /// # Errors
-    /// As [`DistanceRows::compute`].
-    pub fn as_computed<S: Solver>(self, engine: &Engine<S>, control: &Control) -> Result<Self> {
-        if engine.goes_as_for(self.sources.len()) {
-            return Ok(self);
-        }
-        let Self { sources, .. } = self;
-        Self::compute(engine.solver(), &sources, control)
-    }
-
-    /// The distances among the sources only; whole rows exist one a thread at a time.
+    /// The distances among the sources only; whole rows exist one bundle a thread at a time.
     ///
     /// # Errors
     /// As [`DistanceRows::compute`].
     pub fn among_sources<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        Self::among_by(&Engine::new(solver, sources.len(), control)?, sources, control)
+        Self::to(Some(sources), solver, sources, control)
     }
 
-    /// The distances among the sources only, by an engine that is there already.
-    ///
-    /// # Errors
-    /// As [`DistanceRows::compute`].
-    pub fn among_by<S: Solver>(engine: &Engine<S>, sources: &[u32], control: &Control) -> Result<Self> {
-        let columns = sources.len();
-        let mut data = vec![0.0; columns * columns];
-        control.begin("measuring distances", columns as u64);
-        measure(engine, sources, Some(&engine.targets(sources)), &mut data, control)?;
+    /// Rows to the targets, or to every vertex.
+    fn to<S: Solver>(targets: Option<&[u32]>, solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
+        let columns = targets.map_or(solver.columns(), <[u32]>::len);
+        let mut data = vec![0.0; sources.len() * columns];
+        control.begin("measuring distances", sources.len() as u64);
+        measure(solver, sources, targets, &mut data, control)?;
         Ok(Self::new(sources.to_vec(), columns, data))
     }
 
@@ -145,10 +113,6 @@ impl Rows for DistanceRows {
         self.columns
     }
 
-    fn block_rows(&self) -> usize {
-        self.sources.len()
-    }
-
     fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         visit(0, &self.data)
     }
@@ -163,10 +127,6 @@ impl<R: Rows> Rows for &R {
         (**self).columns()
     }
 
-    fn block_rows(&self) -> usize {
-        (**self).block_rows()
-    }
-
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         (**self).visit(control, visit)
     }
@@ -175,16 +135,16 @@ impl<R: Rows> Rows for &R {
 /// Rows that are computed each time they are passed, so that only some of them exist at a time.
 #[derive(Debug)]
 pub struct PassingRows<'a, S> {
-    engine: &'a Engine<'a, S>,
+    solver: &'a S,
     sources: &'a [u32],
     at_once: usize,
 }
 
 impl<'a, S: Solver> PassingRows<'a, S> {
     /// Rows from every source to every vertex, as many at once as so many bytes hold.
-    pub fn new(engine: &'a Engine<'a, S>, sources: &'a [u32], bytes: u64) -> Self {
-        let row = 4 * engine.columns().max(1) as u64;
-        Self { engine, sources, at_once: usize::try_from(bytes / row).unwrap_or(usize::MAX).max(1) }
+    pub fn new(solver: &'a S, sources: &'a [u32], bytes: u64) -> Self {
+        let row = 4 * solver.columns().max(1) as u64;
+        Self { solver, sources, at_once: usize::try_from(bytes / row).unwrap_or(usize::MAX).max(1) }
     }
 }
 
@@ -194,20 +154,16 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
     }
 
     fn columns(&self) -> usize {
-        self.engine.columns()
-    }
-
-    fn block_rows(&self) -> usize {
-        self.at_once.min(self.sources.len())
+        self.solver.columns()
     }
 
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         control.begin("measuring distances", self.sources.len() as u64);
         let columns = self.columns();
-        let mut data = vec![0.0; self.block_rows() * columns];
+        let mut data = vec![0.0; self.at_once.min(self.sources.len()) * columns];
         for (n, sources) in self.sources.chunks(self.at_once).enumerate() {
             let rows = &mut data[..sources.len() * columns];
-            measure(self.engine, sources, None, rows, control)?;
+            measure(self.solver, sources, None, rows, control)?;
             visit(n * self.at_once, rows)?;
         }
         Ok(())
@@ -216,60 +172,41 @@ impl<S: Solver> Rows for PassingRows<'_, S> {
 
 /// Computes the rows of sources, one after the other in `data`: bundles in turn by all threads.
 fn measure<S: Solver>(
-    engine: &Engine<S>,
+    solver: &S,
     sources: &[u32],
-    targets: Option<&Targets<'_>>,
+    targets: Option<&[u32]>,
     data: &mut [f32],
     control: &Control,
 ) -> Result<()> {
-    let bundles = engine.bundles(sources, rayon::current_num_threads(), control)?;
-    let mut rows = slices(data, sources.len());
-    let turns: Vec<_> = bundles.iter().map(|bundle| take(bundle, sources, &mut rows)).collect();
-    in_turn(
-        turns.into_iter(),
-        || engine.scratch(),
-        |scratch, (bundle, mut rows)| fill(engine, &bundle, targets, &mut rows, scratch, control),
-    )
+    let bundles = solver.bundles(sources, rayon::current_num_threads(), control)?;
+    let columns = data.len() / sources.len().max(1);
+    let mut rows: Vec<_> = data.chunks_exact_mut(columns.max(1)).collect();
+    let turns: Vec<_> = bundles
+        .into_iter()
+        .map(|bundle| {
+            let own: Vec<_> = bundle.iter().map(|&number| std::mem::take(&mut rows[number as usize])).collect();
+            (bundle, own)
+        })
+        .collect();
+    let fill_next = |scratch: &mut S::Scratch, (bundle, mut rows): (Vec<u32>, Vec<&mut [f32]>)| {
+        fill(solver, sources, &bundle, targets, &mut rows, scratch, control)
+    };
+    in_turn(turns.into_iter(), || solver.scratch(), fill_next)
 }
 
-/// The same by one thread.
-pub(crate) fn measure_alone<S: Solver>(
-    engine: &Engine<S>,
+/// Fills the rows of a bundle of sources, and counts them, if they reach everything.
+pub(crate) fn fill<S: Solver>(
+    solver: &S,
     sources: &[u32],
-    data: &mut [f32],
-    scratch: &mut EngineScratch<S::Scratch>,
-    control: &Control,
-) -> Result<()> {
-    let mut rows = slices(data, sources.len());
-    for bundle in engine.bundles(sources, 1, control)? {
-        let (bundle, mut rows) = take(&bundle, sources, &mut rows);
-        fill(engine, &bundle, None, &mut rows, scratch, control)?;
-    }
-    Ok(())
-}
-
-/// The rows in `data`, each for itself.
-fn slices(data: &mut [f32], rows: usize) -> Vec<&mut [f32]> {
-    let columns = data.len() / rows.max(1);
-    data.chunks_exact_mut(columns.max(1)).collect()
-}
-
-/// The sources of a bundle, and their rows.
-fn take<'d>(bundle: &[u32], sources: &[u32], rows: &mut [&'d mut [f32]]) -> (Vec<u32>, Vec<&'d mut [f32]>) {
-    bundle.iter().map(|&n| (sources[n as usize], std::mem::take(&mut rows[n as usize]))).unzip()
-}
-
-/// Fills the rows of a bundle, and counts them, if they reach everything.
-fn fill<S: Solver>(
-    engine: &Engine<S>,
     bundle: &[u32],
-    targets: Option<&Targets<'_>>,
+    targets: Option<&[u32]>,
     rows: &mut [&mut [f32]],
-    scratch: &mut EngineScratch<S::Scratch>,
+    scratch: &mut S::Scratch,
     control: &Control,
 ) -> Result<()> {
-    engine.fill(bundle, targets, rows, scratch, control)?;
-    for (row, &source) in rows.iter().zip(bundle) {
+    let members: Vec<u32> = bundle.iter().map(|&number| sources[number as usize]).collect();
+    solver.rows(&members, targets, rows, scratch, control)?;
+    for (row, source) in rows.iter().zip(members) {
         // a look at all, which never ends early, is made of vector instructions
         let reaches_all = row.iter().fold(true, |all, distance| all & !distance.is_infinite());
         if !reaches_all && let Some(vertex) = row.iter().position(|distance| distance.is_infinite()) {
@@ -301,23 +238,37 @@ mod tests {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
     }
 
+    /// Numbers of sources that are searched one by one, and that are bundled.
+    const COUNTS: [u32; 2] = [40, 130];
+
+    fn sources(graph: &VoxelGraph, count: u32) -> Vec<u32> {
+        (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
+    }
+
+    /// Each row by a search of its own.
+    fn searched(graph: &VoxelGraph, sources: &[u32]) -> Vec<f32> {
+        let mut scratch = graph.scratch();
+        let mut data = vec![f32::NAN; sources.len() * graph.vertices()];
+        for (&source, row) in sources.iter().zip(data.chunks_exact_mut(graph.vertices())) {
+            graph.row(source, row, &mut scratch, &Control::default()).unwrap();
+        }
+        data
+    }
+
     #[test]
-    fn rows_are_the_same_with_any_number_of_threads() {
+    fn rows_are_those_of_searches_with_any_number_of_threads() {
         let graph = sheet(false);
-        for count in [40, 700] {
-            let sources: Vec<u32> = (0..count).map(|n| n * 4).collect();
-            let control = Control::default();
-            let is_swept = graph.sweep(sources.len(), u64::MAX, &control).unwrap().is_some();
-            assert_eq!(is_swept, count == 700); // both ways are tested
-            let rows = |threads| with_threads(threads, || DistanceRows::compute(&graph, &sources, &control).unwrap());
-            let among =
-                |threads| with_threads(threads, || DistanceRows::among_sources(&graph, &sources, &control).unwrap());
-            let expected = rows(1);
-            assert_eq!(expected.columns(), graph.vertices());
-            assert_eq!(among(1), expected.among(&control).unwrap());
-            for threads in [2, 7] {
-                assert_eq!(rows(threads), expected);
-                assert_eq!(among(threads), expected.among(&control).unwrap());
+        let control = Control::default();
+        for count in COUNTS {
+            let sources = sources(&graph, count);
+            let bundles = graph.bundles(&sources, 1, &control).unwrap();
+            assert_eq!(bundles.len() < sources.len(), count == COUNTS[1]); // both ways are tested
+            let expected = DistanceRows::new(sources.clone(), graph.vertices(), searched(&graph, &sources));
+            for threads in [1, 2, 7, 200] {
+                let rows = with_threads(threads, || DistanceRows::compute(&graph, &sources, &control).unwrap());
+                assert_eq!(rows, expected);
+                let among = with_threads(threads, || DistanceRows::among_sources(&graph, &sources, &control).unwrap());
+                assert_eq!(among, expected.among(&control).unwrap());
             }
         }
     }
@@ -325,13 +276,12 @@ mod tests {
     #[test]
     fn passing_rows_are_the_same_however_many_there_are_at_once() {
         let graph = sheet(false);
-        for count in [40, 700] {
-            let sources: Vec<u32> = (0..count).map(|n| n * 4).collect();
-            let control = Control::default();
-            let engine = Engine::new(&graph, sources.len(), &control).unwrap();
-            let expected = DistanceRows::by(&engine, &sources, &control).unwrap().into_data();
-            for (threads, rows) in [(1, 0), (2, 7), (3, 200), (2, 5000)] {
-                let passing = PassingRows::new(&engine, &sources, 4 * rows * graph.vertices() as u64);
+        let control = Control::default();
+        for count in COUNTS {
+            let sources = sources(&graph, count);
+            let expected = searched(&graph, &sources);
+            for (threads, rows) in [(1, 0), (2, 7), (3, 100), (2, 5000)] {
+                let passing = PassingRows::new(&graph, &sources, 4 * rows * graph.vertices() as u64);
                 let mut found = Vec::new();
                 let mut take = |first: usize, data: &[f32]| {
                     assert_eq!(found.len(), first * graph.vertices());
@@ -339,37 +289,17 @@ mod tests {
                     Ok(())
                 };
                 with_threads(threads, || passing.visit(&control, &mut take)).unwrap();
-                assert_eq!(found, expected);
+                assert!(found == expected);
             }
         }
-    }
-
-    #[test]
-    fn rows_of_an_engine_for_more_sources_are_those_that_are_computed() {
-        let graph = sheet(false);
-        let control = Control::default();
-        let mut ways = Vec::new();
-        for (count, more) in [(40, 20), (40, 700), (120, 700), (700, 900)] {
-            let sources: Vec<u32> = (0..count).map(|n| n * 3).collect();
-            let engine = Engine::new(&graph, more, &control).unwrap();
-            let rows = DistanceRows::by(&engine, &sources, &control).unwrap();
-            let computed = DistanceRows::compute(&graph, &sources, &control).unwrap();
-            let goes_as_for = engine.goes_as_for(sources.len());
-            if goes_as_for {
-                assert_eq!(rows, computed);
-            }
-            assert_eq!(rows.as_computed(&engine, &control).unwrap(), computed);
-            ways.push(goes_as_for);
-        }
-        assert_eq!(ways, [true, false, false, true]);
     }
 
     #[test]
     fn what_cannot_be_reached_is_refused_either_way() {
         let graph = sheet(true);
-        for count in [40, 700] {
-            let sources: Vec<u32> = (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect();
-            let control = Control::default();
+        let control = Control::default();
+        for count in COUNTS {
+            let sources = sources(&graph, count);
             let found = DistanceRows::compute(&graph, &sources, &control).unwrap_err();
             assert!(matches!(found, Error::Unreachable { .. }));
             let found = DistanceRows::among_sources(&graph, &sources, &control).unwrap_err();
@@ -380,11 +310,10 @@ mod tests {
     #[test]
     fn cancelling_ends_rows_either_way() {
         let graph = sheet(false);
-        for count in [40, 700] {
+        for count in COUNTS {
             let control = Control::default();
             control.cancel();
-            let sources: Vec<u32> = (0..count).collect();
-            assert_eq!(DistanceRows::compute(&graph, &sources, &control), Err(Error::Cancelled));
+            assert_eq!(DistanceRows::compute(&graph, &sources(&graph, count), &control), Err(Error::Cancelled));
         }
     }
 }

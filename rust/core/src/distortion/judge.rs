@@ -4,7 +4,6 @@ use super::{Distortion, WORK_BYTES, measure};
 use crate::control::Control;
 use crate::error::Result;
 use crate::geodesic::Solver;
-use crate::geodesic::engine::Engine;
 use crate::rows::{DistanceRows, PassingRows};
 use crate::sources;
 
@@ -37,27 +36,19 @@ pub fn memory_need(points: usize) -> u64 {
 /// ```
 /// use voxflat::control::Control;
 /// use voxflat::distortion::judge::judge;
-/// use voxflat::geodesic::engine::Engine;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::surface::mesh::shapes;
 ///
 /// let control = Control::default();
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let engine = Engine::new(&graph, 20, &control)?;
 /// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// assert!(judge(&engine, &uv, 20, 0, &control)?.raw.relative_error < 0.01);
+/// assert!(judge(&graph, &uv, 20, 0, &control)?.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
-pub fn judge<S: Solver>(
-    engine: &Engine<S>,
-    uv: &[[f64; 2]],
-    count: usize,
-    seed: u64,
-    control: &Control,
-) -> Result<Distortion> {
+pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
-    Ok(judge_all(engine, &[uv], &reference, KEPT_BYTES, seed, control)?.remove(0))
+    Ok(judge_all(solver, &[uv], &reference, KEPT_BYTES, seed, control)?.remove(0))
 }
 
 /// Random reference sources, other ones than a map of the same seed has.
@@ -85,31 +76,29 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// ```
 /// use voxflat::control::Control;
 /// use voxflat::distortion::judge::{KEPT_BYTES, judge_all};
-/// use voxflat::geodesic::engine::Engine;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::surface::mesh::shapes;
 ///
 /// let control = Control::default();
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let engine = Engine::new(&graph, 20, &control)?;
 /// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
 /// let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
-/// let [good, bad] = &judge_all(&engine, &[&uv, &squeezed], &[0, 40, 80], KEPT_BYTES, 0, &control)?[..] else { panic!() };
+/// let [good, bad] = &judge_all(&graph, &[&uv, &squeezed], &[0, 40, 80], KEPT_BYTES, 0, &control)?[..] else { panic!() };
 /// assert!(good.raw.relative_error < bad.raw.relative_error);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn judge_all<S: Solver>(
-    engine: &Engine<S>,
+    solver: &S,
     maps: &[&[[f64; 2]]],
     reference: &[u32],
     kept: u64,
     seed: u64,
     control: &Control,
 ) -> Result<Vec<Distortion>> {
-    if 4 * reference.len() as u64 * engine.columns() as u64 <= kept {
-        measure(maps, &DistanceRows::by(engine, reference, control)?, seed, control)
+    if 4 * reference.len() as u64 * solver.columns() as u64 <= kept {
+        measure(maps, &DistanceRows::compute(solver, reference, control)?, seed, control)
     } else {
-        measure(maps, &PassingRows::new(engine, reference, kept), seed, control)
+        measure(maps, &PassingRows::new(solver, reference, kept), seed, control)
     }
 }

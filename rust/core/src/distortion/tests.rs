@@ -153,10 +153,6 @@ impl Rows for Few<'_> {
         self.0.columns()
     }
 
-    fn block_rows(&self) -> usize {
-        self.1
-    }
-
     fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         (0..self.sources().len()).step_by(self.1).try_for_each(|first| {
             let end = self.sources().len().min(first + self.1);

@@ -8,9 +8,7 @@ use crate::control::Control;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::{Error, Result};
-use crate::geodesic::engine::Engine;
-use crate::geodesic::shortest::Search;
-use crate::geodesic::sweep::Sweep;
+use crate::geodesic::bundle::BundleScratch;
 use crate::orient::{handedness, orient, outward_normals};
 use crate::place::radial::RadialFunctions;
 use crate::rows::{DistanceRows, Rows};
@@ -54,12 +52,11 @@ pub fn grossmann2002(
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
-    let engine = Engine::new(graph, sources.len() + REFERENCE_SOURCES, control)?;
     let (among, rows) = if keep_rows {
-        let rows = DistanceRows::by(&engine, &sources, control)?;
+        let rows = DistanceRows::compute(graph, &sources, control)?;
         (rows.among(control)?, Some(rows))
     } else {
-        (DistanceRows::among_by(&engine, &sources, control)?, None)
+        (DistanceRows::among_sources(graph, &sources, control)?, None)
     };
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;
@@ -68,7 +65,7 @@ pub fn grossmann2002(
     let seen_from_outside = handedness(surface, graph, &uv);
     orient(&surface.points(), seen_from_outside, &mut uv);
 
-    let distortion = judge(&engine, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap {
         uv,
@@ -78,7 +75,7 @@ pub fn grossmann2002(
         planarity,
         distortion,
         convergence: None,
-        rows: rows.map(|rows| rows.as_computed(&engine, control)).transpose()?,
+        rows,
     })
 }
 
@@ -117,7 +114,6 @@ pub fn memory_need(points: usize, links: usize, sources: usize, threads: usize) 
         + FlatMap::memory_need(points)
         + (PLACING_BYTES + PYTHON_BYTES) * points as u64
         + VoxelGraph::memory_need(points, links)
-        + threads as u64 * Search::memory_need(points)
-        + Sweep::memory_need_of_voxels(points)
+        + threads as u64 * BundleScratch::memory_need(points)
         + classical::memory_need(sources).max(judge::memory_need(points))
 }

@@ -6,10 +6,8 @@ use crate::atlas::{ANGLES, Limit, Seeds, patches};
 use crate::control::Control;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::error::{Error, Result};
-use crate::geodesic::engine::Engine;
+use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::graph::GeodesicGraph;
-use crate::geodesic::shortest::Search;
-use crate::geodesic::sweep::Sweep;
 use crate::surface::Surface;
 use crate::surface::mesh::BORDER;
 
@@ -72,7 +70,7 @@ pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -
         face.iter().zip(rows).for_each(|(&vertex, &row)| uv[vertex as usize] = piece.uv[row as usize]);
     }
     let graph = GeodesicGraph::new(&surface, control)?;
-    let distortion = judge(&Engine::new(&graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(&graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let map = FlatMap {
         uv,
         normals: surface.normals(),
@@ -115,8 +113,7 @@ const GLUING_BYTES: u64 = 4000;
 /// ```
 pub fn memory_need(points: usize, threads: usize) -> u64 {
     let judging = GeodesicGraph::memory_need(points)
-        + threads as u64 * Search::memory_need(points)
-        + Sweep::memory_need_of_surface(points)
+        + threads as u64 * BundleScratch::memory_need(points)
         + judge::memory_need(points);
     BASE_BYTES
         + Surface::memory_need(points)

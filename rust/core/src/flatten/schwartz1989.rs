@@ -12,7 +12,6 @@ use crate::embed::classical::classical_scaling;
 use crate::embed::sammon::{self, Descended, MOST_STEPS};
 use crate::embed::stress::levels::Convergence;
 use crate::error::Result;
-use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::neighbourhood::{Neighbourhoods, sizes_of_rings};
 use crate::orient::{map_area, orient};
@@ -96,8 +95,7 @@ pub fn schwartz1989(
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let (kept, convergence) = (pairs.pairs(), Some(Convergence { energies, converged }));
     drop(pairs);
-    let distortion =
-        judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, options.seed, control)?;
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, options.seed, control)?;
     let map =
         FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows };
     Ok(Mapped { map, stresses, pairs: kept })

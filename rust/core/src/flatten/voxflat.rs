@@ -10,9 +10,7 @@ use crate::embed::classical::{self, classical_scaling};
 use crate::embed::stress::levels;
 use crate::error::{Error, Result};
 use crate::geodesic::bundle::BundleScratch;
-use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
-use crate::geodesic::sweep::Sweep;
 use crate::orient::{map_area, orient};
 use crate::rows::Rows;
 use crate::sources::FEWEST_SOURCES;
@@ -21,9 +19,8 @@ use crate::surface::Surface;
 
 /// Flattens a connected surface by distance rows from sources on it, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
-/// shapes count most, to 1, where far distances do. In the end the map is brought to `scale`, and judged by the engine's
-/// distances. Who lends the rows has them
-/// afterwards; else they are dropped as soon as all points are placed.
+/// shapes count most, to 1, where far distances do. In the end the map is brought to `scale`, and judged by the graph's
+/// distances. Who lends the rows has them afterwards; else they are dropped as soon as all points are placed.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
@@ -33,7 +30,6 @@ use crate::surface::Surface;
 /// use voxflat::control::Control;
 /// use voxflat::flatten;
 /// use voxflat::flatten::voxflat::Scale;
-/// use voxflat::geodesic::engine::Engine;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::rows::DistanceRows;
 /// use voxflat::sources::Sources;
@@ -44,8 +40,7 @@ use crate::surface::Surface;
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
 /// let rows = DistanceRows::compute(&graph, &sources, &control)?;
-/// let engine = Engine::new(&graph, 20, &control)?;
-/// let map = flatten::voxflat(&sheet, rows, 0.5, Scale::Distances, &engine, 0, &control)?;
+/// let map = flatten::voxflat(&sheet, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
@@ -54,7 +49,7 @@ pub fn voxflat<R: Rows>(
     rows: R,
     weighting: f64,
     scale: Scale,
-    engine: &Engine<GeodesicGraph>,
+    graph: &GeodesicGraph,
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
@@ -79,7 +74,7 @@ pub fn voxflat<R: Rows>(
     }
     drop(rows); // those of the reference sources are as large
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(engine, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
 }
@@ -117,18 +112,17 @@ pub enum AfterPlacing {
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let own = 4 * points as u64 * sources as u64;
     let reference = judge::memory_need(points);
-    let (rows, prepared) = match rows {
-        AfterPlacing::Dropped => (own.max(reference), Sweep::memory_need_of_surface(points)),
-        AfterPlacing::Kept => (own + reference, Sweep::memory_need_of_surface(points)),
-        AfterPlacing::Stored => (store::memory_need(points, sources, threads).max(reference), store::PREPARED_BYTES),
+    let searches = threads as u64 * BundleScratch::memory_need(points);
+    let rows = match rows {
+        AfterPlacing::Dropped => own.max(reference) + searches,
+        AfterPlacing::Kept => own + reference + searches,
+        AfterPlacing::Stored => store::memory_need(points, sources, threads).max(reference + searches),
     };
     BASE_BYTES
         + Surface::memory_need(points)
         + FlatMap::memory_need(points)
         + PYTHON_BYTES * points as u64
         + GeodesicGraph::memory_need(points)
-        + threads as u64 * BundleScratch::memory_need(points)
-        + prepared
         + rows
         + classical::memory_need(sources)
         + levels::memory_need(points, sources)

@@ -7,7 +7,6 @@ use crate::control::Control;
 use crate::distortion::judge::{REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
 use crate::error::{Error, Result};
-use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::geodesic::marching::{Marching, Wave};
 use crate::orient::{map_area, orient};
@@ -104,7 +103,7 @@ pub fn zigelman2002(
         Rest::Reinserted(decimation) => reinserted(&decimation, surface.len(), &sources, &scaling.places, control)?,
     };
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
-    let distortion = judge(&Engine::new(graph, REFERENCE_SOURCES, control)?, &uv, REFERENCE_SOURCES, seed, control)?;
+    let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence: None, rows })
 }

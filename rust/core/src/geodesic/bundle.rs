@@ -19,7 +19,7 @@ use crate::control::Control;
 use crate::error::Result;
 
 /// Most sources of a bundle: as many distances as lie in one line of the cache.
-const MOST_SOURCES: usize = 16;
+pub const MOST_SOURCES: usize = 16;
 
 /// Fewer sources of one surface lie too far apart for bundles.
 pub(super) const FEWEST_SOURCES: usize = 96;

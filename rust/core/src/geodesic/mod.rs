@@ -4,9 +4,7 @@
 //! |---|---|
 //! | [`shortest`] | shortest paths in a graph, one source after the other |
 //! | [`bundle`] | the same for sources that lie near each other, at once |
-//! | [`sweep`] | the same for many sources at once, over a graph that was prepared |
 //! | [`solver`] | the trait [`Solver`], which every graph has |
-//! | [`engine`] | which of these ways is taken |
 //! | [`chain`] | lengths of the chain-code links of a graph of voxels |
 //! | [`graph`] | straight links over unfolded triangles |
 //! | [`path`] | paths across triangles |
@@ -16,7 +14,6 @@
 
 pub mod bundle;
 pub mod chain;
-pub mod engine;
 pub mod exact;
 pub mod graph;
 pub mod marching;
@@ -24,6 +21,5 @@ pub mod neighbourhood;
 pub mod path;
 pub mod shortest;
 pub mod solver;
-pub mod sweep;
 
 pub use solver::Solver;

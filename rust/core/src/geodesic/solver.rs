@@ -1,8 +1,6 @@
-//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, bundle by bundle where there are many sources, or by
-//! sweeps where that pays.
+//! The one trait of all solvers. Whatever has [`Links`] is one: by searches, bundle by bundle where there are many sources.
 
 use super::bundle::{self, BundleScratch};
-use super::sweep::Sweep;
 use crate::adjacency::Links;
 use crate::control::Control;
 use crate::error::Result;
@@ -65,16 +63,6 @@ pub trait Solver: Sync {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     fn fingerprint(&self, control: &Control) -> Result<u64>;
-
-    /// The same distances, prepared for the rows of many sources at once, if that is the faster way to those of so many and
-    /// needs no more than so many bytes. Depends on what is to be solved and on these numbers alone.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
-        let _ = (sources, bytes, control);
-        Ok(None)
-    }
 }
 
 /// A hash of words: the same on every machine, other for another order.
@@ -135,9 +123,5 @@ impl<G: Links> Solver for G {
             self.arcs(vertex).for_each(|arc| hash.mix(u64::from(arc.to) << 32 | u64::from(arc.length.to_bits())));
         }
         Ok(hash.finish())
-    }
-
-    fn sweep(&self, sources: usize, bytes: u64, control: &Control) -> Result<Option<Sweep>> {
-        Sweep::where_it_pays(self, sources, bytes, control)
     }
 }

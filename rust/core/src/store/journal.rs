@@ -1,4 +1,4 @@
-//! The journal of a store: which blocks are finished, with their checksums. One JSON object a line.
+//! The journal of a store: which rows are finished, with their checksums. One JSON object a line.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write};
@@ -8,33 +8,31 @@ use std::sync::Mutex;
 use crate::error::{Error, Result};
 
 /// The first line of every journal begins with this.
-const FORMAT: &str = "{\"format\": \"voxflat rows 1\", ";
+const FORMAT: &str = "{\"format\": \"voxflat rows 2\", ";
 
-/// Says that all blocks are finished and on the disk.
+/// Says that all rows are finished and on the disk.
 const COMPLETE: &str = "{\"complete\": true}";
 
 /// What a journal says.
 #[derive(Debug, PartialEq)]
 pub struct Entries {
-    /// The checksum of each block that was finished.
+    /// The checksum of each row that was finished.
     pub checksums: Vec<Option<u32>>,
     /// Does it say that all of them are?
     pub complete: bool,
 }
 
 /// The first line of a journal of these rows.
-pub fn header(identity: &str, rows: usize, columns: usize, block_rows: usize) -> String {
-    format!(
-        "{FORMAT}\"identity\": \"{identity}\", \"rows\": {rows}, \"columns\": {columns}, \"block_rows\": {block_rows}}}"
-    )
+pub fn header(identity: &str, rows: usize, columns: usize) -> String {
+    format!("{FORMAT}\"identity\": \"{identity}\", \"rows\": {rows}, \"columns\": {columns}}}")
 }
 
-/// What the journal at `path` says of so many blocks; nothing if there is none. Lines that cannot be read, such as a last
-/// one that was torn, say nothing: their blocks are not finished.
+/// What the journal at `path` says of so many rows; nothing if there is none. Lines that cannot be read, such as a last
+/// one that was torn, say nothing: their rows are not finished.
 ///
 /// # Errors
 /// [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
-pub fn read(path: &Path, header: &str, blocks: usize) -> Result<Option<Entries>> {
+pub fn read(path: &Path, header: &str, rows: usize) -> Result<Option<Entries>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         result => result.map_err(Error::of_store("read", path))?,
@@ -44,11 +42,11 @@ pub fn read(path: &Path, header: &str, blocks: usize) -> Result<Option<Entries>>
     if lines.next() != Some(header) {
         return Err(Error::StoreForeign { path: path.display().to_string() });
     }
-    let mut entries = Entries { checksums: vec![None; blocks], complete: false };
+    let mut entries = Entries { checksums: vec![None; rows], complete: false };
     for line in lines {
         entries.complete |= line == COMPLETE;
-        if let Some((block, checksum)) = entry(line)
-            && let Some(place) = entries.checksums.get_mut(block)
+        if let Some((row, checksum)) = entry(line)
+            && let Some(place) = entries.checksums.get_mut(row)
         {
             *place = Some(checksum);
         }
@@ -56,13 +54,13 @@ pub fn read(path: &Path, header: &str, blocks: usize) -> Result<Option<Entries>>
     Ok(Some(entries))
 }
 
-fn line(block: usize, checksum: u32) -> String {
-    format!("{{\"block\": {block}, \"crc32\": \"{checksum:08x}\"}}\n")
+fn line(row: usize, checksum: u32) -> String {
+    format!("{{\"row\": {row}, \"crc32\": \"{checksum:08x}\"}}\n")
 }
 
 fn entry(line: &str) -> Option<(usize, u32)> {
-    let (block, checksum) = line.strip_prefix("{\"block\": ")?.strip_suffix("\"}")?.split_once(", \"crc32\": \"")?;
-    Some((block.parse().ok()?, u32::from_str_radix(checksum, 16).ok()?))
+    let (row, checksum) = line.strip_prefix("{\"row\": ")?.strip_suffix("\"}")?.split_once(", \"crc32\": \"")?;
+    Some((row.parse().ok()?, u32::from_str_radix(checksum, 16).ok()?))
 }
 
 /// A journal that is written.
@@ -73,12 +71,12 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Begins a journal with the blocks that are known; it takes the place of an older one when it is complete so far.
+    /// Begins a journal with the rows that are known; it takes the place of an older one when it is complete so far.
     ///
     /// # Errors
     /// [`Error::StoreFailed`].
     pub fn begin(path: PathBuf, header: &str, checksums: &[Option<u32>]) -> Result<Self> {
-        let known = checksums.iter().enumerate().filter_map(|(block, known)| known.map(|sum| line(block, sum)));
+        let known = checksums.iter().enumerate().filter_map(|(row, known)| known.map(|sum| line(row, sum)));
         let text: String = std::iter::once(format!("{header}\n")).chain(known).collect();
         let beside = path.with_extension("new");
         let write = || {
@@ -91,15 +89,15 @@ impl Journal {
         Ok(Self { path, file })
     }
 
-    /// Enters a block whose data are written.
+    /// Enters a row whose data are written.
     ///
     /// # Errors
     /// [`Error::StoreFailed`].
-    pub fn add(&self, block: usize, checksum: u32) -> Result<()> {
-        self.append(&line(block, checksum))
+    pub fn add(&self, row: usize, checksum: u32) -> Result<()> {
+        self.append(&line(row, checksum))
     }
 
-    /// Enters that all blocks are finished, once their data are on the disk.
+    /// Enters that all rows are finished, once their data are on the disk.
     ///
     /// # Errors
     /// [`Error::StoreFailed`].
@@ -122,7 +120,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn header() -> String {
-        super::header("12ab", 90, 7, 16)
+        super::header("12ab", 3, 7)
     }
 
     fn written(folder: &Folder) -> PathBuf {
@@ -143,7 +141,7 @@ mod tests {
         let journal = Journal::begin(path.clone(), &header(), &[None, Some(0xfe), Some(77)]).unwrap();
         journal.complete().unwrap();
         assert_eq!(read(&path, &header(), 3).unwrap(), known(true));
-        assert!(matches!(read(&path, &super::header("12ab", 91, 7, 16), 3), Err(Error::StoreForeign { .. })));
+        assert!(matches!(read(&path, &super::header("12ab", 4, 7), 3), Err(Error::StoreForeign { .. })));
     }
 
     #[test]

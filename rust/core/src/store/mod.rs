@@ -1,11 +1,11 @@
 //! Distance rows on disk: out of core, resumable, checked.
 //!
-//! A store is a directory with a table of all rows, `rows.npy`, and a journal, `journal.jsonl`. Rows are computed in blocks,
-//! several at a time, each in the memory of one thread. A block's data are written to their place in the table; then its
-//! checksum is entered in the journal. Whoever opens the store again reads every block that the journal knows, and computes
-//! anew what does not agree with its checksum. So no order of writes needs to be forced on the disk: whatever a crash leaves,
-//! of table and journal, only a block that is there as it was computed counts. Once all are, the table is synchronised with the
-//! disk, and then the journal says that the store is complete.
+//! A store is a directory with a table of all rows, `rows.npy`, and a journal, `journal.jsonl`. Rows are computed bundle by
+//! bundle, each in the memory of one thread. A row is written to its place in the table; then its checksum is entered in the
+//! journal. Whoever opens the store again reads every row that the journal knows, and computes anew what does not agree with its
+//! checksum. So no order of writes needs to be forced on the disk: whatever a crash leaves, of table and journal, only a row that
+//! is there as it was computed counts. Once all are, the table is synchronised with the disk, and then the journal says that
+//! the store is complete.
 //!
 //! Numbers depend on the solver and the sources alone. Neither threads nor interruptions change a bit.
 
@@ -14,8 +14,8 @@ mod npy;
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
-use std::ops::Range;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
@@ -23,43 +23,21 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geodesic::Solver;
-use crate::geodesic::engine::{Engine, EngineScratch};
-use crate::geodesic::sweep::LANES;
-use crate::rows::{Rows, measure_alone};
+use crate::geodesic::bundle::{BundleScratch, MOST_SOURCES};
+use crate::rows::{Rows, fill};
 use crate::turns::in_turn;
 use journal::Journal;
 use npy::{CHUNK, NpyFile, VALUE};
 
-/// Most bytes of a block, if a row is not longer.
-const BLOCK_BYTES: usize = 64 << 20;
-
-/// Most rows of a block, as many as are best computed at once.
-const MOST_ROWS: usize = LANES;
-
-/// Few rows make so many blocks nevertheless, for many threads.
-const FEWEST_BLOCKS: usize = 16;
-
-/// Most bytes to prepare distances in: with the blocks in flight less than the rows that are kept on disk to save memory.
-pub const PREPARED_BYTES: u64 = 512 << 20;
+/// The names of what a store consists of.
+const TABLE: &str = "rows.npy";
+const JOURNAL: &str = "journal.jsonl";
 
 /// How long a lock is waited for: work that was cancelled lets it go within this time.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Rows of a block, of so many rows of so many columns. It must not depend on anything else: a store keeps its blocks.
-///
-/// # Examples
-/// ```
-/// use voxflat::store::block_rows;
-///
-/// assert_eq!(block_rows(1_000_000, 1000), 16); // 64 MiB
-/// assert_eq!(block_rows(1000, 32), 2); // of few rows sixteen blocks
-/// ```
-pub fn block_rows(columns: usize, rows: usize) -> usize {
-    (BLOCK_BYTES / (columns * VALUE).max(1)).clamp(1, rows.div_ceil(FEWEST_BLOCKS).clamp(1, MOST_ROWS))
-}
-
-/// The memory in bytes that computing a store needs at most: the blocks in flight, for each of them what is written at once, and
-/// two entries of eight bytes a vertex to search.
+/// The memory in bytes that computing a store needs at most: for each thread a bundle of rows, what is written at once, and what
+/// it computes them in.
 ///
 /// # Examples
 /// ```
@@ -68,9 +46,9 @@ pub fn block_rows(columns: usize, rows: usize) -> usize {
 /// assert!(memory_need(1_000_000, 1000, 2) < 4 * 1_000_000 * 1000 / 10); // less than a tenth of the rows
 /// ```
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
-    let height = block_rows(columns, rows);
-    let at_once = threads.min(rows.div_ceil(height.max(1)));
-    at_once as u64 * (CHUNK as u64 + (height * VALUE + 16) as u64 * columns as u64)
+    let height = MOST_SOURCES.min(rows.div_ceil(threads.max(1)));
+    let at_once = threads.min(rows) as u64;
+    at_once * (CHUNK as u64 + (height * columns * VALUE) as u64 + BundleScratch::memory_need(columns))
 }
 
 /// What was in a store when it was opened.
@@ -123,7 +101,7 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
-    /// another component; [`Error::Cancelled`]. Whatever happens, finished blocks are kept.
+    /// another component; [`Error::Cancelled`]. Whatever happens, finished rows are kept.
     pub fn compute<S: Solver>(
         directory: &Path,
         identity: &str,
@@ -131,43 +109,58 @@ impl Store {
         sources: &[u32],
         control: &Control,
     ) -> Result<Self> {
-        let lock = lock(directory, control)?;
         let columns = solver.columns();
-        let blocks = Blocks { rows: sources.len(), height: block_rows(columns, sources.len()) };
-        let header = journal::header(identity, sources.len(), columns, blocks.height);
-        let path = directory.join("journal.jsonl");
-        let entries = journal::read(&path, &header, blocks.len())?;
-        let table = NpyFile::new(directory.join("rows.npy"), sources.len(), columns);
-        table.lay_out()?;
-
-        let (known, is_complete) = entries.map_or((vec![None; blocks.len()], false), |e| (e.checksums, e.complete));
-        let sound = verify(&table, blocks, &known, control)?;
-        let rows_where = |keep: &dyn Fn(usize) -> bool| {
-            (0..blocks.len()).filter(|&block| keep(block)).map(|block| blocks.range(block).len()).sum()
+        let Opened { lock, table, journal, found, sound } = open(directory, identity, sources.len(), columns, control)?;
+        let checksums = match journal {
+            None => sound,
+            Some(journal) => {
+                let all: Vec<u32> = (0..sources.len() as u32).collect();
+                let checksums = compute_missing(&table, &journal, sound, &all, solver, sources, control)?;
+                table.sync()?;
+                journal.complete()?;
+                checksums
+            }
         };
-        let found = Found {
-            rows: rows_where(&|block| sound[block].is_some()),
-            damaged: rows_where(&|block| known[block].is_some() && sound[block].is_none()),
-        };
-        let checksums = if is_complete && found.rows == sources.len() {
-            sound.into_iter().flatten().collect()
-        } else {
-            let journal = Journal::begin(path, &header, &sound)?;
-            let checksums = compute_missing(&table, &journal, blocks, &sound, solver, sources, control)?;
-            table.sync()?;
-            journal.complete()?;
-            checksums
-        };
+        let checksums = checksums.into_iter().flatten().collect();
         Ok(Self { table, sources: sources.to_vec(), columns, checksums, found, _lock: lock })
+    }
+
+    /// Makes a store whose rows others compute, or finds what is in it.
+    ///
+    /// # Errors
+    /// Those of [`Store::compute`].
+    pub fn lay_out(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
+        Ok(open(directory, identity, rows, columns, control)?.found)
+    }
+
+    /// Computes some of the rows, by their numbers, of a store that another process has [laid out](Self::lay_out). They are entered in a
+    /// journal of their own in the directory `part`, which must exist; what that knows is not computed again.
+    ///
+    /// # Errors
+    /// Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
+    pub fn compute_part<S: Solver>(
+        directory: &Path,
+        part: &Path,
+        identity: &str,
+        solver: &S,
+        sources: &[u32],
+        rows: &[u32],
+        control: &Control,
+    ) -> Result<()> {
+        let _lock = lock(part, control)?;
+        let header = journal::header(identity, sources.len(), solver.columns());
+        let path = part.join(JOURNAL);
+        let known = journal::read(&path, &header, sources.len())?.map_or(vec![None; sources.len()], |e| e.checksums);
+        let table = NpyFile::new(directory.join(TABLE), sources.len(), solver.columns());
+        let sound = verify(&table, &known, control)?;
+        let journal = Journal::begin(path, &header, &sound)?;
+        compute_missing(&table, &journal, sound, rows, solver, sources, control)?;
+        table.sync()
     }
 
     /// What was there already.
     pub fn found(&self) -> Found {
         self.found
-    }
-
-    fn blocks_of_rows(&self) -> Blocks {
-        Blocks { rows: self.sources.len(), height: self.block_rows() }
     }
 }
 
@@ -180,87 +173,94 @@ impl Rows for Store {
         self.columns
     }
 
-    fn block_rows(&self) -> usize {
-        block_rows(self.columns, self.sources.len())
-    }
-
-    /// Reads block by block, and compares checksums.
+    /// Reads some rows at a time, and compares checksums.
     ///
     /// # Errors
     /// [`Error::StoreDamaged`], [`Error::StoreFailed`], [`Error::Cancelled`].
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
-        let blocks = self.blocks_of_rows();
-        let mut rows = vec![0.0; blocks.range(0).len() * self.columns];
-        for (block, &checksum) in self.checksums.iter().enumerate() {
-            let Range { start, end } = blocks.range(block);
-            let rows = &mut rows[..(end - start) * self.columns];
-            if self.table.read(start, rows, control)? != checksum {
-                let path = self.table.path().display().to_string();
-                return Err(Error::StoreDamaged { path, first: start, last: end - 1 });
+        let mut rows = vec![0.0; MOST_SOURCES.min(self.sources.len()) * self.columns];
+        for (n, checksums) in self.checksums.chunks(MOST_SOURCES).enumerate() {
+            let first = n * MOST_SOURCES;
+            let rows = &mut rows[..checksums.len() * self.columns];
+            for ((number, &checksum), row) in (first..).zip(checksums).zip(rows.chunks_mut(self.columns.max(1))) {
+                if self.table.read(number, row, control)? != checksum {
+                    return Err(Error::StoreDamaged { path: self.table.path().display().to_string(), row: number });
+                }
             }
-            visit(start, rows)?;
+            visit(first, rows)?;
         }
         Ok(())
     }
 }
 
-/// How rows are divided into blocks.
-#[derive(Debug, Clone, Copy)]
-struct Blocks {
-    rows: usize,
-    height: usize,
+/// A store, and what is in it.
+struct Opened {
+    lock: File,
+    table: NpyFile,
+    /// Where rows are to be entered, unless all of them are there.
+    journal: Option<Journal>,
+    found: Found,
+    /// The checksum of each row that agrees with it.
+    sound: Vec<Option<u32>>,
 }
 
-impl Blocks {
-    fn len(self) -> usize {
-        self.rows.div_ceil(self.height)
-    }
-
-    fn range(self, block: usize) -> Range<usize> {
-        block * self.height..((block + 1) * self.height).min(self.rows)
-    }
+/// Opens a store, or makes one; reads all that is there.
+fn open(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Opened> {
+    let lock = lock(directory, control)?;
+    let header = journal::header(identity, rows, columns);
+    let path = directory.join(JOURNAL);
+    let entries = journal::read(&path, &header, rows)?;
+    let table = NpyFile::new(directory.join(TABLE), rows, columns);
+    table.lay_out()?;
+    let (known, is_complete) = entries.map_or((vec![None; rows], false), |e| (e.checksums, e.complete));
+    let sound = verify(&table, &known, control)?;
+    let is_there = sound.iter().flatten().count();
+    let found = Found { rows: is_there, damaged: known.iter().flatten().count() - is_there };
+    let journal = if is_complete && is_there == rows { None } else { Some(Journal::begin(path, &header, &sound)?) };
+    Ok(Opened { lock, table, journal, found, sound })
 }
 
-/// The known blocks whose data agree with their checksums.
-fn verify(table: &NpyFile, blocks: Blocks, known: &[Option<u32>], control: &Control) -> Result<Vec<Option<u32>>> {
+/// The known checksums of rows that agree with them.
+fn verify(table: &NpyFile, known: &[Option<u32>], control: &Control) -> Result<Vec<Option<u32>>> {
     control.begin("checking the store", known.iter().flatten().count() as u64);
-    let agrees = |(block, checksum): (usize, &Option<u32>)| {
+    let agrees = |(row, checksum): (usize, &Option<u32>)| {
         let Some(checksum) = *checksum else { return Ok(None) };
-        let rows = blocks.range(block);
-        let is_sound = table.checksum(rows.start, rows.len(), control)? == checksum;
+        let is_sound = table.checksum(row, control)? == checksum;
         control.advance();
         Ok(is_sound.then_some(checksum))
     };
     known.par_iter().enumerate().map(agrees).collect()
 }
 
-/// Computes and writes the blocks that have no checksum; the checksums of all blocks.
+/// Computes and writes those of the rows that have no checksum; all checksums that are known then.
 fn compute_missing<S: Solver>(
     table: &NpyFile,
     journal: &Journal,
-    blocks: Blocks,
-    known: &[Option<u32>],
+    mut checksums: Vec<Option<u32>>,
+    rows: &[u32],
     solver: &S,
     sources: &[u32],
     control: &Control,
-) -> Result<Vec<u32>> {
-    let engine = Engine::within(PREPARED_BYTES, solver, sources.len(), control)?;
-    let missing = (0..known.len()).filter(|&block| known[block].is_none());
-    control.begin("measuring distances", missing.map(|block| blocks.range(block).len() as u64).sum());
-    let mut checksums = vec![0; known.len()];
-    let compute = |(scratch, rows): &mut (EngineScratch<S::Scratch>, Vec<f32>),
-                   (block, (known, checksum)): (usize, (&Option<u32>, &mut u32))| {
-        if let Some(known) = *known {
-            *checksum = known;
-            return Ok(());
+) -> Result<Vec<Option<u32>>> {
+    let missing: Vec<usize> = rows.iter().map(|&row| row as usize).filter(|&row| checksums[row].is_none()).collect();
+    let from: Vec<u32> = missing.iter().map(|&row| sources[row]).collect();
+    control.begin("measuring distances", missing.len() as u64);
+    let bundles = solver.bundles(&from, rayon::current_num_threads(), control)?;
+    let columns = solver.columns();
+    let known = Mutex::new(&mut checksums);
+    let compute = |(scratch, data): &mut (S::Scratch, Vec<f32>), bundle: Vec<u32>| {
+        data.resize(bundle.len() * columns, 0.0);
+        let mut rows: Vec<&mut [f32]> = data.chunks_exact_mut(columns.max(1)).collect();
+        fill(solver, &from, &bundle, None, &mut rows, scratch, control)?;
+        for (number, values) in bundle.into_iter().zip(rows) {
+            let row = missing[number as usize];
+            let checksum = table.write(row, values, control)?;
+            journal.add(row, checksum)?;
+            known.lock().unwrap_or_else(PoisonError::into_inner)[row] = Some(checksum);
         }
-        let range = blocks.range(block);
-        rows.resize(range.len() * solver.columns(), 0.0);
-        measure_alone(&engine, &sources[range.clone()], rows, scratch, control)?;
-        *checksum = table.write(range.start, rows, control)?;
-        journal.add(block, *checksum)
+        Ok(())
     };
-    in_turn(known.iter().zip(&mut checksums).enumerate(), || (engine.scratch(), Vec::new()), compute)?;
+    in_turn(bundles.into_iter(), || (solver.scratch(), Vec::new()), compute)?;
     Ok(checksums)
 }
 

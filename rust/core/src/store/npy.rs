@@ -52,11 +52,11 @@ impl NpyFile {
         write().map_err(Error::of_store("write", &self.path))
     }
 
-    /// Writes whole rows from the `first` on, and returns their checksum.
-    pub fn write(&self, first: usize, values: &[f32], control: &Control) -> Result<u32> {
+    /// Writes a row, and returns its checksum.
+    pub fn write(&self, row: usize, values: &[f32], control: &Control) -> Result<u32> {
         let failed = || Error::of_store("write", &self.path);
         let mut file = OpenOptions::new().write(true).open(&self.path).map_err(failed())?;
-        file.seek(SeekFrom::Start(self.offset(first))).map_err(failed())?;
+        file.seek(SeekFrom::Start(self.offset(row))).map_err(failed())?;
         let mut hasher = crc32fast::Hasher::new();
         let mut bytes = Vec::with_capacity(CHUNK.min(values.len() * VALUE));
         for chunk in values.chunks(CHUNK / VALUE) {
@@ -69,20 +69,19 @@ impl NpyFile {
         Ok(hasher.finalize())
     }
 
-    /// Reads whole rows from the `first` on, and returns their checksum.
-    pub fn read(&self, first: usize, values: &mut [f32], control: &Control) -> Result<u32> {
-        let length = values.len() * VALUE;
+    /// Reads a row, and returns its checksum.
+    pub fn read(&self, row: usize, values: &mut [f32], control: &Control) -> Result<u32> {
         let mut places = values.iter_mut();
-        self.pass(first, length, control, |bytes| {
+        self.pass(row, control, |bytes| {
             for (value, place) in bytes.chunks_exact(VALUE).zip(&mut places) {
                 *place = f32::from_le_bytes([value[0], value[1], value[2], value[3]]);
             }
         })
     }
 
-    /// The checksum of `count` rows from the `first` on.
-    pub fn checksum(&self, first: usize, count: usize, control: &Control) -> Result<u32> {
-        self.pass(first, count * self.columns * VALUE, control, |_| ())
+    /// The checksum of a row.
+    pub fn checksum(&self, row: usize, control: &Control) -> Result<u32> {
+        self.pass(row, control, |_| ())
     }
 
     /// Waits until everything that was written is on the disk.
@@ -91,14 +90,14 @@ impl NpyFile {
         sync().map_err(Error::of_store("write", &self.path))
     }
 
-    /// Passes `length` bytes from a row on to `visit`, in pieces, and returns their checksum.
-    fn pass(&self, first: usize, length: usize, control: &Control, mut visit: impl FnMut(&[u8])) -> Result<u32> {
+    /// Passes the bytes of a row to `visit`, in pieces, and returns their checksum.
+    fn pass(&self, row: usize, control: &Control, mut visit: impl FnMut(&[u8])) -> Result<u32> {
         let failed = || Error::of_store("read", &self.path);
         let mut file = File::open(&self.path).map_err(failed())?;
-        file.seek(SeekFrom::Start(self.offset(first))).map_err(failed())?;
+        file.seek(SeekFrom::Start(self.offset(row))).map_err(failed())?;
         let mut hasher = crc32fast::Hasher::new();
-        let mut bytes = vec![0; CHUNK.min(length)];
-        let mut left = length;
+        let mut left = self.columns * VALUE;
+        let mut bytes = vec![0; CHUNK.min(left)];
         while left > 0 {
             control.check()?;
             let piece = &mut bytes[..CHUNK.min(left)];
@@ -139,14 +138,18 @@ mod tests {
         let columns = CHUNK / VALUE + 7; // rows that are no whole number of chunks
         let table = NpyFile::new(folder.path().join("rows.npy"), 3, columns);
         table.lay_out().unwrap();
-        let values: Vec<f32> = (0..2 * columns).map(|n| n as f32 / 3.0).collect();
+        let rows: Vec<Vec<f32>> = [3.0, 7.0].map(|by| (0..columns).map(|n| n as f32 / by).collect()).into();
         let control = Control::default();
-        let written = table.write(1, &values, &control).unwrap();
-        let mut again = vec![0.0; 3 * columns];
-        assert_eq!(table.read(1, &mut again[columns..], &control).unwrap(), written);
-        assert_eq!(table.checksum(1, 2, &control).unwrap(), written);
-        table.read(0, &mut again[..columns], &control).unwrap();
-        assert!(again[..columns].iter().all(|&value| value == 0.0) && again[columns..] == values);
+        for (number, values) in (1..).zip(&rows) {
+            let written = table.write(number, values, &control).unwrap();
+            let mut again = vec![0.0; columns];
+            assert_eq!(table.read(number, &mut again, &control).unwrap(), written);
+            assert_eq!(table.checksum(number, &control).unwrap(), written);
+            assert!(again == *values);
+        }
+        let mut first = vec![9.0; columns];
+        table.read(0, &mut first, &control).unwrap();
+        assert!(first.iter().all(|&value| value == 0.0));
     }
 
     #[test]
@@ -172,11 +175,11 @@ mod tests {
         let table = NpyFile::new(path.clone(), 2, 5);
         let control = Control::default();
         table.lay_out().unwrap();
-        table.write(0, &[1.0; 10], &control).unwrap();
+        assert_eq!(table.write(0, &[1.0; 5], &control), table.write(1, &[1.0; 5], &control));
         OpenOptions::new().write(true).open(&path).unwrap().set_len(128 + 20 + 8).unwrap();
         table.lay_out().unwrap();
-        let mut values = [9.0; 10];
-        table.read(0, &mut values, &control).unwrap();
-        assert_eq!(values, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+        let mut values = [9.0; 5];
+        table.read(1, &mut values, &control).unwrap();
+        assert_eq!(values, [1.0, 1.0, 0.0, 0.0, 0.0]);
     }
 }

@@ -44,9 +44,6 @@ const COMPLETE: &[u8] = b"{\"complete\": true}\n";
 
 const ROWS: usize = 53;
 
-/// Rows of a block, of so many rows; the fourteenth has one only.
-const HEIGHT: usize = 4;
-
 fn sheet() -> VoxelGraph {
     let mask = Mask::from_fn([9, 8, 1], |_| true).unwrap();
     let control = Control::default();
@@ -133,8 +130,8 @@ fn rows_of_many_sources_are_those_that_memory_would_hold() {
     let control = Control::default();
     let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
     let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-    let sources: Vec<u32> = (0..1600).collect();
-    assert!(graph.sweep(sources.len(), PREPARED_BYTES, &control).unwrap().is_some());
+    let sources: Vec<u32> = (0..1600).step_by(7).collect();
+    assert!(graph.bundles(&sources, 1, &control).unwrap().len() < sources.len()); // of several rows
     let folder = Folder::new("many");
     let store = Store::compute(folder.path(), "a1", &graph, &sources, &control).unwrap();
     assert_eq!(all_rows(&store), DistanceRows::compute(&graph, &sources, &control).unwrap().into_data());
@@ -183,11 +180,10 @@ proptest! {
                 }
             }
             let lines = String::from_utf8(folder.bytes("journal.jsonl")).unwrap();
-            let blocks = lines.matches("crc32").count();
-            let now = (blocks * HEIGHT).min(ROWS); // the last block is lower
-            // no more than a block a thread is lost
-            prop_assert!(now >= finished && now + threads * HEIGHT >= finished + stop.min(ROWS - finished));
-            finished = if lines.contains("\"block\": 13,") { now.min((blocks - 1) * HEIGHT + 1) } else { now };
+            let now = lines.matches("crc32").count();
+            // no more than a row a thread is lost
+            prop_assert!(now >= finished && now + threads >= finished + stop.min(ROWS - finished));
+            finished = now;
         }
         let store = compute(&folder, &graph).unwrap();
         prop_assert_eq!(store.found(), Found { rows: finished, damaged: 0 });
@@ -226,7 +222,41 @@ fn damage_while_it_is_open_is_told() {
     bytes[last] ^= 1;
     fs::write(folder.path().join("rows.npy"), bytes).unwrap();
     let told = store.among(&Control::default()).unwrap_err();
-    assert!(matches!(told, Error::StoreDamaged { first: 52, last: 52, .. }), "{told}");
+    assert!(matches!(told, Error::StoreDamaged { row: 52, .. }), "{told}");
+}
+
+#[test]
+fn parts_by_several_make_the_store_that_one_would() {
+    let graph = sheet();
+    let (alone, folder) = (Folder::new("alone"), Folder::new("parts"));
+    drop(compute(&alone, &graph).unwrap());
+    let control = Control::default();
+    let of = |part: &Path, rows: &[u32], solver: &Counting<'_>| {
+        Store::compute_part(folder.path(), part, "a1", solver, &sources(), rows, &control)
+    };
+    let parts = ["first", "second"].map(|name| folder.path().join(name));
+    parts.iter().for_each(|part| fs::create_dir(part).unwrap());
+    let (first, second): (Vec<u32>, Vec<u32>) = (0..ROWS as u32).partition(|row| row % 3 == 1);
+    let told = of(&parts[0], &first, &Counting::until(&graph, ROWS)).unwrap_err();
+    assert!(matches!(told, Error::StoreFailed { .. })); // nobody has laid the table out
+    let nothing = Store::lay_out(folder.path(), "a1", ROWS, graph.columns(), &control).unwrap();
+    assert_eq!(nothing, Found::default());
+    assert_eq!(of(&parts[0], &first, &Counting::until(&graph, 5)), Err(Error::Cancelled));
+    let counting = Counting::until(&graph, ROWS);
+    of(&parts[0], &first, &counting).unwrap();
+    assert_eq!(counting.rows(), first.len() - 5);
+    of(&parts[1], &second, &Counting::until(&graph, ROWS)).unwrap();
+    let lines = |folder: &Path| {
+        let text = fs::read_to_string(folder.join(JOURNAL)).unwrap();
+        let mut lines: Vec<String> =
+            text.lines().skip(1).filter(|line| line.contains("row")).map(String::from).collect();
+        lines.sort();
+        lines
+    };
+    let mut both = [lines(&parts[0]), lines(&parts[1])].concat();
+    both.sort();
+    assert_eq!(both, lines(alone.path()));
+    assert!(folder.bytes(TABLE) == alone.bytes(TABLE));
 }
 
 #[test]
@@ -277,13 +307,13 @@ fn a_missing_directory_is_told() {
 }
 
 #[test]
-fn blocks_are_bounded() {
-    for columns in [1, 72, 20_000, 1 << 20, (1 << 20) + 1, 1 << 24, 1 << 28] {
-        let height = block_rows(columns, 4000);
-        assert!((1..=MOST_ROWS).contains(&height) && (height == 1 || height * columns * VALUE <= BLOCK_BYTES));
-    }
-    assert_eq!([block_rows(72, 4000), block_rows(72, ROWS), block_rows(72, 5)], [MOST_ROWS, HEIGHT, 1]);
-    assert_eq!(memory_need(72, 5, 8), 5 * (CHUNK + 72 * VALUE + 16 * 72) as u64); // five blocks
+fn memory_is_that_of_a_bundle_a_thread() {
+    let of = |rows, height: usize, threads: usize| {
+        let one = (CHUNK + 72 * height * VALUE) as u64 + BundleScratch::memory_need(72);
+        threads as u64 * one == memory_need(72, rows, threads)
+    };
+    assert!(of(4000, 16, 8) && of(5, 1, 5) && of(20, 10, 2));
+    assert_eq!(memory_need(72, 5, 8), memory_need(72, 5, 5)); // no more threads than rows
 }
 
 #[test]

@@ -62,6 +62,51 @@ impl Surface {
         Ok((found.rows, found.damaged))
     }
 
+    /// Makes a store of so many rows that others compute: how many it had, and how many were damaged.
+    #[pyo3(signature = (directory, identity, rows, progress=None))]
+    fn lay_out_store(
+        &self,
+        py: Python<'_>,
+        directory: PathBuf,
+        identity: String,
+        rows: usize,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<(usize, usize)> {
+        let columns = self.0.surface.len();
+        let found = run(py, None, progress.as_ref(), move |control| {
+            Store::lay_out(&directory, &identity, rows, columns, control)
+        })?;
+        Ok((found.rows, found.damaged))
+    }
+
+    /// Computes those of some rows, by their numbers, that a part of a store lacks: a directory with a journal of its own.
+    #[pyo3(signature = (directory, part, identity, sources, rows, geodesic="graph", threads=None, progress=None))]
+    #[allow(clippy::too_many_arguments)] // Python's, by name
+    fn store_part(
+        &self,
+        py: Python<'_>,
+        directory: PathBuf,
+        part: PathBuf,
+        identity: String,
+        sources: PyReadonlyArray1<'_, u32>,
+        rows: PyReadonlyArray1<'_, u32>,
+        geodesic: &str,
+        threads: Option<usize>,
+        progress: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let geodesic = Geodesic::named(geodesic)?;
+        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
+        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
+        let rows: Vec<u32> = rows.as_array().iter().copied().collect();
+        convert::check_vertices(rows.iter().copied(), sources.len())?;
+        let inner = Arc::clone(&self.0);
+        run(py, threads, progress.as_ref(), move |control| {
+            with_solver!(geodesic, inner, control, |solver| Store::compute_part(
+                &directory, &part, &identity, solver, &sources, &rows, control
+            ))
+        })
+    }
+
     /// Number of links of the graph, each counted from both ends.
     #[pyo3(signature = (progress=None))]
     fn links(&self, py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> PyResult<usize> {

@@ -6,13 +6,11 @@ use std::sync::Arc;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use voxflat::distortion::judge::REFERENCE_SOURCES;
 use voxflat::flatten;
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
-use voxflat::geodesic::engine::Engine;
 use voxflat::orient;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -67,29 +65,20 @@ impl Surface {
             let surface = &inner.surface;
             flatten::check_disk(surface)?;
             let graph = &*inner.graph(control)?;
-            let engine = |rows| Engine::new(graph, rows, control);
             if let Some((directory, identity)) = store {
                 return with_solver!(geodesic, inner, control, |solver| {
                     let store = Store::compute(&directory, &identity, solver, &sources, control)?;
                     let found = Some(store.found());
-                    let judge = engine(REFERENCE_SOURCES)?;
-                    Ok((flatten::voxflat(surface, store, weighting, scale, &judge, seed, control)?, found))
+                    Ok((flatten::voxflat(surface, store, weighting, scale, graph, seed, control)?, found))
                 });
             }
-            let (rows, judge) = if let Geodesic::Graph = geodesic {
-                let engine = engine(sources.len() + REFERENCE_SOURCES)?;
-                (DistanceRows::by(&engine, &sources, control)?, engine)
-            } else {
-                let rows = with_solver!(geodesic, inner, control, |solver| {
-                    DistanceRows::compute(solver, &sources, control)?
-                });
-                (rows, engine(REFERENCE_SOURCES)?)
-            };
+            let rows =
+                with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control)?);
             if !keep_rows {
-                return Ok((flatten::voxflat(surface, rows, weighting, scale, &judge, seed, control)?, None));
+                return Ok((flatten::voxflat(surface, rows, weighting, scale, graph, seed, control)?, None));
             }
-            let mut map = flatten::voxflat(surface, &rows, weighting, scale, &judge, seed, control)?;
-            map.rows = Some(if let Geodesic::Graph = geodesic { rows.as_computed(&judge, control)? } else { rows });
+            let mut map = flatten::voxflat(surface, &rows, weighting, scale, graph, seed, control)?;
+            map.rows = Some(rows);
             Ok((map, None))
         })?;
         let dict = convert::map_dict(py, map)?;

@@ -8,7 +8,6 @@ use pyo3::types::PyDict;
 use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
-use voxflat::geodesic::engine::Engine;
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
 use voxflat::surface::mesh::sulcal_depth::sulcal_depth;
 
@@ -88,8 +87,7 @@ impl Surface {
         let judged = run(py, threads, progress.as_ref(), move |control| {
             let maps: Vec<&[[f64; 2]]> = maps.iter().map(Vec::as_slice).collect();
             with_solver!(geodesic, inner, control, |solver| {
-                let engine = Engine::new(solver, sources.len(), control)?;
-                judge::judge_all(&engine, &maps, &sources, kept, seed, control)
+                judge::judge_all(solver, &maps, &sources, kept, seed, control)
             })
         })?;
         judged.into_iter().map(|distortion| convert::distortion_dict(py, distortion)).collect()

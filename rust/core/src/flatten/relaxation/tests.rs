@@ -1,6 +1,5 @@
 use super::*;
 use crate::flatten::voxflat::Scale;
-use crate::geodesic::engine::Engine;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::rows::DistanceRows;
 use crate::sources::Sources;
@@ -51,9 +50,8 @@ fn a_cut_cap_has_a_better_map() {
         let control = Control::default();
         let graph = GeodesicGraph::new(surface, &control).unwrap();
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
-        let engine = Engine::new(&graph, sources.len(), &control).unwrap();
-        let rows = DistanceRows::by(&engine, &sources, &control).unwrap();
-        let map = crate::flatten::voxflat(surface, rows, 0.5, Scale::Distances, &engine, 0, &control).unwrap();
+        let rows = DistanceRows::compute(&graph, &sources, &control).unwrap();
+        let map = crate::flatten::voxflat(surface, rows, 0.5, Scale::Distances, &graph, 0, &control).unwrap();
         map.distortion.best_scale.relative_error
     };
     let relaxed = relaxed(&cap, 3.0, 0.0);
