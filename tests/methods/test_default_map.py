@@ -150,6 +150,12 @@ def test_the_scale_is_of_distances_or_of_areas():
     assert areas.distortion.triangles.equal_area_scale == pytest.approx(1)
     assert distances.distortion.triangles.equal_area_scale == pytest.approx(factor)
     assert distances.distortion.triangles.equal_area_p95 == pytest.approx(areas.distortion.triangles.areal_p95)
+    ratio = abs(flat) / np.linalg.norm(curved, axis=1)
+    for figure, beyond in (("area_beyond_1_25", 1.25), ("area_beyond_1_5", 1.5), ("area_beyond_2", 2)):
+        changed = np.linalg.norm(curved, axis=1)[(ratio > beyond) | (ratio < 1 / beyond)].sum()
+        share = changed / np.linalg.norm(curved, axis=1).sum()
+        assert getattr(areas.distortion.triangles, figure) == pytest.approx(share, abs=1e-9)
+        assert getattr(distances.distortion.triangles, figure) == pytest.approx(share, abs=1e-9)
     assert distances.distortion.best_scale.scale == pytest.approx(1, abs=5e-3)
     assert distances.distortion.raw.relative_error < areas.distortion.raw.relative_error
     assert (distances.metadata["scale"], areas.metadata["scale"]) == ("distances", "areas")

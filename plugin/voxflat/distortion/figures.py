@@ -88,6 +88,9 @@ class TriangleFigures:
         log2(A_flat / A_surface) at each vertex.
     is_flipped : ndarray of bool, shape (F,)
         Which triangles are turned over.
+    area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float
+        The share of the surface, by its area, in triangles whose area changes by more than this factor, either way, at
+        `equal_area_scale`. NaN in maps that were saved before there was such a figure.
     """
 
     areal_median: float
@@ -107,6 +110,9 @@ class TriangleFigures:
     covering: int
     areal: NDArray[np.float64]
     is_flipped: NDArray[np.bool_]
+    area_beyond_1_25: float = np.nan
+    area_beyond_1_5: float = np.nan
+    area_beyond_2: float = np.nan
 
     def __repr__(self) -> str:
         return (

@@ -185,6 +185,7 @@ def _columns() -> dict[str, Any]:
         "raw.relative_error": "mean of |d - δ|/δ over pairs of points, d on the map and δ on the cut surface",
         "best_scale.relative_error": "the same at the scale of the map that makes it least",
         "triangles.equal_area_p95": "95th percentile of |log2(area on the map / on the surface)|, total area kept",
+        "triangles.area_beyond_1_5": "share of the surface whose area changes by more than 1.5 times, total area kept",
     }
     return {name: {"Description": of} if isinstance(of, str) else of for name, of in described.items()}
 

@@ -151,6 +151,10 @@ pub fn triangles_dict<'py>(
     dict.set_item("equal_area_scale", measured.equal_area_scale)?;
     dict.set_item("equal_area_median", measured.equal_area.median)?;
     dict.set_item("equal_area_p95", measured.equal_area.p95)?;
+    for (name, share) in ["area_beyond_1_25", "area_beyond_1_5", "area_beyond_2"].into_iter().zip(measured.area_beyond)
+    {
+        dict.set_item(name, share)?;
+    }
     dict.set_item("edge", measured.edge.mean)?;
     dict.set_item("angle", measured.angle.summary.mean)?;
     dict.set_item("quasi_conformal", measured.quasi_conformal.summary.median)?;

@@ -18,6 +18,9 @@ use crate::error::{Error, Result};
 /// What one worker does between two looks at whether it should stop.
 const CHUNK: usize = 4096;
 
+/// Factors of area beyond which the share of the surface is told.
+pub const AREA_FACTORS: [f64; 3] = [1.25, 1.5, 2.0];
+
 /// What flattening did to the triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceDistortion {
@@ -33,6 +36,9 @@ pub struct FaceDistortion {
     pub equal_area_scale: f64,
     /// The summary of `areal` at that scale.
     pub equal_area: Summary,
+    /// The share of the surface, by its area, in triangles whose area changes by more than each of [`AREA_FACTORS`], either way,
+    /// at that scale. A triangle without area in the plane is beyond all; NaN where there is no scale.
+    pub area_beyond: [f64; 3],
     /// |l_flat / l_surface − 1| over the edges, in which each edge counts once. (Workbench's `-edge-method` has for each
     /// vertex the mean of |log2(l_flat / l_surface)| over its edges.) Edges that are 0 mm long on the surface are undefined.
     pub edge: Summary,
@@ -155,6 +161,7 @@ pub fn measure_faces(
     control.advance();
     Ok(FaceDistortion {
         equal_area: Summary::of(&at_scale(&areal.values, scale), |_| 1.0),
+        area_beyond: AREA_FACTORS.map(|factor| share_beyond(factor, &triangles, scale)),
         equal_area_scale: scale,
         areal,
         edge,
@@ -189,6 +196,21 @@ pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64;
     let on_surface: f64 = faces.iter().map(|face| doubled(face.map(|vertex| points[vertex as usize]))).sum();
     let flat: f64 = faces.iter().map(|face| doubled(face.map(place))).sum();
     if flat > 0.0 { (on_surface / flat).sqrt() } else { f64::NAN }
+}
+
+/// The share of the surface in triangles whose area changes by more than a factor, either way, at a scale.
+fn share_beyond(factor: f64, triangles: &[Triangle], scale: f64) -> f64 {
+    let known = || triangles.iter().filter(|triangle| triangle.surface > 0.0 && triangle.flat.is_finite());
+    let is_beyond = |triangle: &&Triangle| {
+        let ratio = scale * scale * triangle.flat.abs() / triangle.surface;
+        ratio > factor || ratio < factor.recip()
+    };
+    let area = |triangle: &Triangle| triangle.surface;
+    if scale.is_nan() {
+        f64::NAN
+    } else {
+        known().filter(is_beyond).map(area).sum::<f64>() / known().map(area).sum::<f64>()
+    }
 }
 
 /// The absolute values of log2 of areas at a scale.

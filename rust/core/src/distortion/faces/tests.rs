@@ -207,6 +207,30 @@ fn workbench(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> Ve
 }
 
 #[test]
+fn shares_beyond_factors_are_of_the_surface_whatever_the_maps_scale() {
+    let (uv, faces) = grid(10, 1);
+    let points = in_space(&uv, |_, _| 0.0);
+    // the widths in the map of the last three of ten columns, which together keep the area
+    let cases = [
+        ([0.4, 1.4, 1.2], [0.2, 0.1, 0.1]),
+        ([0.55, 1.4, 1.05], [0.2, 0.1, 0.0]),
+        ([0.0, 1.45, 1.55], [0.3, 0.2, 0.1]), // one has no area left
+        ([1.0, 1.0, 1.0], [0.0; 3]),
+    ];
+    for (widths, expected) in cases {
+        for scale in [1.0, 0.1, 30.0] {
+            let width = |column: usize| if column < 7 { 1.0 } else { widths[column - 7] };
+            let x = |place: f64| (0..place as usize).map(width).sum::<f64>();
+            let map: Vec<[f64; 2]> = uv.iter().map(|&[at, y]| [scale * x(at), scale * y]).collect();
+            let found = measured(&points, &faces, &map).area_beyond;
+            assert!(found.iter().zip(expected).all(|(share, known)| (share - known).abs() < 1e-12), "{found:?}");
+        }
+    }
+    let nowhere = vec![[0.0; 2]; uv.len()];
+    assert!(measured(&points, &faces, &nowhere).area_beyond.iter().all(|share| share.is_nan()));
+}
+
+#[test]
 fn areal_distortion_is_workbenchs() {
     let (uv, faces) = grid(40, 30);
     let points = in_space(&uv, |x, y| 3.0 * (0.4 * x).sin() * (0.3 * y).cos() - 40.0);
