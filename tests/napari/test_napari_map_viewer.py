@@ -303,9 +303,11 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert viewer.layers["bumps in the map's colours"] is layer
     assert np.median(np.abs(layer.vertex_colors - expected)) > 0.05
     dock.on_surface.click()
-    assert layer not in viewer.layers
+    assert not layer.visible
+    assert viewer.layers["bumps"].visible
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
+    assert layer.visible
     assert not viewer.layers["bumps"].visible
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
     assert "bumps in the map's colours" not in viewer.layers
