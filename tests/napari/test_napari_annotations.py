@@ -249,9 +249,13 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
             assert_allclose(starts[part][:, order[0]], here)
             assert_allclose(np.linalg.norm(ends[part], axis=1), 20, rtol=0.08)
             assert 0 < (~part).sum() < part.sum()
+    dock.outlined.click()  # hidden meanwhile
     viewer.dims.set_point(order[0], 24)
+    dock.outlined.click()
     assert len(seen()[0]) == 0
+    dock.outlined.click()
     viewer.dims.ndisplay = 3
+    dock.outlined.click()
     wait_until_drawn(viewer, qtbot)
     starts, _, colours = seen()
     assert len(np.unique(colours, axis=0)) == 1  # all of it is cut

@@ -237,7 +237,7 @@ class FlatMapDock(QWidget):
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
         self.outline.switched.connect(self.outlined.setChecked)
-        self.painted.switched.connect(self.on_surface.setChecked)
+        self.painted.switched.connect(self.on_surface.setChecked, check_nargs=False)
 
     def _of_keys(self) -> dict[int, Any]:
         """Return what keys do."""

@@ -271,8 +271,8 @@ class PatchOutline(QObject):
             if self.layer.edge_width != seen / step:
                 self.layer.edge_width = seen / step
             self.layer.data = _vectors(segments, step)
+            self._set_visible(True)  # of a hidden layer napari would draw the lines of before in these colours
             self.layer.edge_color = colours
-            self._set_visible(True)
             return
         step = self._step()
         self.layer = Vectors(
