@@ -34,11 +34,13 @@ class Tab(QObject):
         return False
 
     def _join(self) -> None:
-        dock: Any = self._widget
+        dock: QWidget | None = self._widget
         while dock is not None and not isinstance(dock, QDockWidget):
             dock = dock.parentWidget()
-        window = None if dock is None else dock.window()
-        if not isinstance(window, QMainWindow) or dock.isFloating():
+        if dock is None or dock.isFloating():
+            return
+        window = dock.window()
+        if not isinstance(window, QMainWindow):
             return
         area = window.dockWidgetArea(dock)
         ours = [

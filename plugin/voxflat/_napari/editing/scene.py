@@ -98,7 +98,6 @@ class Scene:
             viewer.add_layer(layer)
         viewer.layers.selection = {self.surface}
         viewer.dims.ndisplay = 3
-        viewer.reset_view()
         whole = drawing.surface
         look_from_side(viewer, right=whole.space.to_scanner(whole.points)[:, 0].mean() > 0, world=world)
         self.update()

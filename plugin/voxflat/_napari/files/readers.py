@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -169,12 +170,7 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     data, keywords, _ = layers[0]
     structure = keywords.get("metadata", {}).get("structure")
     right = np.mean(data[0][:, 0]) > 0 if structure is None else "Right" in structure
-
-    def look() -> None:
-        viewer.reset_view()
-        look_from_side(viewer, right=bool(right))
-
-    QTimer.singleShot(0, look)  # when the layer is there
+    QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # when the layer is there
 
 
 def _ask(title: str, kinds: str) -> None:

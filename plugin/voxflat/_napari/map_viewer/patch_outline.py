@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from napari.layers import Vectors
@@ -141,7 +141,9 @@ _View: TypeAlias = tuple[int, float] | None
 """The slice that is shown: across which axis of RAS, and where, mm; None in 3D."""
 
 
-def _drawn(sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View) -> tuple[Any, ...]:
+def _drawn(
+    sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View
+) -> tuple[Sheet, tuple[Segments, Segments], Segments, int]:
     """Find what is shown; called by a thread."""
     found = edges(sheet) if known is None else known
     part, marks = (lifted(sheet, one) for one in found) if view is None else in_slice(sheet, found[1], *view)
@@ -255,9 +257,9 @@ class PatchOutline(QObject):
             self._view = view
             self._finder.ask(partial(_drawn, self._sheet, self._known, view))
 
-    def _on_found(self, found: tuple[Any, ...]) -> None:
+    def _on_found(self, found: tuple[Sheet, tuple[Segments, Segments], Segments, int]) -> None:
         sheet, known, segments, parts = found
-        if sheet is not self._sheet or self._sheet is None:
+        if sheet is not self._sheet:
             return
         self._known = known
         if not self._is_wanted or self._was_taken_out:

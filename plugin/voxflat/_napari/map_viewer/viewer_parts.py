@@ -24,7 +24,7 @@ def camera(viewer: Viewer) -> Any:
 
 
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
-    """Turn what is seen in 3D so that a hemisphere is seen from outside, as in atlases: upright, from its own side.
+    """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side.
 
     Parameters
     ----------
@@ -37,6 +37,7 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     """
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     camera(viewer).set_view_direction(inwards, up)
+    viewer.reset_view(reset_camera_angle=False)
 
 
 def in_grid(viewer: Viewer) -> bool:
