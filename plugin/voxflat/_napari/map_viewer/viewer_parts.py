@@ -36,8 +36,8 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
         What the viewer's axes mean.
     """
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
+    viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
     camera(viewer).set_view_direction(inwards, up)
-    viewer.reset_view(reset_camera_angle=False)
 
 
 def in_grid(viewer: Viewer) -> bool:
