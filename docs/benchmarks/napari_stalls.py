@@ -10,6 +10,7 @@ import copy
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import napari
 import numpy as np
@@ -143,13 +144,27 @@ def main() -> None:
     for n in range(dock.contents.count()):
         took = pulse.during(lambda n=n: dock.contents.setCurrentIndex(n), lambda: dock.is_drawn)
         told(f"shows {dock.contents.itemText(n)}", took)
+    told("another slice", pulse.during(lambda: viewer.dims.set_point(0, 90), lambda: dock.is_drawn))
+    for switch in (dock.outlined, dock.on_surface):
+        for way in ("on", "off", "on again", "off again"):
+            told(f"{switch.text()}, {way}", pulse.during(switch.click, lambda: dock.is_drawn))
     print("a move of the mouse, ms: mean, longest")
     print("  over the map, slices         {:6.1f} {:6.1f}".format(*moves(dock.canvas.viewport(), dock)))
     print("  over the slices              {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))
-    viewer.dims.ndisplay = 3
+    told("napari turns to 3D", pulse.during(lambda: setattr(viewer.dims, "ndisplay", 3), lambda: True))
+    for switch in (dock.outlined, dock.on_surface):
+        for way in ("on again", "off again"):
+            told(f"{switch.text()}, {way}", pulse.during(switch.click, lambda: dock.is_drawn))
     live(2)
     print("  over the map, 3D             {:6.1f} {:6.1f}".format(*moves(dock.canvas.viewport(), dock)))
     print("  over the surface, 3D         {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))
+    for name in [layer.name for layer in viewer.layers]:
+        told(f"{name} goes", pulse.during(partial(viewer.layers.remove, name), lambda: dock.is_drawn))
+    viewer.dims.ndisplay = 2
+    told("a layer of napari's", pulse.during(partial(viewer.add_image, np.eye(9)), lambda: True))
+    viewer.layers.clear()
+    came = pulse.during(lambda: viewer.open_sample("voxflat", "demo_cortex"), lambda: len(viewer.layers) == 3)
+    told("the sample", came)
     viewer.close()
 
 

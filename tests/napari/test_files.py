@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat._napari.files.readers import map_reader, surface_reader
+from voxflat._napari.map_viewer.viewer_parts import camera
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
 
@@ -85,6 +86,27 @@ def test_freesurfer_files_open_on_their_surface(subject, opened, messages):
     assert_allclose(-flat.vertices[:, 0], points[values != 0, 1])
     assert_array_equal(flat.features["vertex"], np.flatnonzero(values))
     assert not messages
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_surfaces_are_seen_upright_from_their_side(opened, tmp_path, qtbot, side):
+    viewer, last_of = opened
+    points, faces, _ = bumps(9)
+    points = points - points.mean(axis=0) + np.array([-30.0 if side == "left" else 30.0, 0, 0])
+    names = [f"{side[0]}h.{kind}" for kind in ("inflated", "pial", "white", "sphere")]  # as dialogs sort them, and not
+    for name in names:
+        write_mesh(tmp_path / name, Mesh(points, faces))
+    inflated = last_of(tmp_path / names[0])
+    assert inflated.visible  # alone it is what one wants to see
+    seen = [last_of(tmp_path / name).visible for name in names[1:]]
+    assert seen == [True, True, False]
+    assert not inflated.visible
+    towards = {"left": 1.0, "right": -1.0}[side]
+    qtbot.waitUntil(lambda: np.allclose(camera(viewer).view_direction, (towards, 0, 0), atol=1e-6))
+    assert_allclose(camera(viewer).up_direction, (0, 0, 1), atol=1e-6)
+    camera(viewer).angles = (10, 20, 30)
+    last_of(tmp_path / names[2])
+    assert_allclose(camera(viewer).angles, (10, 20, 30))  # someone turned it
 
 
 def test_gifti_of_fsaverage_opens_on_the_same_side(opened):

@@ -107,7 +107,8 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     assert_array_equal(labels.data == labels.selected_label, hemisphere(white_matter).data)
     assert_array_equal(labels.data == 2, hemisphere(white_matter, "right").data)
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
-    assert viewer.layers.selection.active is labels
+    qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
+    assert {*viewer.window._qt_viewer.controls.widgets} == {*viewer.layers}
     assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
     assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
     assert labels.data[seed_of(seed, labels)] == labels.selected_label

@@ -249,9 +249,13 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
             assert_allclose(starts[part][:, order[0]], here)
             assert_allclose(np.linalg.norm(ends[part], axis=1), 20, rtol=0.08)
             assert 0 < (~part).sum() < part.sum()
+    dock.outlined.click()  # hidden meanwhile
     viewer.dims.set_point(order[0], 24)
+    dock.outlined.click()
     assert len(seen()[0]) == 0
+    dock.outlined.click()
     viewer.dims.ndisplay = 3
+    dock.outlined.click()
     wait_until_drawn(viewer, qtbot)
     starts, _, colours = seen()
     assert len(np.unique(colours, axis=0)) == 1  # all of it is cut
@@ -264,8 +268,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
     for where in (canvas, dock.canvas):  # keys work in both
         qtbot.keyClick(where, Qt.Key.Key_O, Qt.KeyboardModifier.ShiftModifier)
         wait_for_picture(dock, qtbot)
-        is_there = "ball, the part on the map" in viewer.layers
-        assert dock.outlined.isChecked() == is_there == (where is not canvas)
+        assert dock.outlined.isChecked() == layer.visible == (where is not canvas)
     dock.contents.setCurrentIndex(0)
     for key, wanted in ((Qt.Key.Key_N, "Areas"), (Qt.Key.Key_B, "Distances"), (Qt.Key.Key_B, "Folds only")):
         qtbot.keyClick(canvas, key, Qt.KeyboardModifier.ShiftModifier)
@@ -299,4 +302,9 @@ def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_
     assert [layer.visible for layer in viewer.layers][listed:] == [True, True]
     dock.on_surface.click()
     dock.outlined.click()
-    assert len(viewer.layers) == listed
+    assert [layer.visible for layer in viewer.layers][listed:] == [False, False]  # one that goes takes napari long
+    for layer in viewer.layers[listed:]:  # the eye in the list is the same switch
+        layer.visible = True
+    assert dock.on_surface.isChecked()
+    assert dock.outlined.isChecked()
+    wait_for_picture(dock, qtbot)

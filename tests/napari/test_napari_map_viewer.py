@@ -8,6 +8,7 @@ from napari_window import (
     PATIENCE,
     bumps,
     cap,
+    choose,
     choose_whole,
     map_dock,
     run,
@@ -286,9 +287,27 @@ def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_v
     assert controls.currentWidget() is controls.widgets[viewer.layers[0]]
 
 
+def test_docks_open_as_tabs_and_stay_where_one_puts_them(make_napari_viewer, qtbot):
+    viewer = make_napari_viewer(show=True)
+    window = viewer.window._qt_window
+    docks = []
+    for name in ("Flatten surface", "Check surface", "Draw cuts", "Flat map"):
+        dock, widget = viewer.window.add_plugin_dock_widget("voxflat", name)
+        qtbot.waitUntil(lambda dock=dock: set(window.tabifiedDockWidgets(dock)) == {*docks})
+        qtbot.waitUntil(lambda widget=widget: not widget.visibleRegion().isEmpty())  # in front
+        docks.append(dock)
+    moved = docks[1]
+    window.addDockWidget(Qt.DockWidgetArea.LeftDockWidgetArea, moved)
+    moved.hide()
+    moved.show()
+    QApplication.processEvents()
+    assert window.dockWidgetArea(moved) == Qt.DockWidgetArea.LeftDockWidgetArea
+    assert moved not in window.tabifiedDockWidgets(docks[0])
+
+
 def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     points, faces, values = bumps()
-    viewer, _, dock = flattened(Surface((points, faces, values), name="bumps", colormap="viridis", scale=SCALE))
+    viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps", colormap="viridis", scale=SCALE))
     dock.opacity.setValue(1)
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
@@ -303,10 +322,20 @@ def test_the_surface_has_the_colours_of_the_map(flattened, qtbot):
     assert viewer.layers["bumps in the map's colours"] is layer
     assert np.median(np.abs(layer.vertex_colors - expected)) > 0.05
     dock.on_surface.click()
-    assert layer not in viewer.layers
+    assert not layer.visible
+    assert viewer.layers["bumps"].visible
     dock.on_surface.click()
     wait_for_picture(dock, qtbot)
+    assert layer.visible
     assert not viewer.layers["bumps"].visible
+
+    choose(widget.form.patch, "values")  # the next map, of fewer points, takes the layer over
+    run(widget, qtbot)
+    wait_for_picture(dock, qtbot)
+    assert len(layer.vertices) == len(dock.sheet.points) < len(points)
+    assert layer.vertex_colors.shape == (len(layer.vertices), 4)
+    assert layer.metadata["voxflat"] is dock.sheet.run.flat_map
+    assert [layer.visible, viewer.layers["bumps"].visible] == [True, False]
     viewer.window.remove_dock_widget(dock)  # whose box is the way back
     assert "bumps in the map's colours" not in viewer.layers
     assert viewer.layers["bumps"].visible

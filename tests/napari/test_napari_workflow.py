@@ -135,19 +135,12 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     hand.wait(lambda: flat.is_drawn)
     hand.picture(tmp_path / "napari_areas.png")
 
-    # the script does the same without a window
-    widget.parentWidget().raise_()
-    hand.wait(widget.results.copy.isVisible)
-    widget.scrolled.ensureWidgetVisible(widget.results.copy)
-    hand.press(widget.results.copy)
-    assert "voxflat.flatten(" in QApplication.clipboard().text()
-
     # cuts of one's own
     hand.menu("Layers", "Transform", "Draw cuts (voxflat)")
     cuts = dock(viewer, "Draw cuts")
     hand.choose(cuts.form.surface, "lh.white")
     assert cuts.form.shown_on.currentText() == "lh.inflated"
-    for button in (cuts.begin, cuts.automatic, cuts.weigh):
+    for button in (cuts.begin, cuts.automatic):
         hand.press(button)
         hand.wait(cuts.begin.isEnabled)
     found = len(cuts.drawing.cuts)
@@ -156,6 +149,9 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     for shift in (-30, 30):
         hand.click(canvas, QPoint(canvas.width() // 2 + shift, canvas.height() // 2))
     assert len(cuts.drawing.cuts) == found + 1
+    hand.press(cuts.weigh)
+    hand.wait(cuts.begin.isEnabled)
+    assert all("%" in cuts.cuts.item(row, 2).text() for row in range(found))
     hand.picture(pictures / "napari_cuts.png")
     hand.press(cuts.undo)
     hand.press(cuts.undo)
@@ -163,6 +159,13 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     hand.press(cuts.use)
     viewer.window.remove_dock_widget(cuts)
     assert "as drawn" in widget.form.plan.text()
+
+    # the script does the same without a window
+    widget.parentWidget().raise_()
+    hand.wait(widget.results.copy.isVisible)
+    widget.scrolled.ensureWidgetVisible(widget.results.copy)
+    hand.press(widget.results.copy)
+    assert "voxflat.flatten(" in QApplication.clipboard().text()
 
     # saved by the menu, and opened again in an empty window
     heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))

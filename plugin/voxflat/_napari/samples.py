@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import weakref
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,27 +85,49 @@ class _Cortex:
 
 def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
     """Read in another thread, and add the layers below the seed point."""
+    from napari.layers import Layer
     from napari.utils.notifications import show_error
+    from qtpy.QtCore import QTimer
 
+    from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
     from voxflat._napari.worker import JobWorker
 
     there = weakref.ref(viewer)
 
-    def add(layers: list[LayerData], place: int = 0) -> None:
-        """Add a layer, and come back for the next one when the window has lived."""
-        from napari.layers import Layer
-        from qtpy.QtCore import QTimer
+    arrived: list[Layer] = []
+    steps: deque[Callable[[Viewer], None]] = deque()
 
+    def add(found: list[LayerData]) -> None:
+        """Add the layers, a step at a time."""
+        steps.extend(partial(make, data=data) for data in found)
+        steps.extend((choose, look))
+        QTimer.singleShot(0, go_on)
+
+    def go_on() -> None:
+        """Take a step, and come back for the next one when the window has lived."""
         shown = there()
-        if shown is None or not any(layer.source.sample == _SAMPLE for layer in shown.layers):
-            return  # closed meanwhile
-        first, *others = layers
-        place = min(place, len(shown.layers))
-        shown.layers.insert(place, Layer.create(*first))
-        if others:
-            QTimer.singleShot(0, lambda: add(others, place + 1))
+        if shown is None:
             return
-        shown.layers.selection.active = shown.layers[place]
+        if not any(layer.source.sample == _SAMPLE for layer in shown.layers):  # closed meanwhile
+            for layer in arrived:
+                if layer not in shown.layers:
+                    drop_controls(shown, layer)
+            return
+        steps.popleft()(shown)
+        if steps:
+            QTimer.singleShot(BREATH, go_on)
+
+    def make(shown: Viewer, data: LayerData) -> None:
+        layer = Layer.create(*data)
+        arrived.append(layer)
+        make_controls(shown, layer)
+        steps.appendleft(partial(insert, layer=layer, index=min(len(arrived) - 1, len(shown.layers))))
+
+    def choose(shown: Viewer) -> None:
+        if arrived[-1] in shown.layers:
+            shown.layers.selection.active = arrived[-1]
+
+    def look(shown: Viewer) -> None:
         shown.reset_view()
         shown.dims.set_point(range(3), SEED_POINT)
 

@@ -11,6 +11,7 @@ from qtpy.QtCore import QEvent, Signal  # type: ignore[attr-defined]  # qtpy mak
 from qtpy.QtGui import QFontDatabase
 from qtpy.QtWidgets import QPushButton, QTextEdit, QVBoxLayout, QWidget
 
+from voxflat._napari.tabs import Tab
 from voxflat._napari.worker import JobWorker, Work
 from voxflat.errors import Cancelled
 
@@ -31,6 +32,7 @@ class Findings(QWidget):
 
     def __init__(self, action: str, above: QWidget | None = None) -> None:
         super().__init__()
+        Tab(self)
         self._action = action
         self._worker: JobWorker | None = None
         self.start = QPushButton(action)

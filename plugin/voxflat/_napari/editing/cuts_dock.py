@@ -31,6 +31,7 @@ from voxflat._napari.editing.works import FindCuts, MakeSurface, SaveTemplate, W
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of
+from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
@@ -60,6 +61,7 @@ class DrawCuts(QWidget):
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
+        Tab(self)
         self._viewer = napari_viewer
         self._worker: JobWorker | None = None
         self._layer: Layer | None = None  # what is cut
@@ -164,7 +166,7 @@ class DrawCuts(QWidget):
             unit = str(shown_on.units[0])
             unit = None if unit == "pixel" else unit
         self.drawing = drawing
-        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name)
+        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world)
         self.draw.setChecked(True)
         self._update("Click on the surface where a cut begins, then where it leads.")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
+from voxflat._napari.map_viewer.viewer_parts import look_from_side
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -40,6 +41,8 @@ class Scene:
         Of the world; None for pixels.
     name : str
         Of what is cut.
+    world : str
+        What the viewer's axes mean.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class Scene:
         places: NDArray[np.float64],
         unit: str | None,
         name: str,
+        world: str,
     ) -> None:
         self._viewer = weakref.proxy(viewer)
         self._drawing = drawing
@@ -94,7 +98,8 @@ class Scene:
             viewer.add_layer(layer)
         viewer.layers.selection = {self.surface}
         viewer.dims.ndisplay = 3
-        viewer.reset_view()
+        whole = drawing.surface
+        look_from_side(viewer, right=whole.space.to_scanner(whole.points)[:, 0].mean() > 0, world=world)
         self.update()
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -132,7 +133,6 @@ def _told(read: _Read) -> Callable[[str], list[LayerData]]:
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
     from napari.layers import Surface
-    from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.dock import open_flat_map
     from voxflat._napari.workbench import Workbench
@@ -143,8 +143,34 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
     if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
         viewer.dims.ndisplay = 3
-        if not viewer.layers:
-            QTimer.singleShot(0, viewer.reset_view)  # when the layer is there
+        _show_surfaces(viewer, layers)
+
+
+def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
+    """Let surfaces that come into a viewer of surfaces be seen: the first from its side.
+
+    Those that do not lie in the head, such as the inflated one, would hide those that do: they are hidden beside them.
+    """
+    from qtpy.QtCore import QTimer
+
+    from voxflat._napari.files.surfaces import is_elsewhere
+    from voxflat._napari.map_viewer.viewer_parts import look_from_side
+
+    there = [layer for layer in viewer.layers if layer.visible and not is_elsewhere(layer.name)]
+    coming = [keywords for _, keywords, _ in layers if not is_elsewhere(keywords.get("name", ""))]
+    if there:
+        for _, keywords, _ in layers:
+            if is_elsewhere(keywords.get("name", "")):
+                keywords["visible"] = False
+        return
+    if viewer.layers and not coming:
+        return
+    for layer in viewer.layers:
+        layer.visible = layer.visible and not is_elsewhere(layer.name)
+    data, keywords, _ = layers[0]
+    structure = keywords.get("metadata", {}).get("structure")
+    right = np.mean(data[0][:, 0]) > 0 if structure is None else "Right" in structure
+    QTimer.singleShot(0, partial(look_from_side, viewer, right=bool(right)))  # when the layer is there
 
 
 def _ask(title: str, kinds: str) -> None:

@@ -21,7 +21,7 @@ from voxflat._napari.map_viewer.canvas import MapCanvas
 from voxflat._napari.map_viewer.contents import Content, ContentChoice, drawing
 from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.link import ViewerLink
-from voxflat._napari.map_viewer.measures import Measure
+from voxflat._napari.map_viewer.measures import DISTANCES, Measure
 from voxflat._napari.map_viewer.on_surface import PaintedSurface
 from voxflat._napari.map_viewer.patch_outline import PatchOutline
 from voxflat._napari.map_viewer.pictures import Picture
@@ -29,6 +29,7 @@ from voxflat._napari.map_viewer.sheet import Sheet, Spot
 from voxflat._napari.map_viewer.strip import Strip
 from voxflat._napari.map_viewer.viewer_parts import theme_colours
 from voxflat._napari.results.run import Run
+from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import Workbench
 from voxflat.errors import VoxflatError
 
@@ -92,6 +93,7 @@ class FlatMapDock(QWidget):
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
+        Tab(self)
         self._viewer = napari_viewer
         self._workbench = Workbench.of(napari_viewer)
         self._run: Run | None = None
@@ -234,6 +236,8 @@ class FlatMapDock(QWidget):
         self.link.clicked.connect(self._on_viewer_clicked)
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
+        self.outline.switched.connect(self.outlined.setChecked)
+        self.painted.switched.connect(self.on_surface.setChecked, check_nargs=False)
 
     def _of_keys(self) -> dict[int, Any]:
         """Return what keys do."""
@@ -378,11 +382,11 @@ class FlatMapDock(QWidget):
         if painted:
             self._soon.start()
         else:
-            self.painted.remove()
+            self.painted.hide()
 
     def _on_outlined(self, outlined: bool) -> None:
         if not outlined:
-            self.outline.remove()
+            self.outline.hide()
         elif self.sheet is not None:
             self.outline.show(self.sheet)
 
@@ -396,6 +400,8 @@ class FlatMapDock(QWidget):
             self.strip.show_marks(sheet.directions, sheet.side)
             self.text.setText(_HINT)
             self._annotate()
+            self.painted.take_up(sheet)
+            self.outline.take_up(sheet)
             self._on_outlined(self.outlined.isChecked())
         self.picture = picture
         self.canvas.show_picture(picture)
@@ -406,6 +412,9 @@ class FlatMapDock(QWidget):
             self.painted.show(sheet, colours)
 
     def _on_failed(self, error: Exception) -> None:
+        if self.sheet is None:  # what is painted and outlined is of a map before
+            self.painted.remove()
+            self.outline.remove()
         self.canvas.show_picture(None)
         self.strip.show_colours(None)
         self.text.setText(" ".join(str(error).split()))
@@ -521,7 +530,8 @@ class FlatMapDock(QWidget):
         told = [f"{x:.1f}, {y:.1f}, {z:.1f} mm", number]
         value = None if self.picture is None else self.picture.value(*place)
         content = self.contents.content
-        if value is not None and content is not None:
+        is_distances = isinstance(content, Measure) and content.name == DISTANCES
+        if value is not None and content is not None and not is_distances:
             unit = content.unit if isinstance(content, Measure) else ""
             told.append(f"{content.name} {value:.4g}{unit and ' '}{unit}")
         told.append(spot.distortion)

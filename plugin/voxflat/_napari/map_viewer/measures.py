@@ -17,6 +17,9 @@ from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
 
+DISTANCES = "Distances"
+"""The measure that is told at every place, whatever is shown."""
+
 
 @dataclass(frozen=True)
 class Measure:
@@ -59,7 +62,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
         ]
     with_triangles = flat_map.distortion.triangles is not None
     return [
-        Measure("Distances", "%", _distances),
+        Measure(DISTANCES, "%", _distances),
         *([Measure("Areas", "log2", _areas), Measure("Angles", "°", _angles)] if with_triangles else []),
     ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from napari.layers import Vectors
@@ -141,7 +141,9 @@ _View: TypeAlias = tuple[int, float] | None
 """The slice that is shown: across which axis of RAS, and where, mm; None in 3D."""
 
 
-def _drawn(sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View) -> tuple[Any, ...]:
+def _drawn(
+    sheet: Sheet, known: tuple[Segments, Segments] | None, view: _View
+) -> tuple[Sheet, tuple[Segments, Segments], Segments, int]:
     """Find what is shown; called by a thread."""
     found = edges(sheet) if known is None else known
     part, marks = (lifted(sheet, one) for one in found) if view is None else in_slice(sheet, found[1], *view)
@@ -163,12 +165,16 @@ class PatchOutline(QObject):
     failed = Signal(object)
     """It could not be found, for this error."""
 
+    switched = Signal(bool)
+    """Someone showed or hid it in the list of layers."""
+
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = viewer
         self._sheet: Sheet | None = None
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
+        self._is_wanted = False
         self.layer: Vectors | None = None
         self._finder = Latest(self)
         self._finder.done.connect(self._on_found)
@@ -190,15 +196,39 @@ class PatchOutline(QObject):
         sheet : Sheet
             The map.
         """
-        if sheet is not self._sheet:
-            self._sheet, self._known = sheet, None
-        self._view = "none yet"
+        self.take_up(sheet)
+        if not self._is_there:
+            self.layer = None
+        self._is_wanted, self._view = True, "none yet"
         self._on_view()
+
+    def take_up(self, sheet: Sheet) -> None:
+        """Become the outline of another map, seen or not.
+
+        Parameters
+        ----------
+        sheet : Sheet
+            The map.
+        """
+        if sheet is self._sheet:
+            return
+        self._sheet, self._known = sheet, None
+        if self._is_there and not self._is_wanted:
+            assert self.layer is not None
+            self._describe()
+            self.layer.data = np.empty((0, 2, 3))
+
+    def hide(self) -> None:
+        """Hide the layer: napari takes a quarter of a second for one that goes."""
+        self._is_wanted = False
+        if self._is_there:
+            self._set_visible(False)
 
     def remove(self) -> None:
         """Take the layer out of the viewer."""
         self._sheet = self._known = None
-        if self.layer is not None and self.layer in self._viewer.layers:
+        self._is_wanted = False
+        if self._is_there:
             self._viewer.layers.remove(self.layer)
         self.layer = None
 
@@ -211,8 +241,8 @@ class PatchOutline(QObject):
 
     def _on_view(self) -> None:
         """Have drawn what is seen now, if it is another slice."""
-        if self._sheet is None or (self.layer is not None and self.layer not in self._viewer.layers):
-            return  # someone took it out
+        if self._sheet is None or not self._is_wanted or self._was_taken_out:
+            return
         dims = self._viewer.dims
         view: _View = None
         if dims.ndisplay == 2 and dims.ndim >= 3:
@@ -227,29 +257,64 @@ class PatchOutline(QObject):
             self._view = view
             self._finder.ask(partial(_drawn, self._sheet, self._known, view))
 
-    def _on_found(self, found: tuple[Any, ...]) -> None:
+    def _on_found(self, found: tuple[Sheet, tuple[Segments, Segments], Segments, int]) -> None:
         sheet, known, segments, parts = found
-        if sheet is not self._sheet or self._sheet is None:
+        if sheet is not self._sheet:
             return
         self._known = known
-        if self.layer is None:
-            flat_units = units(self._sheet.run.flat_map)
-            step = self._step()
-            self.layer = Vectors(
-                np.empty((0, 2, 3)),
-                ndim=3,
-                scale=(step,) * 3,
-                units=None if flat_units is None else ("mm",) * 3,
-                vector_style="line",
-                metadata={"voxflat": self._sheet.run.flat_map},
-            )
-            insert(self._viewer, self.layer)
-        vectors = np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / self.layer.scale[0]
+        if not self._is_wanted or self._was_taken_out:
+            return
+        seen = width(sheet) / (1 if self._view is None else 2)
+        colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
+        if self._is_there:
+            assert self.layer is not None
+            step = self.layer.scale[0]
+            self._describe()
+            if self.layer.edge_width != seen / step:
+                self.layer.edge_width = seen / step
+            self.layer.data = _vectors(segments, step)
+            self._set_visible(True)  # of a hidden layer napari would draw the lines of before in these colours
+            self.layer.edge_color = colours
+            return
+        step = self._step()
+        self.layer = Vectors(
+            _vectors(segments, step),
+            ndim=3,
+            edge_width=seen / step,
+            edge_color=colours if len(colours) else _PART,
+            scale=(step,) * 3,
+            units=None if units(sheet.run.flat_map) is None else ("mm",) * 3,
+            vector_style="line",
+        )
+        self._describe()
+        insert(self._viewer, self.layer)
+        self.layer.events.visible.connect(self._on_visible)
+
+    def _describe(self) -> None:
+        """Let the layer say of which map it is."""
+        assert self.layer is not None
+        assert self._sheet is not None
         self.layer.metadata = {"voxflat": self._sheet.run.flat_map}
         self.layer.name = f"{self._sheet.run.name}, the part on the map"
-        self.layer.edge_width = width(self._sheet) / self.layer.scale[0] / (1 if self._view is None else 2)
-        self.layer.data = vectors
-        self.layer.edge_color = np.where(np.arange(len(vectors))[:, None] < parts, _PART, _CUT)
+
+    @property
+    def _is_there(self) -> bool:
+        return self.layer is not None and self.layer in self._viewer.layers
+
+    @property
+    def _was_taken_out(self) -> bool:
+        """Whether someone took it out of the list: then it stays away until it is asked for again."""
+        return self.layer is not None and not self._is_there
+
+    def _set_visible(self, visible: bool) -> None:
+        assert self.layer is not None
+        with self.layer.events.visible.blocker(self._on_visible):
+            self.layer.visible = visible
+
+    def _on_visible(self) -> None:
+        if self._is_there:
+            assert self.layer is not None
+            self.switched.emit(self.layer.visible)
 
     def _step(self) -> float:
         """Return how far apart slices are at most, mm: a layer of finer steps would let the sliders take those."""
@@ -257,3 +322,8 @@ class PatchOutline(QObject):
             return 1.0
         steps = [step for _, _, step in self._viewer.dims.range][-3:] * mm_per_unit(self._viewer)
         return float(np.max(steps)) or 1.0
+
+
+def _vectors(segments: Segments, step: float) -> NDArray[np.float64]:
+    """Return segments as napari takes them, in steps of the layer's grid: where they begin, and how they lead on."""
+    return np.asarray(np.stack([segments[:, 0], segments[:, 1] - segments[:, 0]], axis=1) / step)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from qtpy.QtGui import QColor
 from qtpy.QtWidgets import QWidget
 
-from voxflat._napari.layers.world import unit_ratio
+from voxflat._napari.layers.world import from_ras, unit_ratio
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -21,6 +21,23 @@ _CANVAS = "CanvasBackendDesktop"  # vispy's
 def camera(viewer: Viewer) -> Any:
     """Return the viewer's camera, which napari 0.9 moved."""
     return getattr(viewer, "scene", viewer).camera
+
+
+def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
+    """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    right : bool
+        Whether it is seen from the right.
+    world : str, optional
+        What the viewer's axes mean.
+    """
+    inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
+    viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
+    camera(viewer).set_view_direction(inwards, up)
 
 
 def in_grid(viewer: Viewer) -> bool:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _PLACE = ("name", "metadata", "units", "scale", "translate")
 _LOOK = ("colormap", "contrast_limits", "gamma", "vertex_colors", "features")
 
-_BREATH = 10
+BREATH = 10
 """Between two steps, ms: what is posted at once would be done in one go with what the last step has to have drawn."""
 
 
@@ -106,7 +106,7 @@ class ListedLayers:
         if viewer is not None:
             for layer in self._layers:
                 if layer not in viewer.layers:
-                    _drop_controls(viewer, layer)
+                    drop_controls(viewer, layer)
 
     def _go_on(self) -> None:
         """Take a step, and come back for the next one when the window has lived."""
@@ -115,7 +115,7 @@ class ListedLayers:
             self._steps.clear()
             return
         self._steps.popleft()(viewer)
-        QTimer.singleShot(_BREATH, self._go_on)
+        QTimer.singleShot(BREATH, self._go_on)
 
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
         if taken is not None and taken in viewer.layers:
@@ -123,7 +123,7 @@ class ListedLayers:
             return
         layer = Layer.create(*hidden(data))
         self._layers.append(layer)
-        self._steps.extendleft([partial(_insert_hidden, layer=layer), partial(_make_controls, layer=layer)])
+        self._steps.extendleft([partial(_insert_hidden, layer=layer), partial(make_controls, layer=layer)])
 
     def _take_out(self, viewer: Viewer, layer: Layer) -> None:
         self._layers.remove(layer)
@@ -137,15 +137,31 @@ def _controls(viewer: Viewer) -> Any:
     return found if all(hasattr(found, name) for name in ("_add", "_remove", "widgets")) else None
 
 
-def _make_controls(viewer: Viewer, layer: Layer) -> None:
-    """Make the controls of a layer that is about to come: half of the time that napari takes for it."""
+def make_controls(viewer: Viewer, layer: Layer) -> None:
+    """Make the controls of a layer that is about to come: half of the time that napari takes for it.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    layer : Layer
+        The layer, which `insert` puts into the list in a later turn of the event loop.
+    """
     controls = _controls(viewer)
     if controls is not None:
         controls._add(Event("inserted", value=layer))
 
 
-def _drop_controls(viewer: Viewer, layer: Layer) -> None:
-    """Forget the controls of a layer that does not come, if they were made."""
+def drop_controls(viewer: Viewer, layer: Layer) -> None:
+    """Forget the controls of a layer that does not come, if they were made.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    layer : Layer
+        The layer.
+    """
     controls = _controls(viewer)
     if controls is not None and layer in controls.widgets:
         controls._remove(Event("removed", value=layer))
@@ -164,7 +180,7 @@ def _insert_hidden(viewer: Viewer, layer: Layer) -> None:
     layer.visible = False
 
 
-def insert(viewer: Viewer, layer: Layer) -> None:
+def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
     """Put a layer into the list, and leave the selection alone.
 
     napari selects what is new, and makes controls for it, which takes as long as all the rest.
@@ -175,13 +191,15 @@ def insert(viewer: Viewer, layer: Layer) -> None:
         The viewer.
     layer : Layer
         The layer.
+    index : int, optional
+        Where; by default on top.
     """
     viewer = getattr(viewer, "__wrapped__", viewer)  # which napari gives widgets, and whose switch is private
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
     try:
         with _without_controls(viewer, layer):
-            viewer.add_layer(layer)
+            viewer.layers.insert(len(layers) if index is None else index, layer)
     finally:
         layers._activate_on_insert = True
     if set(layers.selection) != before:  # where the switch is none

@@ -25,6 +25,7 @@ from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.run import Run
 from voxflat._napari.scripts import Recipe
+from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
@@ -56,6 +57,7 @@ class FlattenWidget(QWidget):
 
     def __init__(self, viewer: Viewer, form: SurfaceForm | PatchesForm, results: MapPanel, action: str) -> None:
         super().__init__()
+        Tab(self)
         self._viewer = viewer
         self._worker: JobWorker | None = None
         self._started = 0.0

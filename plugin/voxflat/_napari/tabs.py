@@ -1,0 +1,56 @@
+"""Where docks of ours open: as tabs of one place, for two above each other have no room on a small screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from qtpy.QtCore import QEvent, QObject, QTimer
+from qtpy.QtWidgets import QDockWidget, QMainWindow, QWidget
+
+
+class Tab(QObject):
+    """Opens a widget's dock as a tab beside those of ours that are open; afterwards it stays where one puts it.
+
+    Parameters
+    ----------
+    widget : QWidget
+        The dock's widget.
+    """
+
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__(widget)
+        self._widget = widget
+        self._soon = QTimer(self)  # when napari has put the dock somewhere
+        self._soon.setSingleShot(True)
+        self._soon.setInterval(0)
+        self._soon.timeout.connect(self._join)
+        widget.installEventFilter(self)
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802  # Qt's
+        """Wait until the widget is shown for the first time."""
+        if event.type() == QEvent.Type.Show:
+            self._widget.removeEventFilter(self)
+            self._soon.start()
+        return False
+
+    def _join(self) -> None:
+        dock: QWidget | None = self._widget
+        while dock is not None and not isinstance(dock, QDockWidget):
+            dock = dock.parentWidget()
+        if dock is None or dock.isFloating():
+            return
+        window = dock.window()
+        if not isinstance(window, QMainWindow):
+            return
+        area = window.dockWidgetArea(dock)
+        ours = [
+            other
+            for other in window.findChildren(QDockWidget)
+            if other is not dock
+            and other.findChild(Tab) is not None
+            and not (other.isHidden() or other.isFloating())
+            and window.dockWidgetArea(other) == area
+        ]
+        if ours:
+            window.tabifyDockWidget(ours[-1], dock)
+            dock.raise_()
