@@ -364,13 +364,13 @@ def _moved(part: Path, store: Path) -> dict[int, int]:
     table = store / "rows.npy"
     with naming_file(table), table.open("r+b") as file:
         for place, block in enumerate(_blocks(part)):
-            there = own.rows_of(place)
-            if place not in own.checksums or checksum(rows[there.start : there.stop]) != own.checksums[place]:
+            there = rows[own.rows_of(place).start : own.rows_of(place).stop]
+            if place not in own.checksums or checksum(there) != own.checksums[place]:
                 continue
-            values = rows[there.start :][: len(whole.rows_of(block))]  # the last block of the store may be lower
+            values = there[: len(whole.rows_of(block))]  # the last block of the store may be lower
             file.seek(_place(table, whole, block))
             file.write(np.ascontiguousarray(values, dtype="<f4").data)
-            found[block] = checksum(values)
+            found[block] = own.checksums[place] if len(values) == len(there) else checksum(values)
         file.flush()
         os.fsync(file.fileno())
     return found

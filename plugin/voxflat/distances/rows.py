@@ -203,5 +203,5 @@ def checksum(rows: NDArray[np.float32]) -> int:
     values = rows.reshape(-1)
     step = _PIECE // values.itemsize
     for start in range(0, len(values), step):
-        found = zlib.crc32(values[start : start + step].tobytes(), found)
+        found = zlib.crc32(values[start : start + step].data, found)
     return found
