@@ -9,6 +9,7 @@ import math
 import os
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -28,6 +29,7 @@ LOCAL = "local"
 _PATIENCE = 30  # s, in which a scheduler answers
 _WAITING = "waiting for workers"  # as long as there is none: they may come, or come back
 _POLL = 0.1  # s between two looks at whether the user has had enough
+_COUNT = 1.0  # s between two looks at how many workers there are, which costs the scheduler a message
 _ROOM = 2 << 30  # bytes that a worker of this machine has at least: a hemisphere of 160,000 vertices takes 1.3 GiB
 _ALONE = threading.Lock()  # a process has one working directory, and one log
 
@@ -105,11 +107,12 @@ class Cluster:
         try:
             for future in futures:
                 future.add_done_callback(finished.put)
-            done = 0
+            done, workers, counted = 0, 0, -math.inf
             while done < len(items):
                 if progress is not None:
-                    now = stage if len(self) else _WAITING
-                    if progress(now, done, len(items)) is False:
+                    if time.monotonic() > counted + _COUNT:
+                        workers, counted = len(self), time.monotonic()
+                    if progress(stage if workers else _WAITING, done, len(items)) is False:
                         raise Cancelled("cancelled")
                 with suppress(queue.Empty):
                     future = finished.get(timeout=_POLL)

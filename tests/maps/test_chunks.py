@@ -62,6 +62,19 @@ def test_the_same_values_by_reading_each_chunk_once(m, values, how, interpolatio
     assert 1 < len(counting.read) < 60 / 2  # of 4 * 5 * 3 chunks the surface meets some
 
 
+@pytest.mark.parametrize("kind", [np.int16, np.float32])
+@pytest.mark.parametrize("how", [{}, {"fraction": (0.1, 0.5, 1.0)}, {"interpolation": "nearest"}])
+def test_phases_in_chunks_are_those_in_memory(m, how, kind):
+    i, j, _ = np.indices(SHAPE)
+    values = ((24 * i + 9 * j) % 360 - 180).astype(kind)  # begins again within the map
+    counting = Counting(values, CHUNKS)
+    shown = m.images(Volume(counting, GRID), 0.4, period=360, **how).data
+    expected = m.images(Volume(values, GRID), 0.4, period=360, **how).data
+    np.testing.assert_allclose(shown, expected, atol=1e-4)
+    assert np.ptp(shown[np.isfinite(shown)]) > 300  # the seam is among them
+    assert set(counting.read.values()) == {1 if "interpolation" in how else 2}
+
+
 def test_only_chunks_that_the_surface_touches_are_read(m, values):
     """By an oracle of its own: the chunks of the eight voxels around every place."""
     counting = Counting(values, CHUNKS)

@@ -198,5 +198,5 @@ def checksum(row: NDArray[np.float32]) -> int:
     found = 0
     step = _PIECE // row.itemsize
     for start in range(0, len(row), step):
-        found = zlib.crc32(row[start : start + step].tobytes(), found)
+        found = zlib.crc32(row[start : start + step].data, found)
     return found

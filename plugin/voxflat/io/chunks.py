@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,11 +50,14 @@ class Chunked:
         The array's axes that are i, j and k.
     fixed : tuple of (int, int)
         The other axes, and the index taken of each.
+    made_of : callable, optional
+        What makes the values of those that are read, one by one.
     """
 
     array: Any
     axes: tuple[int, int, int] = (0, 1, 2)
     fixed: tuple[tuple[int, int], ...] = ()
+    made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -69,7 +73,7 @@ class Chunked:
     def dtype(self) -> np.dtype[Any]:
         """Of the values."""
         found: np.dtype[Any] = np.dtype(self.array.dtype)
-        return found
+        return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
     @property
     def starts(self) -> list[NDArray[np.int64]]:
@@ -100,6 +104,8 @@ class Chunked:
         for axis, index in self.fixed:
             at[axis] = index
         read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+        if self.made_of is not None:
+            read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
         return np.transpose(read, order)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import checked_number, is_whole, log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
-from voxflat.io.chunks import Chunked, chunked_of, is_chunked, is_zarr_path
+from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
@@ -225,8 +225,8 @@ class Sampler:
                 volume = placed(voxels)
                 if period is None:
                     return sampled(volume)
-                if volume.data.ndim != 3 or isinstance(volume.data, Chunked):
-                    raise InputError("phases are values in memory: give a volume without colours or chunks")
+                if volume.data.ndim != 3:
+                    raise InputError("phases are values: give a volume without colours")
                 return phases(lambda own: sampled(replace(volume, data=own)), period, interpolation)(volume.data)
 
             channels = volumes.mapped(read)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -361,8 +361,8 @@ def series_sampling(
 
 
 def phases(
-    sampled: Callable[[NDArray[Any]], NDArray[Any]], period: float, interpolation: str | None
-) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
+    sampled: Callable[[Any], NDArray[Any]], period: float, interpolation: str | None
+) -> Callable[[Any], NDArray[np.float64]]:
     """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
 
     Parameters
@@ -377,16 +377,22 @@ def phases(
     Returns
     -------
     callable
-        Takes phases and returns those at the places, from 0 to the period: of their directions' mean, NaN where they
-        cancel each other.
+        Takes phases, in memory or in chunks, which are read twice, and returns those at the places, from 0 to the
+        period: of their directions' mean, NaN where they cancel each other.
     """
 
-    def mixed(values: NDArray[Any]) -> NDArray[np.float64]:
+    def turned(values: Any, part: np.ufunc) -> Any:
+        def made_of(phase: NDArray[Any]) -> NDArray[Any]:
+            made: NDArray[Any] = part(phase * (2 * np.pi / period))
+            return made
+
+        return replace(values, made_of=made_of) if isinstance(values, Chunked) else made_of(values)
+
+    def mixed(values: Any) -> NDArray[np.float64]:
         if interpolation == "nearest":
             found = np.asarray(sampled(values) % period)
         else:
-            turned = values * (2 * np.pi / period)
-            x, y = sampled(np.cos(turned)), sampled(np.sin(turned))
+            x, y = sampled(turned(values, np.cos)), sampled(turned(values, np.sin))
             found = np.arctan2(y, x) * (period / (2 * np.pi)) % period
             found[np.hypot(x, y) < _CANCELLED] = np.nan
         found[found >= period] = 0.0  # of a remainder that was rounded
