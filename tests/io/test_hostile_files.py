@@ -10,6 +10,7 @@ import pytest
 from mesh_files import nib, refuses
 
 import voxflat
+from voxflat.io import apart
 from voxflat.io.meshes import read_mesh
 from voxflat.io.volumes import read_volume
 from voxflat.maps.pictures import as_picture
@@ -18,23 +19,30 @@ META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
     "ElementDataFile = LOCAL\n"
 )
+ENDED = "(ITK|VTK) (ended at it|was not done with it|says)|memory are needed|cannot be read|by its header"
 NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 5\nencoding: raw\ndata file: v.raw\n\n"
 VOLUMES = {
+    "colon.mhd": (META.replace("ElementDataFile", "ElementDataFile : ../secret.raw ="), "is no MetaImage"),
     "printf.mhd": (META.replace("LOCAL", "x%n%n%n 1 2 1"), "and not in one file"),
     "list.mhd": (META.replace("LOCAL", "LIST"), "and not in one file"),
     "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory: copy them beside it"),
     "absolute.mhd": (META.replace("LOCAL", "/dev/zero"), "outside its directory"),
     "missing.mhd": (META.replace("LOCAL", "missing.raw"), "is not there: copy it, too"),
-    "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), "NDims '-1', .*: its header is damaged"),
-    "many.mha": (META.replace("NDims = 3", "NDims = 100"), "NDims '100'"),
-    "sizes.mha": (META.replace("8 8 5", "-8 8 5"), "DimSize '-8 8 5'"),
-    "long.mha": (META.replace("8 8 5", "8 " * 2000), "its header is damaged"),
-    "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), "channels '-3'"),
+    "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), ENDED),
+    "many.mha": (META.replace("NDims = 3", "NDims = 100"), ENDED),
+    "sizes.mha": (META.replace("8 8 5", "-8 8 5"), ENDED),
+    "long.mha": (META.replace("8 8 5", "8 " * 2000), ENDED),
+    "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), ENDED),
     "blanks.mha": (META.replace("NDims", "x" + " " * 60_000 + "\nNDims"), "is no MetaImage, or its header is damaged"),
     "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "and not in one file"),
     "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "and not in one file"),
     "outside.nhdr": (NRRD.replace("v.raw", "../secret.raw"), "outside its directory"),
 }
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(apart, "_SECONDS", 2)
 
 
 @pytest.mark.parametrize("name", VOLUMES)
@@ -75,17 +83,16 @@ GIFTI = (
     'Encoding="ASCII" Endian="LittleEndian"><Data>0 0 0</Data></DataArray></GIFTI>'
 )
 MESHES = {
-    "tab.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS\t1\t400000000"), "1 cells of 400000000 numbers"),
-    "blank.vtk": (VTK.replace("POLYGONS 1 4", " POLYGONS 1 5"), "1 cells of 5 numbers|by its header"),
-    "same_line.vtk": (VTK.replace("0\nPOLYGONS 1 4", "0 POLYGONS 90 4"), "90 cells of 4 numbers|by its header"),
-    "minus.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS -1 -4"), "-1 cells of -4 numbers"),
-    "points.vtk": (VTK.replace("POINTS 3", " POINTS -3"), "-3 points by its header"),
-    "strings.vtk": (VTK + "POINT_DATA 3\nFIELD f 1\nname 1 300000000 string\na\n", "300000000 times 1 values"),
-    "field.vtk": (VTK + "\tPOINT_DATA 3\n FIELD f 1\nname -3 3 double\n1\n", "3 times -3 values"),
-    "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), "negative number"),
-    "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "negative number"),
-    "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), "1 times -3 values"),
-    "tuples.vtp": (VTP.replace('Name="offsets"', 'Name="offsets" NumberOfTuples="2000000000"'), "2000000000 times 1"),
+    "tab.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS\t1\t400000000"), ENDED),
+    "blank.vtk": (VTK.replace("POLYGONS 1 4", " POLYGONS 1 5"), ENDED),
+    "same_line.vtk": (VTK.replace("0\nPOLYGONS 1 4", "0 POLYGONS 90 4"), ENDED),
+    "minus.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS -1 -4"), ENDED),
+    "points.vtk": (VTK.replace("POINTS 3", " POINTS -3"), ENDED),
+    "strings.vtk": (VTK + "POINT_DATA 3\nFIELD f 1\nname 1 300000000 string\na\n", ENDED),
+    "field.vtk": (VTK + "\tPOINT_DATA 3\n FIELD f 1\nname -3 3 double\n1\n", ENDED),
+    "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), ENDED),
+    "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "has no faces"),
+    "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), ENDED),
     "axes.surf.gii": (GIFTI.replace('ity="2"', 'ity="2000000000"'), "has 2000000000 dimensions"),
     "nested.surf.gii": (GIFTI.replace("<Data>", "<Data>" * 9).replace("</Data>", "</Data>" * 9), "within its data"),
     "lines.stl": ("solid x\n" + "\n" * 200_000 + "endsolid", "no points|in 0 facets"),
