@@ -1,5 +1,6 @@
 """Files that ended the process, hung it, took its memory or led to other files, one by one: each is one line now."""
 
+import contextlib
 import json
 import os
 import struct
@@ -11,7 +12,9 @@ from mesh_files import nib, refuses
 
 import voxflat
 from voxflat.io import apart
+from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
+from voxflat.io.overlays import holds_volume, read_overlay
 from voxflat.io.volumes import read_volume
 from voxflat.maps.pictures import as_picture
 
@@ -225,3 +228,35 @@ def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
     changed(tmp_path / "atlas.npz", *PIECES[name])
     with pytest.raises(voxflat.InputError, match=r"atlas\.npz: .*: copy it again"):
         voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
+def test_what_nibabel_changes_is_logged_with_the_file(tmp_path, capfd, caplog):
+    path = tmp_path / "v.mgh"
+    nib.save(nib.MGHImage(np.ones((3, 4, 5), np.float32), np.eye(4)), path)
+    data = bytearray(path.read_bytes())
+    data[3] = 9  # the version
+    path.write_bytes(data)
+    with caplog.at_level("WARNING", "voxflat"), contextlib.suppress(voxflat.InputError):
+        read_volume(path)
+    assert f"{path}: Unknown MGH format version" in caplog.text
+    assert capfd.readouterr() == ("", "")
+    nib.imageglobals.logger.warning("of others")
+    assert "of others" in caplog.text
+
+
+@pytest.mark.parametrize("greatest", [800_000_000, -5])
+def test_colour_tables_of_no_size(tmp_path, greatest):
+    path = tmp_path / "lh.annot"
+    nib.freesurfer.write_annot(path, np.zeros(4, int), np.array([[1, 2, 3, 0, 0]]), ["a"], fill_ctab=True)
+    data = bytearray(path.read_bytes())
+    data[44:48] = struct.pack(">i", greatest)
+    path.write_bytes(data)
+    for read in (own_table, lambda path: read_overlay(path, 4)):
+        refuses(path, "colours by its header, which is damaged", read)
+
+
+def test_headers_of_arrays_that_end_in_a_string(tmp_path):
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,"
+    (tmp_path / "v.npy").write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
+    assert holds_volume(tmp_path / "v.npy")  # those who read it say what is wrong
+    refuses(tmp_path / "v.npy", "", read_volume)

@@ -33,7 +33,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, one_line, require
 from voxflat.io.reading import allowed_memory, check_room, reading
 
-_SECONDS, _RATE = 10, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
+_SECONDS, _RATE = 5, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
 _WAITING = 10  # times as many may pass: others compute, too, and disks are far away
 _INFLATED = 1032  # bytes that one may stand for, in zlib's format
 _OWN = 1 << 28  # bytes of addresses for what a package needs itself

@@ -16,7 +16,8 @@ import numpy as np
 from voxflat.errors import InputError
 from voxflat.io import formats, gifti
 from voxflat.io.channels import is_cifti, opened
-from voxflat.io.files import REMEDY, contents, naming, require
+from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.freesurfer import annot_table
 
 __all__ = ["LabelTable", "own_table", "read_table"]
 
@@ -100,9 +101,8 @@ def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | No
     name = path.name.lower()
     with naming(path, REMEDY):
         if name.endswith(".annot"):
-            _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
-            decoded = (name.decode("utf-8", "replace") for name in names)
-            return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(decoded, table, strict=False)))
+            table, names = annot_table(path, contents(path))
+            return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(names, table, strict=False)))
         if formats.by_name(path) == formats.GIFTI:
             labels = gifti.load(contents(path)).labeltable.labels
             found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in labels)

@@ -123,7 +123,9 @@ def _dimensions(path: Path) -> int | None:
     """Return how many dimensions an array in a file has, if it is one."""
     try:
         return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
-    except (ValueError, EOFError):  # what is wrong with it is said by those who read it
+    except OSError:
+        raise
+    except Exception:  # what is wrong with it is said by those who read it
         return None
 
 

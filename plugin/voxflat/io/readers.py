@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.apart import apart
-from voxflat.io.files import by_ending, check_regular, one_line, require
+from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
 from voxflat.io.grid import Affine, check_affine, volume_shape
 from voxflat.io.reading import check_room, note
 
@@ -100,7 +100,7 @@ def _read_mgh(path: Path) -> Read:
 
 
 def _read_by_nibabel(path: Path) -> Read:
-    image = require("nibabel").load(path, mmap=False)
+    image = nibabel_image(path, mmap=False)
     _check_proxy(image)
     check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
     return from_nibabel(image)
@@ -140,10 +140,10 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
     except Exception as refusal:
         reason = one_line(refusal)
     try:
-        nibabel = require("nibabel")
+        require("nibabel")
     except InputError as missing:
         raise InputError(f"{reason}; {missing}") from None
-    return from_nibabel(nibabel.load(path, mmap=False))[0]
+    return from_nibabel(nibabel_image(path, mmap=False))[0]
 
 
 def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
