@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount, log
+from voxflat.arguments import amount, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.reading import allowed_memory, note
 
@@ -219,7 +219,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     OSError
         Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
     """
-    path = Path(path)
+    path = checked_path(path)
     temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
     with naming_file(path, temporary):
         if path.is_dir():
@@ -256,7 +256,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
     OSError
         Nothing can be written there.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_new(path)
     temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
     with naming_file(path, temporary):

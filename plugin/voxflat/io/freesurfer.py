@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
@@ -173,7 +174,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
     points : ndarray of float64, shape (k, 3)
         tkRAS, mm; some programs write 0.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)
         vertices = _label_columns(data, 1)[:, 0].astype(np.int64)

@@ -8,11 +8,11 @@ import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, gifti
 from voxflat.io.channels import is_cifti, opened
@@ -66,7 +66,7 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
     FileNotFoundError, PermissionError
         If it cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
         text = contents(path).decode("utf-8-sig")
         found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
@@ -97,7 +97,7 @@ def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | No
     FileNotFoundError, PermissionError
         If it cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     name = path.name.lower()
     with naming(path, REMEDY):
         if name.endswith(".annot"):

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
@@ -143,7 +144,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         return parsed(path, contents(path))
 
@@ -160,7 +161,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
     -------
     bool
     """
-    path = Path(path)
+    path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
         return True
@@ -189,7 +190,7 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)
@@ -268,7 +269,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     OSError
         The file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "can this format hold it?"):
         write = _writer(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):

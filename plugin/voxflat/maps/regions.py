@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
 from voxflat.io.freesurfer import write_annot, write_label
@@ -230,7 +230,7 @@ class Regions:
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
             raise InputError(
