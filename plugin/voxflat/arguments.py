@@ -98,6 +98,17 @@ def checked_number(value: float | None, name: str) -> float | None:
     return None if value is None else float(value)
 
 
+def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return numbers as an array; nothing but numbers, and rows of one length."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "biuf" or array.size == 0:
+            return array.astype(np.float64, copy=False)
+    except (TypeError, ValueError):  # ragged, or of a kind with a mind of its own
+        pass
+    raise InputError(f"the {name} are {shown(values)}; give numbers")
+
+
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
     """Return voxel indices of shape (m, 3)."""
     array = np.asarray(values)

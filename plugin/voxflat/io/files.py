@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount, checked_path, log
+from voxflat.arguments import amount, checked_path, log, shown
 from voxflat.errors import InputError
 from voxflat.io.reading import allowed_memory, note
 
@@ -90,6 +90,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
     Errors of the system, such as a missing file or a full disk, stay what they are.
     """
+    name = name if isinstance(name, str | os.PathLike) else shown(name)
     try:
         yield
     except MemoryError:

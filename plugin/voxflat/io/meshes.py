@@ -18,6 +18,7 @@ from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 from voxflat.io.structures import named_structure
@@ -86,6 +87,9 @@ class Mesh:
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
             raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
+        far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
+        if len(far):
+            raise InputError(f"point {far[0]} lies at {points[far[0]].tolist()}, beyond {FARTHEST:g} mm: is it right?")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
