@@ -1,10 +1,11 @@
-"""Checks of what users hand over that are the same everywhere: numbers, places, memory, progress."""
+"""Checks of what users hand over that are the same everywhere: kinds, numbers, places, memory, progress."""
 
 from __future__ import annotations
 
 import logging
 import math
 import os
+import textwrap
 from collections.abc import Callable
 from numbers import Integral, Real
 from pathlib import Path
@@ -25,6 +26,32 @@ log = logging.getLogger("voxflat")
 """Says what memory is needed, and warns of what the user should know of a map."""
 
 
+# -------------------------------------------------------------------------------------------- kinds
+
+
+def shown(value: object) -> str:
+    """Return what was handed over as one short line."""
+    return textwrap.shorten(repr(value), 80, placeholder=" ...")
+
+
+def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
+    """Return a path that the system takes."""
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
+    try:
+        is_name = isinstance(text, str) and text and b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:
+        is_name = False
+    if not is_name:
+        raise InputError(f"the {name} is {shown(path)}; give the name of a file or directory")
+    return Path(path)
+
+
+def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
+    """Refuse what lacks the attribute by which a kind of object is known."""
+    if not hasattr(value, attribute):
+        raise InputError(f"the {name} is {shown(value)}; give {kind}")
+
+
 # ------------------------------------------------------------------------------------------ numbers
 
 
@@ -41,7 +68,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 def checked_seed(seed: int) -> int:
     """Return a seed that the core takes."""
     if not is_whole(seed) or not 0 <= seed < 2**64:
-        raise InputError(f"the seed is {seed!r}; give a whole number from 0 to 2**64 - 1")
+        raise InputError(f"the seed is {shown(seed)}; give a whole number from 0 to 2**64 - 1")
     return int(seed)
 
 
@@ -49,7 +76,7 @@ def checked_threads(threads: int | None) -> int | None:
     """Return a number of threads that can be started; None for one a core."""
     most = max(_MOST_THREADS, os.cpu_count() or 1)
     if threads is not None and not (is_whole(threads) and 1 <= threads <= most):
-        raise InputError(f"threads is {threads!r}; give at least 1, at most {most}, or nothing for one a core")
+        raise InputError(f"threads is {shown(threads)}; give at least 1, at most {most}, or nothing for one a core")
     return threads
 
 
@@ -67,8 +94,19 @@ def checked_number(value: float | None, name: str) -> float | None: ...
 def checked_number(value: float | None, name: str) -> float | None:
     """Return a number, or None where there is none."""
     if value is not None and not is_number(value):
-        raise InputError(f"the {name} is {value!r}; give a number")
+        raise InputError(f"the {name} is {shown(value)}; give a number")
     return None if value is None else float(value)
+
+
+def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return numbers as an array; nothing but numbers, and rows of one length."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "biuf" or array.size == 0:
+            return array.astype(np.float64, copy=False)
+    except (TypeError, ValueError):  # ragged, or of a kind with a mind of its own
+        pass
+    raise InputError(f"the {name} are {shown(values)}; give numbers")
 
 
 def voxel_indices(values: ArrayLike, name: str) -> NDArray[np.int64]:
@@ -147,8 +185,8 @@ def checked_limit(limit: int | None) -> int | None:
     """Return a limit of memory that is a number of bytes; None for none."""
     if limit is None:
         return None
-    if not is_number(limit):
-        raise InputError(f"the memory limit is {limit!r}; give a number")
+    if not is_number(limit) or not math.isfinite(limit):
+        raise InputError(f"the memory limit is {shown(limit)}; give a number of bytes")
     return int(limit)
 
 

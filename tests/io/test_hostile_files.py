@@ -1,5 +1,6 @@
 """Files that ended the process, hung it, took its memory or led to other files, one by one: each is one line now."""
 
+import contextlib
 import json
 import os
 import struct
@@ -10,7 +11,10 @@ import pytest
 from mesh_files import nib, refuses
 
 import voxflat
+from voxflat.io import apart
+from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
+from voxflat.io.overlays import holds_volume, read_overlay
 from voxflat.io.volumes import read_volume
 from voxflat.maps.pictures import as_picture
 
@@ -18,23 +22,30 @@ META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
     "ElementDataFile = LOCAL\n"
 )
+ENDED = "(ITK|VTK) (ended at it|was not done with it|says)|memory are needed|cannot be read|by its header"
 NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 5\nencoding: raw\ndata file: v.raw\n\n"
 VOLUMES = {
+    "colon.mhd": (META.replace("ElementDataFile", "ElementDataFile : ../secret.raw ="), "is no MetaImage"),
     "printf.mhd": (META.replace("LOCAL", "x%n%n%n 1 2 1"), "and not in one file"),
     "list.mhd": (META.replace("LOCAL", "LIST"), "and not in one file"),
     "outside.mhd": (META.replace("LOCAL", "../secret.raw"), "outside its directory: copy them beside it"),
     "absolute.mhd": (META.replace("LOCAL", "/dev/zero"), "outside its directory"),
     "missing.mhd": (META.replace("LOCAL", "missing.raw"), "is not there: copy it, too"),
-    "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), "NDims '-1', .*: its header is damaged"),
-    "many.mha": (META.replace("NDims = 3", "NDims = 100"), "NDims '100'"),
-    "sizes.mha": (META.replace("8 8 5", "-8 8 5"), "DimSize '-8 8 5'"),
-    "long.mha": (META.replace("8 8 5", "8 " * 2000), "its header is damaged"),
-    "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), "channels '-3'"),
+    "ndims.mha": (META.replace("NDims = 3", "NDims = -1"), ENDED),
+    "many.mha": (META.replace("NDims = 3", "NDims = 100"), ENDED),
+    "sizes.mha": (META.replace("8 8 5", "-8 8 5"), ENDED),
+    "long.mha": (META.replace("8 8 5", "8 " * 2000), ENDED),
+    "channels.mha": (META.replace("DimSize", "ElementNumberOfChannels = -3\nDimSize"), ENDED),
     "blanks.mha": (META.replace("NDims", "x" + " " * 60_000 + "\nNDims"), "is no MetaImage, or its header is damaged"),
     "printf.nhdr": (NRRD.replace("v.raw", "x%n%n 1 5 1 2"), "and not in one file"),
     "list.nhdr": (NRRD.replace("v.raw", "LIST\n../secret.raw"), "and not in one file"),
     "outside.nhdr": (NRRD.replace("v.raw", "../secret.raw"), "outside its directory"),
 }
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(apart, "_SECONDS", 2)
 
 
 @pytest.mark.parametrize("name", VOLUMES)
@@ -75,17 +86,16 @@ GIFTI = (
     'Encoding="ASCII" Endian="LittleEndian"><Data>0 0 0</Data></DataArray></GIFTI>'
 )
 MESHES = {
-    "tab.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS\t1\t400000000"), "1 cells of 400000000 numbers"),
-    "blank.vtk": (VTK.replace("POLYGONS 1 4", " POLYGONS 1 5"), "1 cells of 5 numbers|by its header"),
-    "same_line.vtk": (VTK.replace("0\nPOLYGONS 1 4", "0 POLYGONS 90 4"), "90 cells of 4 numbers|by its header"),
-    "minus.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS -1 -4"), "-1 cells of -4 numbers"),
-    "points.vtk": (VTK.replace("POINTS 3", " POINTS -3"), "-3 points by its header"),
-    "strings.vtk": (VTK + "POINT_DATA 3\nFIELD f 1\nname 1 300000000 string\na\n", "300000000 times 1 values"),
-    "field.vtk": (VTK + "\tPOINT_DATA 3\n FIELD f 1\nname -3 3 double\n1\n", "3 times -3 values"),
-    "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), "negative number"),
-    "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "negative number"),
-    "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), "1 times -3 values"),
-    "tuples.vtp": (VTP.replace('Name="offsets"', 'Name="offsets" NumberOfTuples="2000000000"'), "2000000000 times 1"),
+    "tab.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS\t1\t400000000"), ENDED),
+    "blank.vtk": (VTK.replace("POLYGONS 1 4", " POLYGONS 1 5"), ENDED),
+    "same_line.vtk": (VTK.replace("0\nPOLYGONS 1 4", "0 POLYGONS 90 4"), ENDED),
+    "minus.vtk": (VTK.replace("POLYGONS 1 4", "POLYGONS -1 -4"), ENDED),
+    "points.vtk": (VTK.replace("POINTS 3", " POINTS -3"), ENDED),
+    "strings.vtk": (VTK + "POINT_DATA 3\nFIELD f 1\nname 1 300000000 string\na\n", ENDED),
+    "field.vtk": (VTK + "\tPOINT_DATA 3\n FIELD f 1\nname -3 3 double\n1\n", ENDED),
+    "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), ENDED),
+    "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "has no faces"),
+    "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), ENDED),
     "axes.surf.gii": (GIFTI.replace('ity="2"', 'ity="2000000000"'), "has 2000000000 dimensions"),
     "nested.surf.gii": (GIFTI.replace("<Data>", "<Data>" * 9).replace("</Data>", "</Data>" * 9), "within its data"),
     "lines.stl": ("solid x\n" + "\n" * 200_000 + "endsolid", "no points|in 0 facets"),
@@ -218,3 +228,35 @@ def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
     changed(tmp_path / "atlas.npz", *PIECES[name])
     with pytest.raises(voxflat.InputError, match=r"atlas\.npz: .*: copy it again"):
         voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
+def test_what_nibabel_changes_is_logged_with_the_file(tmp_path, capfd, caplog):
+    path = tmp_path / "v.mgh"
+    nib.save(nib.MGHImage(np.ones((3, 4, 5), np.float32), np.eye(4)), path)
+    data = bytearray(path.read_bytes())
+    data[3] = 9  # the version
+    path.write_bytes(data)
+    with caplog.at_level("WARNING", "voxflat"), contextlib.suppress(voxflat.InputError):
+        read_volume(path)
+    assert f"{path}: Unknown MGH format version" in caplog.text
+    assert capfd.readouterr() == ("", "")
+    nib.imageglobals.logger.warning("of others")
+    assert "of others" in caplog.text
+
+
+@pytest.mark.parametrize("greatest", [800_000_000, -5])
+def test_colour_tables_of_no_size(tmp_path, greatest):
+    path = tmp_path / "lh.annot"
+    nib.freesurfer.write_annot(path, np.zeros(4, int), np.array([[1, 2, 3, 0, 0]]), ["a"], fill_ctab=True)
+    data = bytearray(path.read_bytes())
+    data[44:48] = struct.pack(">i", greatest)
+    path.write_bytes(data)
+    for read in (own_table, lambda path: read_overlay(path, 4)):
+        refuses(path, "colours by its header, which is damaged", read)
+
+
+def test_headers_of_arrays_that_end_in_a_string(tmp_path):
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,"
+    (tmp_path / "v.npy").write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
+    assert holds_volume(tmp_path / "v.npy")  # those who read it say what is wrong
+    refuses(tmp_path / "v.npy", "", read_volume)

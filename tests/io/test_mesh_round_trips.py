@@ -186,8 +186,8 @@ def test_packages_are_imported_late(tmp_path):
 def test_missing_packages_are_named(tmp_path, monkeypatch):
     for name in ("s.vtp", "s.surf.gii", "lh.white"):
         write_mesh(tmp_path / name, sphere())
-    monkeypatch.setitem(sys.modules, "nibabel", None)
-    monkeypatch.setitem(sys.modules, "pyvista", None)
+    for package in ("nibabel", "pyvista", "vtkmodules"):
+        monkeypatch.setitem(sys.modules, package, None)
     for name, package in [("s.vtp", "pyvista"), ("s.surf.gii", "nibabel"), ("lh.white", "nibabel")]:
         refuses(tmp_path / name, rf"pip install 'voxflat\[{package}\]'")
         if name != "lh.white":  # which is written here

@@ -8,13 +8,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number
+from voxflat.arguments import checked_number, checked_path
 from voxflat.atlases.layout import lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
@@ -315,7 +314,7 @@ class Atlas(FlatPieces, ABC):
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         if path.suffix.lower() not in SAVED_ENDINGS:
             raise InputError(f"cannot save an atlas as {path.name}; give a name that ends in .npz or .voxflat")
         text = {"format": self._format, "metadata": self.metadata, **self._text()}
@@ -358,7 +357,7 @@ class Atlas(FlatPieces, ABC):
             If there is no such file.
         """
         with naming(path, AGAIN):
-            check_regular(Path(path))
+            check_regular(checked_path(path))
         with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
             text = from_json(str(file["text"]))
             note(path)

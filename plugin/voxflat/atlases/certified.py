@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_path
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
@@ -262,7 +261,7 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
         If there is no such file.
     """
     with naming(path, REMEDY):
-        check_regular(Path(path))
+        check_regular(checked_path(path))
     with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
         form = from_json(str(file["text"]))["format"]
     return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)

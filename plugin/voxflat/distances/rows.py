@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.distances.journal import read_journal
 from voxflat.distances.store import (
     ARRAYS,
@@ -160,7 +161,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     InputError
         If it is no store, is not complete or is damaged.
     """
-    path = Path(path)
+    path = checked_path(path)
     if not path.exists():
         raise InputError(f"there is no store at {path}; voxflat rows makes one")
     description = read_description(path)

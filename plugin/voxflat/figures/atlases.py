@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
+from voxflat.arguments import checked_kind
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.figures.colours import ERRORS, patch_colours
@@ -30,6 +31,7 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     matplotlib.figure.Figure
         All at the same scale, in mm; a colour for each patch, as in `atlas_3d`, image files and textures.
     """
+    checked_kind(atlas, "atlas", "layout", "an atlas")
     places = atlas.layout(packing=packing)
     corners: Any = places[atlas.uv_faces]
     colours = patch_colours(atlas) / 255
@@ -61,6 +63,7 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     matplotlib.figure.Figure
         From 1, no change, to the 99th percentile of the triangles; of areas from the 1st.
     """
+    checked_kind(atlas, "atlas", "heat_map", "an atlas")
     image = atlas.heat_map(pixel_size, of=of)
     values = getattr(atlas, of)
     least, most = np.nanpercentile(values[np.isfinite(values)], (1, 99))

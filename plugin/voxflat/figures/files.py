@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_kind, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.figures.layers import name_layers
 from voxflat.io.files import atomic_path, one_line, require
@@ -52,7 +52,8 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
+    checked_kind(figure, "figure", "canvas", "a figure of Matplotlib")
     kind = path.suffix[1:].lower()
     if kind not in figure.canvas.get_supported_filetypes():
         raise InputError(f"cannot write a figure as {path.name}; give a name that ends in .png, .pdf or .svg")
@@ -89,7 +90,7 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise InputError(f"cannot write a picture as {path.name}; give a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
@@ -164,7 +165,7 @@ def save_movie(
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_movie(path)
     write = {".mp4": _write_mp4, ".gif": _write_gif}[path.suffix.lower()]
     text = "" if record is None else as_text(record)

@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_kind
 from voxflat.errors import InputError
 from voxflat.figures.colours import AREA_LABEL, AREAS, ERROR_LABEL, ERRORS, top, top_error
 from voxflat.judging.measure import Comparison
@@ -38,6 +39,7 @@ def scatter(flat_map: FlatMap) -> Figure:
     matplotlib.figure.Figure
         Colours say how many pairs there are; on the diagonal distances are kept.
     """
+    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     distortion = flat_map.distortion
     geodesic, flat = distortion.scatter.T
     end = 1.03 * float(distortion.scatter.max())
@@ -73,6 +75,7 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     matplotlib.figure.Figure
         Mean relative error in %, from 0 to the 99th percentile of the points: a few torn places would take all colours.
     """
+    checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
     figure, axes = _map_axes(image)
     shown = axes.imshow(100 * image.data, cmap=ERRORS, vmin=0, vmax=top_error(flat_map), **_placed(image))
@@ -95,6 +98,7 @@ def heat_maps(comparison: Comparison) -> Figure:
         much each place's area has changed, to the 99th percentile either way. The maps are as they are, at scale 1;
         what is undefined is left white.
     """
+    checked_kind(comparison, "comparison", "maps", "a Comparison, as compare returns it")
     maps = comparison.maps
     errors = [100 * one.distortion.per_point for one in maps.values()]
     areas = [one.distortion.triangles.areal for one in maps.values() if one.distortion.triangles is not None]
@@ -135,6 +139,7 @@ def spectrum(flat_map: FlatMap) -> Figure:
     InputError
         If the map was made without sources, and so without a scaling.
     """
+    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     values = flat_map.eigenvalues
     if len(values) == 0:
         raise InputError("the map was made without sources, so there are no eigenvalues; flatten with sources")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from voxflat.arguments import checked_kind
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
@@ -62,6 +63,7 @@ def patch_3d(
     InputError
         If PyVista is missing or cannot draw, or the volume or mesh is another.
     """
+    checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
     pyvista = load_pyvista()
     if flat_map.is_voxels:
         patch, *around = [_patch_alone(flat_map)] if whole is None else _patch_in_place(flat_map, whole)

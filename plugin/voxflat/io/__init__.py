@@ -2,7 +2,8 @@
 
 What users call stands here; a module a format, or a family of them. No reader knows of surfaces or maps. From below:
 `files`, `grid` and `triangles` are what formats share; `readers` and `volumes` are of volumes, `formats` tells those of
-meshes apart, `meshes` and `overlays` read and write them all, and `spaces` says where coordinates lie.
+meshes apart, `meshes` and `overlays` read and write them all, and `spaces` says where coordinates lie; `apart` is the
+process in which ITK and VTK read.
 """
 
 from voxflat.io.files import atomic_path

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import require
+from voxflat.io.files import nibabel_image
 from voxflat.io.grid import Affine, check_affine
 from voxflat.io.readers import check_length, check_unit
 from voxflat.io.reading import check_room, note
@@ -248,7 +248,7 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     if not isinstance(obj, str | Path) or not str(obj).lower().endswith(_NIFTI_OR_MGH) or not Path(obj).is_file():
         return None, None
     try:
-        return require("nibabel").load(obj, keep_file_open=True), Path(obj)
+        return nibabel_image(obj, keep_file_open=True), Path(obj)
     except OSError as error:
         if error.errno is not None:
             raise

@@ -6,6 +6,7 @@ import errno
 import gzip
 import importlib
 import json
+import logging
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import textwrap
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import amount
+from voxflat.arguments import amount, checked_path, log, shown
 from voxflat.errors import InputError
 from voxflat.io.reading import allowed_memory, note
 
@@ -34,6 +36,8 @@ AGAIN = "copy it again"
 """What to do with a file that was cut short."""
 
 _BLOCK = 1 << 20
+
+_OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
@@ -52,6 +56,26 @@ def require(module: str, extra: str | None = None) -> Any:
         raise InputError(f"needs {module}: pip install 'voxflat[{extra or module}]'") from error
 
 
+_loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
+
+
+def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
+    """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
+    nibabel = require("nibabel")
+    logging.getLogger("nibabel.global").addFilter(_told_by_us)
+    token = _loading.set(path)
+    try:
+        return nibabel.load(path, **options)
+    finally:
+        _loading.reset(token)
+
+
+def _told_by_us(record: logging.LogRecord) -> bool:
+    if (path := _loading.get()) is not None:
+        log.warning("%s: %s", path, record.getMessage())
+    return path is None
+
+
 def one_line(error: Exception) -> str:
     """Shorten a message, above all ITK's: lines of C++ places and addresses."""
     if isinstance(error, InputError):
@@ -66,6 +90,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
 
     Errors of the system, such as a missing file or a full disk, stay what they are.
     """
+    name = name if isinstance(name, str | os.PathLike) else shown(name)
     try:
         yield
     except MemoryError:
@@ -73,7 +98,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
+        if isinstance(error, OSError) and error.errno not in _OF_DAMAGE:
             raise
         raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
 
@@ -195,7 +220,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     OSError
         Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
     """
-    path = Path(path)
+    path = checked_path(path)
     temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
     with naming_file(path, temporary):
         if path.is_dir():
@@ -232,7 +257,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
     OSError
         Nothing can be written there.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_new(path)
     temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
     with naming_file(path, temporary):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import AGAIN, check_size, contents, naming, require
 from voxflat.io.spaces import Space, VolumeGeometry
@@ -121,13 +122,30 @@ def read_annot(path: Path, data: bytes) -> tuple[NDArray[np.int64], list[str]]:
     pairs = np.frombuffer(data, ">i4", count=2 * points, offset=4).reshape(-1, 2)
     if not np.array_equal(pairs[:, 0], np.arange(points)):
         raise InputError("does not name the points in their order: write it again by FreeSurfer")
-    _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
+    table, names = annot_table(path, data)
     if len(names) != len(table):
         raise InputError(f"has {len(names)} names for {len(table)} colours: write it again by FreeSurfer")
     labels = np.full(points, -1, dtype=np.int64)
     for index, colour in enumerate(table[:, 4]):  # nibabel's own search gives a colour not in the table its neighbour
         labels[pairs[:, 1] == colour] = index
-    return labels, [name.decode("utf-8", "replace") for name in names]
+    return labels, names
+
+
+def annot_table(path: Path, data: bytes) -> tuple[NDArray[Any], list[str]]:
+    """Return the colours of an annotation, red, green, blue, transparency and their sum as a label; and the names."""
+    start = 8 + 8 * int.from_bytes(data[:4], "big", signed=True)
+    entries, greatest = (int(n) for n in np.frombuffer(data[max(start, 0) :][:8].ljust(8, b"\0"), ">i4"))
+    if not 0 <= (entries if entries > 0 else greatest) <= _MOST_COLOURS:  # which nibabel makes room for
+        raise InputError(f"has {max(entries, greatest)} colours by its header, which is damaged: {_REMEDY}")
+    with np.errstate(all="ignore"):
+        try:
+            _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
+        except MemoryError:
+            raise InputError(f"has a name that is longer than memory: {_REMEDY}") from None
+    return table, [name.decode("utf-8", "replace") for name in names]
+
+
+_MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
 
 
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
@@ -156,7 +174,7 @@ def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], 
     points : ndarray of float64, shape (k, 3)
         tkRAS, mm; some programs write 0.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, _REMEDY):
         data = contents(path)
         vertices = _label_columns(data, 1)[:, 0].astype(np.int64)

@@ -15,6 +15,10 @@ Affine: TypeAlias = NDArray[np.float64]
 _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 
 
+FARTHEST = 1e9
+"""mm from the origin: brains in nm have room, and what comes of squares and volumes stays finite."""
+
+
 def check_affine(affine: ArrayLike) -> Affine:
     """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
 
@@ -31,7 +35,7 @@ def check_affine(affine: ArrayLike) -> Affine:
     Raises
     ------
     InputError
-        It has another shape, values that are not finite, a voxel size of 0, or axes that are not
+        It has another shape, values that are not finite or beyond 1e9 mm, a voxel size of 0, or axes that are not
         orthogonal (the cosine between two of them exceeds 1e-3).
     """
     try:
@@ -42,6 +46,8 @@ def check_affine(affine: ArrayLike) -> Affine:
         raise InputError(f"affine has shape {matrix.shape}: give a (4, 4) matrix, voxel index to RAS+ mm")
     if not np.isfinite(matrix).all():
         raise InputError(f"affine {matrix.tolist()} is not finite: repair the header or give an affine")
+    if np.abs(matrix).max() > FARTHEST:
+        raise InputError(f"affine {matrix.tolist()} goes beyond {FARTHEST:g} mm: repair the header or give an affine")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
         raise InputError(f"affine's last row is {matrix[3].tolist()}: it must be 0 0 0 1; is it transposed?")
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)

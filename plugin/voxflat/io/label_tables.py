@@ -8,15 +8,16 @@ import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, gifti
 from voxflat.io.channels import is_cifti, opened
-from voxflat.io.files import REMEDY, contents, naming, require
+from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.freesurfer import annot_table
 
 __all__ = ["LabelTable", "own_table", "read_table"]
 
@@ -65,7 +66,7 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
     FileNotFoundError, PermissionError
         If it cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
         text = contents(path).decode("utf-8-sig")
         found = _of_columns(text) if path.name.lower().endswith(".tsv") else _of_lines(text)
@@ -96,13 +97,12 @@ def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | No
     FileNotFoundError, PermissionError
         If it cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     name = path.name.lower()
     with naming(path, REMEDY):
         if name.endswith(".annot"):
-            _, table, names = require("nibabel").freesurfer.read_annot(path, orig_ids=True)
-            decoded = (name.decode("utf-8", "replace") for name in names)
-            return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(decoded, table, strict=False)))
+            table, names = annot_table(path, contents(path))
+            return _table((n, name, row[:3]) for n, (name, row) in enumerate(zip(names, table, strict=False)))
         if formats.by_name(path) == formats.GIFTI:
             labels = gifti.load(contents(path)).labeltable.labels
             found = _table((of.key, of.label, _bytes([of.red, of.green, of.blue])) for of in labels)

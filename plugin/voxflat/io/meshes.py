@@ -14,9 +14,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry
 from voxflat.io.structures import named_structure
@@ -85,6 +87,9 @@ class Mesh:
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
             raise InputError(f"point {bad[0]} lies at {points[bad[0]].tolist()}: it must be finite")
+        far = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
+        if len(far):
+            raise InputError(f"point {far[0]} lies at {points[far[0]].tolist()}, beyond {FARTHEST:g} mm: is it right?")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
@@ -143,7 +148,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         return parsed(path, contents(path))
 
@@ -160,7 +165,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
     -------
     bool
     """
-    path = Path(path)
+    path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
         return True
@@ -189,7 +194,7 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)
@@ -268,7 +273,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
     OSError
         The file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "can this format hold it?"):
         write = _writer(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):

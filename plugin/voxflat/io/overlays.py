@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, patches
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
@@ -50,7 +51,7 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         channels = _channels(path, points, structure)
         first = channels.read(0)
@@ -78,7 +79,7 @@ def read_channels(path: str | os.PathLike[str], points: int, *, structure: str |
     InputError, FileNotFoundError, PermissionError
         As `read_overlay`.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         return _channels(path, points, structure)
 
@@ -110,7 +111,7 @@ def holds_volume(path: str | os.PathLike[str]) -> bool:
     PermissionError
         The file cannot be opened.
     """
-    name = Path(path).name.lower()
+    name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):
         return False
     if name.endswith(".npy"):
@@ -123,7 +124,9 @@ def _dimensions(path: Path) -> int | None:
     """Return how many dimensions an array in a file has, if it is one."""
     try:
         return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
-    except (ValueError, EOFError):  # what is wrong with it is said by those who read it
+    except OSError:
+        raise
+    except Exception:  # what is wrong with it is said by those who read it
         return None
 
 
@@ -155,7 +158,7 @@ def read_region(
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)

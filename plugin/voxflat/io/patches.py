@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, check_size, contents, naming
 from voxflat.io.triangles import as_float32, check_faces
@@ -89,7 +90,7 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, _REMEDY):
         return parse_patch(path, contents(path))
 
@@ -141,7 +142,7 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
     OSError
         It cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
         entries = np.empty(len(patch.vertex_ids), _ENTRY)
         one_based = patch.vertex_ids + 1

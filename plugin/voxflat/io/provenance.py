@@ -22,6 +22,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 import numpy as np
 
 from voxflat._core import __version__
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import reading
@@ -226,7 +227,7 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
 
 def sidecar_of(path: str | os.PathLike[str]) -> Path:
     """Return the name of the JSON file beside a result."""
-    path = Path(path)
+    path = checked_path(path)
     return path.with_name(f"{path.name}.json")
 
 
@@ -259,7 +260,7 @@ def saving(
     OSError
         If the record cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     check_not_read(path, record)
     if sidecar:
         check_not_read(sidecar_of(path), record)

@@ -12,8 +12,7 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -21,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
-from voxflat.io.files import by_ending, check_regular, one_line, require
+from voxflat.io.apart import apart
+from voxflat.io.files import by_ending, check_regular, nibabel_image, one_line, require
 from voxflat.io.grid import Affine, check_affine, volume_shape
 from voxflat.io.reading import check_room, note
 
@@ -100,7 +100,7 @@ def _read_mgh(path: Path) -> Read:
 
 
 def _read_by_nibabel(path: Path) -> Read:
-    image = require("nibabel").load(path, mmap=False)
+    image = nibabel_image(path, mmap=False)
     _check_proxy(image)
     check_length(path, image.dataobj.offset + int(np.prod(image.shape, dtype=object)) * image.dataobj.dtype.itemsize)
     return from_nibabel(image)
@@ -133,17 +133,17 @@ def _nifti_voxels(path: Path, header: np.void, shape: tuple[int, ...]) -> NDArra
             raise InputError(f"ITK would read {path.with_suffix('').name} in its place")
         if not _all_finite(path, header, shape):
             raise InputError("it holds NaN or infinity, which ITK turns into 0")
-        voxels, _ = from_itk(_load_itk(path))
+        voxels, _ = _by_itk(path)
         if voxels.shape[:3] != shape[:3]:
             raise InputError(f"ITK gives the shape {voxels.shape} instead of {shape}")
         return voxels
     except Exception as refusal:
         reason = one_line(refusal)
     try:
-        nibabel = require("nibabel")
+        require("nibabel")
     except InputError as missing:
         raise InputError(f"{reason}; {missing}") from None
-    return from_nibabel(nibabel.load(path, mmap=False))[0]
+    return from_nibabel(nibabel_image(path, mmap=False))[0]
 
 
 def _all_finite(path: Path, header: np.void, shape: tuple[int, ...]) -> bool:
@@ -265,14 +265,13 @@ def _rotation(imaginary: NDArray[np.float64]) -> NDArray[np.float64]:
 def _read_nrrd(path: Path) -> Read:
     with path.open("rb") as file:
         head = re.split(rb"\r?\n\r?\n", file.read(1 << 20), maxsplit=1)[0]
-    for line in re.findall(rb"(?mi)^data ?file:(.*)$", head):
-        note(_beside(path, line))
+    separate = [_beside(path, line) for line in re.findall(rb"(?mi)^data ?file:(.*)$", head)]
     for line in re.findall(rb"(?m)^(?:space )?units:(.*)$", head):
         for unit in re.findall(r'"([^"]*)"', line.decode("latin1")):
             check_unit(unit)
     if spacings := re.search(rb"(?mi)^spacings:(.*nan.*)$", head):  # for which ITK takes 1 mm
         raise InputError(f"its spacings are{spacings[1].decode('latin1')}: give array and spacing")
-    return from_itk(_load_itk(path))
+    return _by_itk(path, *separate)
 
 
 def _read_metaimage(path: Path) -> Read:
@@ -280,16 +279,9 @@ def _read_metaimage(path: Path) -> Read:
         fields, start = _metaimage_header(file.read(_BLOCK))
     check_unit(fields.get(b"DistanceUnits", b"").decode("latin1"))
     named = fields[b"ElementDataFile"]
-    separate = None if named == b"LOCAL" else _beside(path, named)
-    size = _size_by_itk(path)
-    if fields.get(b"CompressedData", b"").lower() in (b"true", b"1"):
-        _check_deflated(separate or path, 0 if separate else start, size)
-    if separate:
-        note(separate)
-    return from_itk(_load_itk(path))
-
-
-_MOST_WORDS = 64  # of a line of a MetaImage's header; ITK's parser has room for some hundred, and does not count
+    separate = [] if named == b"LOCAL" else [_beside(path, named)]
+    is_packed = fields.get(b"CompressedData", b"").lower() in (b"true", b"1")
+    return _by_itk(path, *separate, packed_from=(0 if separate else start) if is_packed else None)
 
 
 def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
@@ -299,26 +291,12 @@ def _metaimage_header(start: bytes) -> tuple[dict[bytes, bytes], int]:
     while (end := start.find(b"\n", at)) >= 0:
         key, separator, value = start[at:end].partition(b"=")
         key, value, at = key.strip(), value.strip(), end + 1
-        if not separator or key in fields or len(key) > 80 or len(value) > 4000 or len(value.split()) > _MOST_WORDS:
+        if not separator or key in fields or b":" in key:  # at which ITK ends a key, too
             break
         fields[key] = value
         if key == b"ElementDataFile":
-            _check_metaimage(fields)
             return fields, at
     raise InputError("is no MetaImage, or its header is damaged: does its ending name its format?")
-
-
-def _check_metaimage(fields: dict[bytes, bytes]) -> None:
-    """Refuse numbers that ITK would take on trust: it ends the process."""
-    axes, sizes, channels = (
-        fields.get(name, other).split()
-        for name, other in ((b"NDims", b""), (b"DimSize", b""), (b"ElementNumberOfChannels", b"1"))
-    )
-    numbers = [*axes, *sizes, *channels]
-    is_whole = all(number.isdigit() and len(number) < 11 and int(number) > 0 for number in numbers)
-    if len(axes) != 1 or len(channels) != 1 or not is_whole or int(axes[0]) > 4 or len(sizes) != int(axes[0]):
-        shown = [b" ".join(words).decode("latin1")[:60] for words in (axes, sizes, channels)]
-        raise InputError(f"has NDims {shown[0]!r}, DimSize {shown[1]!r}, channels {shown[2]!r}: its header is damaged")
 
 
 def _beside(path: Path, named: bytes) -> Path:
@@ -421,38 +399,38 @@ def from_itk(image: Any) -> Read:
     return voxels, LPS_TO_RAS @ affine
 
 
-def _load_itk(path: Path) -> Any:
-    """Read an image by ITK, without its warnings on NIfTI placements, which are not taken from it."""
-    itk = require("itk")
-    check_room(_size_by_itk(path))
-    with _quiet(itk):
-        try:
-            return itk.imread(str(path))
-        except TypeError as error:  # 30 lines on templates, of which the first names the type
-            known = ", ".join(ITK_TYPES)
-            raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
+def _by_itk(path: Path, *separate: Path, packed_from: int | None = None) -> Read:
+    """Read an image whose voxels may lie in another file, and may be packed, from a place on."""
+    for file in separate:
+        note(file)
+    size = sum(file.stat().st_size for file in (path, *separate))
+    packed = str((*separate, path)[0].absolute())
+    voxels, affine = apart(_read_itk, "itk", path, packed, packed_from, size=size)
+    return voxels, affine
+
+
+def _read_itk(path: Path, packed: str = "", packed_from: int | None = None) -> Read:
+    """Read an image by ITK, in the child process."""
+    size = _size_by_itk(path)
+    check_room(size)
+    if packed_from is not None:
+        _check_deflated(Path(packed), packed_from, size)
+    try:
+        return from_itk(require("itk").imread(str(path)))
+    except TypeError as error:  # 30 lines on templates, of which the first names the type
+        known = ", ".join(ITK_TYPES)
+        raise InputError(f"{str(error).splitlines()[0]} Convert its values to one of {known}") from error
 
 
 def _size_by_itk(path: Path) -> int:
     """Return how many bytes the voxels take, by their header."""
     itk = require("itk")
-    with _quiet(itk):
-        header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
-        if header is None:
-            return 0  # ITK says why, when it reads
-        header.SetFileName(str(path))
-        header.ReadImageInformation()
-        return int(header.GetImageSizeInBytes())
-
-
-@contextmanager
-def _quiet(itk: Any) -> Iterator[None]:
-    before = itk.Object.GetGlobalWarningDisplay()
-    itk.Object.SetGlobalWarningDisplay(False)
-    try:
-        yield
-    finally:
-        itk.Object.SetGlobalWarningDisplay(before)
+    header = itk.ImageIOFactory.CreateImageIO(str(path), itk.CommonEnums.IOFileMode_ReadMode)
+    if header is None:
+        return 0  # ITK says why, when it reads
+    header.SetFileName(str(path))
+    header.ReadImageInformation()
+    return int(header.GetImageSizeInBytes())
 
 
 READERS: dict[str, Callable[[Path], Read]] = {

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import numbers_of
 from voxflat.errors import InputError
 
 __all__ = ["UNKNOWN", "Space", "VolumeGeometry"]
@@ -54,7 +55,11 @@ class VolumeGeometry:
     def __post_init__(self) -> None:
         if len(self.shape) != 3 or len(self.voxel_size) != 3:
             raise InputError(f"its volume has {list(self.shape)} voxels of {list(self.voxel_size)} mm: give 3 of both")
-        cosines, c_ras = (np.asarray(part, dtype=np.float64) for part in (self.cosines, self.c_ras))
+        cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
+        if cosines.shape != (3, 3) or c_ras.shape != (3,):
+            raise InputError(
+                f"its volume's axes are of shape {cosines.shape}, its centre {c_ras.shape}: (3, 3) and (3,)"
+            )
         if not np.isfinite(cosines).all() or np.abs(cosines.T @ cosines - np.eye(3)).max() > _ROUNDING:
             raise InputError(f"its volume's axes are {cosines.T.tolist()}: they must be orthonormal")
         if not np.isfinite(c_ras).all():

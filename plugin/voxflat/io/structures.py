@@ -6,6 +6,7 @@ import os
 import re
 from pathlib import Path
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import formats, gifti
 from voxflat.io.files import REMEDY, contents, naming
@@ -53,7 +54,7 @@ def refuse_other_side(path: str | os.PathLike[str], structure: str | None) -> No
     """
     if structure not in (_LEFT, _RIGHT):
         return
-    path = Path(path)
+    path = checked_path(path)
     own = named_structure(path)
     if formats.by_name(path) == formats.GIFTI:
         with naming(path, REMEDY):

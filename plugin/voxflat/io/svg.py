@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import check_regular, naming, require
 from voxflat.io.reading import note
@@ -73,7 +73,7 @@ def read_outlines(path: str | os.PathLike[str], layer: str) -> list[Outline]:
     FileNotFoundError, PermissionError
         If the file cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "is it an SVG figure of voxflat.figures?"):
         check_regular(path)
         path.open("rb").close()

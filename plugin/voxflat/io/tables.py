@@ -6,11 +6,11 @@ import csv
 import io
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, contents, naming
 
@@ -50,7 +50,7 @@ class PointTable:
         more : dict
             Numbers for each point by the columns' names.
         """
-        path = Path(path)
+        path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
         columns = [
             ["n/a" if np.isnan(value) else f"{value:.6f}" for value in values.tolist()] for values in more.values()
@@ -83,7 +83,7 @@ def read_points(path: str | os.PathLike[str]) -> PointTable:
     FileNotFoundError, PermissionError
         If it cannot be opened.
     """
-    path = Path(path)
+    path = checked_path(path)
     with naming(path, "give columns x, y and z in mm"):
         ending = path.suffix.lower()
         if ending not in TABLE_ENDINGS:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.chunks import Chunked, is_chunked
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
@@ -98,7 +99,7 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    return as_volume(Path(path))
+    return as_volume(checked_path(path))
 
 
 def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
@@ -159,7 +160,7 @@ def write_volume(
     OSError
         The file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
         write(temporary, Volume(np.asarray(data), check_affine(affine)), record)

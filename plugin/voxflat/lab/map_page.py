@@ -6,13 +6,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from voxflat._core import __version__
+from voxflat.arguments import checked_kind, checked_path
 from voxflat.distortion.triangles import measure_arrays
 from voxflat.errors import InputError
 from voxflat.figures.colours import LOOKS
@@ -61,7 +61,7 @@ class MapPage:
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):
             raise InputError(f"cannot save a page as {path.name}; give a name that ends in .html")
         with atomic_path(path) as beside:
@@ -94,6 +94,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     >>> page = voxflat.map_page(flat_map, "A sheet")
     >>> page.save("sheet.html")  # doctest: +SKIP
     """
+    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
     anatomy = {"curvature": flat_map.curvature, "sulcaldepth": flat_map.sulcal_depth}
     of_points |= {name: values for name, values in anatomy.items() if values is not None}

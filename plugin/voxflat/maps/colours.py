@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
 __all__ = ["WINDOW", "all_whole", "are_labels", "coloured", "label_colour", "label_colours", "levels", "passing"]
@@ -85,15 +86,18 @@ def _mapped(level: NDArray[np.float64], colour_map: str | None) -> NDArray[np.ui
 
     try:
         return np.asarray(colormaps[colour_map or "gray"](level, bytes=True))
-    except KeyError:
-        raise InputError(f"matplotlib has no colour map {colour_map!r}") from None
+    except (KeyError, TypeError, ValueError):  # the latter of what is no name
+        raise InputError(f"matplotlib has no colour map {shown(colour_map)}") from None
 
 
 def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[np.float64], tuple[float, float]]:
     """Return values from 0 to 1 between limits, by default percentiles, and the limits."""
     inside = np.isfinite(data)
     if limits is not None:
-        low, high = (float(limit) for limit in limits)
+        between = numbers_of(limits, "limits")
+        if between.shape != (2,):
+            raise InputError(f"the limits are {shown(limits)}; give two numbers")
+        low, high = between.tolist()
     else:
         low, high = np.percentile(data[inside], WINDOW).tolist() if inside.any() else (0.0, 1.0)
     return np.clip((data - low) / ((high - low) or 1.0), 0, 1), (low, high)

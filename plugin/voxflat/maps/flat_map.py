@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import log
+from voxflat.arguments import checked_path, log
 from voxflat.distances.store import write_provenance
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
@@ -340,7 +340,7 @@ class FlatMap(Planar):
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         name = path.name.lower()
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             self._write(path, name)
@@ -478,7 +478,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         If there is no such file.
     """
     with naming(path, AGAIN):
-        check_regular(Path(path))
+        check_regular(checked_path(path))
     with holding(path, "a flat map"):
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Timing
 from voxflat.io.files import atomic_directory, atomic_path, require, save_array
@@ -60,7 +60,7 @@ def write_image(
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         raise InputError(f"cannot write an image as {path.name}; give a name that ends in {', '.join(IMAGE_ENDINGS)}")
@@ -195,7 +195,7 @@ def write_stack(
     OSError
         If the file cannot be written.
     """
-    path = Path(path)
+    path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)
     if write is None:
         endings = ", ".join(_STACK_WRITERS)

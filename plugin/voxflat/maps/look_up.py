@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
+from voxflat.arguments import numbers_of
 from voxflat.errors import InputError
 
 __all__ = ["Places", "TriangleFinder"]
@@ -90,7 +91,7 @@ class TriangleFinder:
         InputError
             If the places have another shape.
         """
-        wanted = np.asarray(places, dtype=np.float64)
+        wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
             raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
         triangles, weights = self.find(wanted.reshape(-1, 2))

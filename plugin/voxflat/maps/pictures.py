@@ -7,6 +7,7 @@ picture's pixels, texels, are squares on the map, so that nothing is stretched t
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -149,9 +150,11 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
         path = Path(picture)
         with naming(path, REMEDY):
             check_regular(path)
-        with naming(path, REMEDY), Image.open(path, formats=PICTURES) as image:
-            note(path)
-            return _of_pillow(image), path
+        with naming(path, REMEDY), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
+            with Image.open(path, formats=PICTURES) as image:
+                note(path)
+                return _of_pillow(image), path
     if hasattr(picture, "getbands") and hasattr(picture, "convert"):
         return _of_pillow(picture), None
     return _of_array(check_values(picture)), None

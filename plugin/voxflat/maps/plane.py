@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.maps.depth import Depths
@@ -174,14 +174,14 @@ class Planar(ABC):
         InputError
             If the points have another shape, or the limit or the space is none.
         """
-        wanted = np.asarray(points, dtype=np.float64)
+        wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
             raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
         limit = checked_number(limit, "limit")
-        if not limit >= 0:
-            raise InputError(f"the limit is {limit:g} mm; give a number that is not negative")
-        if space not in ("surface", "scanner"):
-            raise InputError(f"space is {space!r}; give 'surface' or 'scanner'")
+        if limit is None or not limit >= 0:
+            raise InputError(f"the limit is {limit} mm; give a number that is not negative")
+        if not isinstance(space, str) or space not in ("surface", "scanner"):
+            raise InputError(f"space is {shown(space)}; give 'surface' or 'scanner'")
         of = self._triangles
         if space == "scanner":
             if of.on_surface.space.doubt:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, resolved, saving
@@ -295,6 +295,8 @@ class FlatStack(Sequence[FlatImage]):
         -------
         FlatStack
         """
+        if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
+            raise InputError(f"the channel is {shown(channel)}; give the number of one, from 0")
         each, all_names = max(1, len(self.layers)), self.channels
         first = channel * each
         names = all_names.names[first : first + each]

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, checked_path, log, numbers_of
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
 from voxflat.io.freesurfer import write_annot, write_label
@@ -120,7 +120,9 @@ class Regions:
         ndarray of int64, shape (...)
             Its key; 0 for none. Where several lie over each other, that of the last.
         """
-        wanted = np.asarray(places, dtype=np.float64)
+        wanted = numbers_of(places, "places")
+        if wanted.ndim == 0 or wanted.shape[-1] != 2:
+            raise InputError(f"places have shape {wanted.shape}; give (u, v) in mm, shape (..., 2)")
         return self.places.labels(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
 
     @cached_property
@@ -230,7 +232,7 @@ class Regions:
         OSError
             If it cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         name = path.name.lower()
         if not name.endswith(REGION_ENDINGS):
             raise InputError(

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import is_number, shown
 from voxflat.errors import InputError
 from voxflat.maps.pictures import values_at
 
@@ -51,8 +52,8 @@ def subdivide(
     InputError
         If the tolerance is not positive, or there would be too many triangles.
     """
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError(f"the tolerance is {tolerance}; give a positive number of 255 grey levels")
+    if not (is_number(tolerance) and np.isfinite(tolerance) and tolerance > 0):
+        raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good
     while True:

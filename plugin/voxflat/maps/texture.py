@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io import gltf, obj, ply, vtk
 from voxflat.io.files import atomic_path, beside, by_ending, naming, naming_file
@@ -146,7 +147,7 @@ class TexturedSurface:
         OSError
             If a file cannot be written.
         """
-        path = Path(path)
+        path = checked_path(path)
         with naming(path, "can this format hold it?"):
             write = by_ending(path, _WRITERS, "written")
         others = files_beside(path)

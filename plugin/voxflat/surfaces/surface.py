@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_number, checked_threads, log
+from voxflat.arguments import Progress, checked_kind, checked_number, checked_threads, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
@@ -184,8 +184,13 @@ class Surface:
         distance : float
             From the voxel's centre to that of the vertex's voxel, mm.
         """
+        if not self.is_voxels:
+            raise InputError("a surface from a mesh has no voxels; give the number of a vertex where one is wanted")
+        wanted = numbers_of(place, "voxel")
+        if wanted.shape != (3,):
+            raise InputError(f"the voxel is {shown(place)}; give its three indices")
         linear = np.asarray(self.metadata["affine"])[:3, :3]
-        apart = np.linalg.norm((self.ids - np.asarray(place)) @ linear.T, axis=1)
+        apart = np.linalg.norm((self.ids - wanted) @ linear.T, axis=1)
         vertex = int(apart.argmin())
         return vertex, float(apart[vertex])
 
@@ -321,6 +326,7 @@ class Surface:
         InputError
             If it names vertices that the surface does not have.
         """
+        checked_kind(patch, "patch", "vertex_ids", "a Patch, as read_patch returns it")
         is_listed = np.isin(self.merged[:, 0], patch.vertex_ids)
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)

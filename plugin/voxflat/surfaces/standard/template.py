@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_path
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.io.provenance import Record
@@ -190,7 +191,7 @@ def read_template(path: str | os.PathLike[str]) -> Template:
     InputError
         If it is no template, or names what there is not.
     """
-    path = Path(path)
+    path = checked_path(path)
     try:
         content = from_json(contents(path))
     except OSError as error:

@@ -1,0 +1,288 @@
+"""Readers in C++ run in a process of their own.
+
+ITK and VTK trust the files that they read: a damaged one ends their process, takes all its memory, or is never done.
+So they read in a child process, which is started when it is first needed, kept, and started anew after it ended. The
+system holds it to a limit of addresses and of seconds for each file, what it prints goes nowhere, and its answers are
+JSON and the bytes of arrays, checked here: whatever it does, the caller has an error of one line. Where the system has
+no such limits (Windows), a file may take long, and memory.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import importlib
+import importlib.util
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from voxflat.arguments import amount
+from voxflat.errors import InputError
+from voxflat.io.files import AGAIN, one_line, require
+from voxflat.io.reading import allowed_memory, check_room, reading
+
+_SECONDS, _RATE = 5, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
+_WAITING = 10  # times as many may pass: others compute, too, and disks are far away
+_INFLATED = 1032  # bytes that one may stand for, in zlib's format
+_OWN = 1 << 28  # bytes of addresses for what a package needs itself
+
+# signals that end a process, also in the middle of C++: which clock sends them, after times how many seconds
+_TIMES = {}
+if hasattr(signal, "setitimer"):  # not Windows
+    _TIMES = {signal.SIGPROF: (signal.ITIMER_PROF, 1), signal.SIGALRM: (signal.ITIMER_REAL, _WAITING)}
+
+# not -m, which would look for modules in the working directory, where others may have put them
+_START = "import sys; sys.path[:] = sys.argv[1:]; from voxflat.io.apart import serve; serve()"
+
+
+def apart(function: Callable[..., Any], package: str, path: Path, *arguments: Any, size: int | None = None) -> Any:
+    """Call a function that reads a file by a package in C++, in the child process.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module's top level. It returns an array, None, a number, text, or lists and dictionaries of them.
+    package : str
+        What it imports.
+    path : Path
+        The file, its first argument.
+    *arguments : str, number, None, or list
+        Its others.
+    size : int, optional
+        Bytes that are to be read, if they do not all lie in that file.
+
+    Returns
+    -------
+    object
+        What it returns; tuples as lists.
+
+    Raises
+    ------
+    InputError
+        It raised that, the package is not there, or the child ended: by the file, or by its limits.
+    OSError, RuntimeError
+        It raised the former, or anything else.
+    """
+    global _child
+    if importlib.util.find_spec(package) is None:
+        require(package, _PACKAGES[package][1])
+    size = path.stat().st_size if size is None else size
+    asked = {
+        "function": f"{function.__module__}:{function.__name__}",
+        "package": package,
+        "arguments": [str(path.absolute()), *arguments],
+        "seconds": _SECONDS + size // _RATE,
+        "memory": allowed_memory(),
+        "contents": _INFLATED * size,
+    }
+    with _lock:
+        if _child is None or _child.poll() is not None:
+            _child = _started()
+        try:
+            told, arrays = _answer(_child, asked)
+        except BaseException:  # what it still has to say is not for the next caller
+            _stop()
+            raise
+    if "error" in told:
+        kind, *values = told["error"]
+        raise {"InputError": InputError, "OSError": OSError, "RuntimeError": RuntimeError}[kind](*values)
+    return _put(told["value"], arrays)
+
+
+# what it is called, which extra brings it, and what in it is to be loaded: ITK does that when it is first asked
+_PACKAGES = {"itk": ("ITK", "itk", "ImageIOFactory"), "vtkmodules": ("VTK", "pyvista", "__name__")}
+
+_lock = threading.Lock()
+_child: subprocess.Popen[bytes] | None = None
+
+
+def _started() -> subprocess.Popen[bytes]:
+    """Start a child: out of reach of Ctrl-C, which is for its caller; it ends when its input does."""
+    return subprocess.Popen(
+        [sys.executable, "-c", _START, *sys.path],
+        bufsize=0,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        pipesize=_RATE,
+        start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        # threads reserve far more addresses than they use
+        env={**os.environ, "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS": "1", "MALLOC_ARENA_MAX": "1"},
+    )
+
+
+def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+    """Ask the child; return what it says, and its arrays."""
+    assert child.stdin is not None
+    assert child.stdout is not None
+    line = b""
+    with contextlib.suppress(BrokenPipeError):
+        child.stdin.write(json.dumps(asked).encode() + b"\n")
+        line = child.stdout.readline()
+    if not line.endswith(b"\n"):
+        raise InputError(_end_of(child, asked))
+    told = json.loads(line)
+    kinds = [(np.dtype(kind), [int(length) for length in shape], order) for kind, shape, order in told["arrays"]]
+    if any(kind.hasobject for kind, _, _ in kinds):
+        raise InputError(_end_of(child, asked))
+    check_room(sum(kind.itemsize * math.prod(shape) for kind, shape, _ in kinds))
+    arrays = []
+    for kind, shape, order in kinds:
+        array = np.empty(shape, kind)
+        rest = array.reshape(-1).view(np.uint8).data
+        while rest:
+            if not (count := child.stdout.readinto(rest)):  # type: ignore[attr-defined]
+                raise InputError(_end_of(child, asked))
+            rest = rest[count:]
+        arrays.append(array.transpose(order))
+    return told, arrays
+
+
+def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
+    """Say why a child ended."""
+    _stop()
+    status, name = child.returncode, _PACKAGES[asked["package"]][0]
+    for timer, (_, times) in _TIMES.items():
+        if status == -timer:
+            return f"{name} was not done with it after {asked['seconds'] * times} s: {AGAIN}"
+    how = signal.Signals(-status).name if status < 0 else f"status {status}"
+    return f"{name} ended at it ({how}), within {amount(asked['memory'])}: {AGAIN}, or give it more memory"
+
+
+def _stop() -> None:
+    """End the child, whatever it does."""
+    global _child
+    child, _child = _child, None
+    if child is not None:
+        _close(child)
+        try:
+            child.wait(1)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def _close(child: subprocess.Popen[bytes]) -> None:
+    for stream in (child.stdin, child.stdout):
+        assert stream is not None
+        stream.close()
+
+
+def _forget() -> None:
+    """Leave the child to the process that forked this one."""
+    global _child, _lock
+    if _child is not None:
+        _close(_child)
+        _child.returncode = 0  # it is waited for by its parent
+    _child, _lock = None, threading.Lock()
+
+
+atexit.register(_stop)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+# --------------------------------------------------------------------------------------------- the child
+
+
+def serve() -> None:
+    """Answer calls of `apart` that come on standard input, until it ends."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(nowhere, stream)
+    for line in requests:
+        asked, arrays = json.loads(line), list[NDArray[Any]]()
+        try:
+            answer: dict[str, Any] = {"value": _taken(_called(**asked), arrays)}
+        except Exception as error:
+            answer = {"error": _told(error, asked["arguments"][0])}
+        _send(answers, answer, arrays)
+
+
+def _told(error: Exception, path: str) -> list[Any]:
+    """Return the kind of an error and its values; the file is named by the caller."""
+    if isinstance(error, OSError) and error.errno is not None:  # others are readers' own, of damaged files
+        return ["OSError", error.errno, error.strerror, error.filename]
+    if isinstance(error, MemoryError):
+        return ["InputError", "needs more memory than there is: crop it, or give it more memory"]
+    text = str(error).replace(path, Path(path).name)
+    return ["InputError", text] if isinstance(error, InputError) else ["RuntimeError", one_line(RuntimeError(text))]
+
+
+def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
+    """Call a function within limits, for which importing its package does not count."""
+    _, extra, loaded = _PACKAGES[package]
+    getattr(require(package, extra), loaded)
+    module, _, name = function.partition(":")
+    called = getattr(importlib.import_module(module), name)
+    _limit_addresses(2 * (_OWN + min(memory, contents)))  # which are held twice while they are converted
+    _limit_seconds(seconds)
+    try:
+        with reading(memory):
+            return called(Path(arguments[0]), *arguments[1:])
+    finally:
+        _limit_seconds(0)
+
+
+def _limit_seconds(seconds: int) -> None:
+    """End this process after so many seconds of computing; 0 for never."""
+    for clock, times in _TIMES.values():
+        signal.setitimer(clock, seconds * times)
+
+
+def _limit_addresses(most: int) -> None:
+    """Limit how many bytes may be taken more than there are now; write no image of a process that ended."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    soft = min(psutil.Process().memory_info().vms + most, sys.maxsize)
+    resource.setrlimit(resource.RLIMIT_AS, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _taken(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """Take arrays out of a value, and put their numbers in their places."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, dict):
+        return {"dict": {key: _taken(one, arrays) for key, one in value.items()}}
+    return [_taken(one, arrays) for one in value] if isinstance(value, tuple | list) else value
+
+
+def _put(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """Put arrays back."""
+    if isinstance(value, dict):
+        if "array" in value:
+            return arrays[value["array"]]
+        return {key: _put(one, arrays) for key, one in value["dict"].items()}
+    return [_put(one, arrays) for one in value] if isinstance(value, list) else value
+
+
+def _send(answers: IO[bytes], answer: dict[str, Any], arrays: list[NDArray[Any]]) -> None:
+    """Write an answer, and its arrays as they lie in memory."""
+    kinds, blocks = [], []
+    for array in arrays:
+        order = np.argsort([-abs(stride) for stride in array.strides], kind="stable")
+        blocks.append(np.ascontiguousarray(array.transpose(order)))
+        kinds.append([array.dtype.str, blocks[-1].shape, np.argsort(order).tolist()])
+    answers.write(json.dumps({**answer, "arrays": kinds}).encode() + b"\n")
+    for block in blocks:
+        answers.write(block.reshape(-1).view(np.uint8).data)
+    answers.flush()

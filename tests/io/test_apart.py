@@ -1,0 +1,152 @@
+"""Readers in C++ end in their own process: the caller has one line, and the next file is read."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from voxflat.errors import InputError
+from voxflat.io import apart as module
+from voxflat.io.apart import apart
+from voxflat.io.reading import reading
+
+pytest.importorskip("vtkmodules")  # of the packages that it imports the one that takes least time
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "v.vtk"
+    path.write_bytes(bytes(1770))
+    return path
+
+
+def size(path):
+    """Return a file's size, which the child tells."""
+    return apart(os.path.getsize, "vtkmodules", path)
+
+
+# what the child is asked for; it finds this file by sys.path
+def ends(path, how):
+    os.kill(os.getpid(), how)
+
+
+def computes(path):
+    while True:
+        pass
+
+
+def takes(path, size):
+    return np.ones(size, np.uint8)
+
+
+def prints(path):
+    os.write(1, b"out")
+    os.write(2, b"err")
+    return [None, 1.5, "é", {"a": np.arange(6).reshape(2, 3).T, "b": np.zeros((0, 3))}, np.True_.item()]
+
+
+def fails(path, kind):
+    raise {"Unicode": UnicodeDecodeError("ascii", b"\xff", 0, 1, "no"), "OS": FileNotFoundError(2, "gone", "x")}[kind]
+
+
+@pytest.fixture(autouse=True)
+def found_by_the_child(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    for function in (ends, computes, takes, prints, fails):
+        monkeypatch.setattr(function, "__module__", Path(__file__).stem)
+    module._stop()  # it has another sys.path
+    yield
+    module._stop()
+
+
+def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
+    for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
+        with pytest.raises(InputError, match=rf"^VTK ended at it \({name}\), within .*: copy it again, or give"):
+            apart(ends, "vtkmodules", path, int(number))
+    monkeypatch.setattr(module, "_SECONDS", 1)
+    with pytest.raises(InputError, match="VTK was not done with it after 1 s"):
+        apart(computes, "vtkmodules", path)
+    assert size(path) == 1770
+
+
+def test_it_takes_no_more_than_the_limit(path):
+    limit = 1 << 28
+    with (
+        reading(limit),
+        pytest.raises(InputError, match=r"needs more memory|of memory are needed, 256 MiB is the limit"),
+    ):
+        apart(takes, "vtkmodules", path, 3 * limit)
+    with reading(limit):
+        assert len(apart(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
+    with pytest.raises(InputError, match="needs more memory"):  # than a file of 1 KB may stand for
+        apart(takes, "vtkmodules", path, 1 << 31)
+
+
+def test_values_come_back_and_prints_do_not(path, capfd):
+    none, number, text, named, true = apart(prints, "vtkmodules", path)
+    assert (none, number, text, true) == (None, 1.5, "é", True)
+    np.testing.assert_array_equal(named["a"], np.arange(6).reshape(2, 3).T)
+    assert named["b"].shape == (0, 3)
+    assert capfd.readouterr() == ("", "")
+    with pytest.raises(RuntimeError, match="can't decode byte"):
+        apart(fails, "vtkmodules", path, "Unicode")
+    with pytest.raises(FileNotFoundError, match="gone: 'x'"):
+        apart(fails, "vtkmodules", path, "OS")
+
+
+def test_threads_and_forks_share_no_answer(path):
+    found = []
+    threads = [threading.Thread(target=lambda: found.append(size(path))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [1770] * 4
+    if not hasattr(os, "fork"):
+        return
+    process = os.fork()
+    if process == 0:
+        os._exit(0 if size(path) == 1770 else 1)
+    assert os.waitpid(process, 0)[1] == 0
+    assert size(path) == 1770
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL, None])
+def test_nothing_is_left_of_it(path, ending, tmp_path):
+    """Neither when the caller ends nor when it is ended; modules in the working directory are not taken."""
+    (tmp_path / "numpy.py").write_text("raise SystemExit('taken')")
+    code = "import os, pathlib; from voxflat.io import apart; "
+    code += f"apart.apart(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
+    code += "print(apart._child.pid, flush=True)"
+    caller = subprocess.Popen(
+        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", code + ("; input()" if ending else "")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path if sys.version_info >= (3, 11) else None,
+    )
+    child = psutil.Process(int(caller.stdout.readline()))
+    if ending:
+        caller.send_signal(ending)
+    caller.communicate()
+    child.wait(20)
+
+
+def test_a_call_that_is_broken_off_ends_the_child(path):
+    """What the child would have said is not taken for the answer to the next question."""
+    size(path)
+    caller = threading.main_thread().ident
+    threading.Timer(0.3, lambda: signal.pthread_kill(caller, signal.SIGINT)).start()
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        apart(computes, "vtkmodules", path)
+    assert time.monotonic() - start < 5
+    assert size(path) == 1770
