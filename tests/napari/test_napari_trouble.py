@@ -312,8 +312,10 @@ def test_two_docks_fit_a_small_screen(open_widget, qtbot):
     viewer, widget = open_widget(Labels(cap(), name="sheet"), show=True)
     viewer.window.add_plugin_dock_widget("voxflat", "Flatten in patches")
     qtbot.waitUntil(lambda: widget.form.label.label == 3)
+    widget.parentWidget().raise_()  # the two are tabs
     choose_whole(widget)
     run(widget, qtbot)
+    widget.parentWidget().raise_()  # in front of the map, which came
     window = viewer.window._qt_window
     assert window.minimumSizeHint().height() <= 740
     window.resize(1366, 740)

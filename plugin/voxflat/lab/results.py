@@ -34,7 +34,6 @@ FIGURES: dict[str, tuple[str, float, str]] = {
     "triangles.edge": ("Change of edges", 100, "%"),
     "triangles.equal_area_median": ("Area change, |log2|: median", 1, ""),
     "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),
-    "triangles.area_beyond_1_5": ("Surface whose area changes by more than 1.5 times", 100, "%"),
     "triangles.flipped": ("Triangles turned over", 1, ""),
     "triangles.covering": ("Triangles that cover another", 1, ""),
 }
