@@ -21,6 +21,7 @@ from lab_runs import FEW, everything, run
 import voxflat
 from voxflat import cluster
 from voxflat.cluster import connected
+from voxflat.distances import parts
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -298,6 +299,27 @@ def _is_quiet(store):
             except BlockingIOError:
                 return False
     return True
+
+
+def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tmp_path, monkeypatch):
+    deal, released = parts._deal, []
+
+    def deal_and_hold_one(*how):  # as a worker does that was killed and still writes
+        places = deal(*how)
+        lock = (places[0] / "lock").open("a")
+        fcntl.flock(lock, fcntl.LOCK_EX)
+
+        def release():
+            released.append(rows_known(tmp_path / "store"))
+            lock.close()
+
+        threading.Timer(1.5, release).start()  # longer than the core waits for a lock
+        return places
+
+    monkeypatch.setattr(parts, "_deal", deal_and_hold_one)
+    rows = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", dask=ready)
+    assert released[0] < SOURCES
+    assert is_that_of_one_process(rows, expected)
 
 
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):

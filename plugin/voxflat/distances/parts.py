@@ -41,6 +41,7 @@ __all__ = ["rows_by_workers"]
 
 _UNKNOWN = 16  # parts where no worker is there yet
 _PATIENCE = 5.0  # s, within which a core that was stopped lets its lock go
+_ENDING = 60.0  # s, within which a worker that was killed has ended: first its writes do, and disks are slow
 _LOOK = 1.0  # s between two looks at how far workers are
 
 _kept: dict[str, _core.Surface] = {}  # in a worker: the surface that it works on, whose neighbours are joined
@@ -286,8 +287,14 @@ def _part(
     check_memory(need, memory_limit, "take fewer threads")
     chosen = mapped(store / "sources.npy").astype(np.uint32)
     key = (store, part, identity, chosen, np.array(rows, dtype=np.uint32))
-    core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
-    return read_journal(part).checksums
+    deadline = time.monotonic() + _ENDING
+    while True:
+        try:
+            core.store_part(*key, geodesic=wanted.geodesic, threads=threads, progress=progress)
+            return read_journal(part).checksums
+        except BlockingIOError:  # the worker that it was taken from has not ended yet
+            if time.monotonic() > deadline:
+                raise
 
 
 def _surface(key: str, folder: Path) -> _core.Surface:
