@@ -30,9 +30,9 @@
 //! A label of a half pipe, one voxel thick, to its flat map:
 //! ```
 //! use voxflat::control::Control;
+//! use voxflat::embed::stress::levels::Levels;
 //! use voxflat::flatten::voxflat::Scale;
 //! use voxflat::geodesic::graph::GeodesicGraph;
-//! use voxflat::rows::DistanceRows;
 //! use voxflat::sources::Sources;
 //! use voxflat::surface::voxels::voxelmesh::VoxelMesh;
 //! use voxflat::volume::{Affine, Mask};
@@ -45,8 +45,9 @@
 //! let surface = patch::largest_piece(&mesh.surface);
 //! let graph = GeodesicGraph::new(&surface, &control)?;
 //! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
-//! let rows = DistanceRows::compute(&graph, &sources, &control)?;
-//! let map = flatten::voxflat(&surface, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
+//! let levels = Levels::new(&surface, &sources, &control)?;
+//! let rows = levels.measure(&graph, &control)?;
+//! let map = flatten::voxflat(levels, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
 //! assert_eq!(map.uv.len(), surface.len());
 //! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
 //! # Ok::<(), voxflat::Error>(())

@@ -20,23 +20,35 @@ pub trait Rows {
     /// Those of `visit`, and of reading.
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
-    /// The columns of the sources only.
+    /// The columns of some vertices only.
     ///
     /// # Errors
     /// Those of reading.
     ///
     /// # Panics
-    /// If the rows do not reach to every source.
-    fn among(&self, control: &Control) -> Result<DistanceRows> {
+    /// If the rows do not reach to every one of them.
+    fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
         let sources = self.sources();
-        let mut data = Vec::with_capacity(sources.len() * sources.len());
+        let mut data = Vec::with_capacity(sources.len() * targets.len());
         self.visit(control, &mut |_, rows| {
             for row in rows.chunks(self.columns().max(1)) {
-                data.extend(sources.iter().map(|&column| row[column as usize]));
+                control.check()?;
+                data.extend(targets.iter().map(|&column| row[column as usize]));
             }
             Ok(())
         })?;
-        Ok(DistanceRows::new(sources.to_vec(), sources.len(), data))
+        Ok(DistanceRows::new(sources.to_vec(), targets.len(), data))
+    }
+
+    /// The columns of the sources only.
+    ///
+    /// # Errors
+    /// As [`Rows::to`].
+    ///
+    /// # Panics
+    /// Likewise.
+    fn among(&self, control: &Control) -> Result<DistanceRows> {
+        self.to(self.sources(), control)
     }
 }
 
@@ -54,19 +66,18 @@ impl DistanceRows {
     /// # Errors
     /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        Self::to(None, solver, sources, control)
+        Self::measured(solver, sources, None, control)
     }
 
-    /// The distances among the sources only; whole rows exist one bundle a thread at a time.
+    /// Rows from every source to some vertices only: columns are these; whole rows exist one bundle a thread at a time.
     ///
     /// # Errors
     /// As [`DistanceRows::compute`].
-    pub fn among_sources<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
-        Self::to(Some(sources), solver, sources, control)
+    pub fn compute_to<S: Solver>(solver: &S, sources: &[u32], targets: &[u32], control: &Control) -> Result<Self> {
+        Self::measured(solver, sources, Some(targets), control)
     }
 
-    /// Rows to the targets, or to every vertex.
-    fn to<S: Solver>(targets: Option<&[u32]>, solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
+    fn measured<S: Solver>(solver: &S, sources: &[u32], targets: Option<&[u32]>, control: &Control) -> Result<Self> {
         let columns = targets.map_or(solver.columns(), <[u32]>::len);
         let mut data = vec![0.0; sources.len() * columns];
         control.begin("measuring distances", sources.len() as u64);
@@ -267,7 +278,8 @@ mod tests {
             for threads in [1, 2, 7, 200] {
                 let rows = with_threads(threads, || DistanceRows::compute(&graph, &sources, &control).unwrap());
                 assert_eq!(rows, expected);
-                let among = with_threads(threads, || DistanceRows::among_sources(&graph, &sources, &control).unwrap());
+                let among =
+                    with_threads(threads, || DistanceRows::compute_to(&graph, &sources, &sources, &control).unwrap());
                 assert_eq!(among, expected.among(&control).unwrap());
             }
         }
@@ -302,7 +314,7 @@ mod tests {
             let sources = sources(&graph, count);
             let found = DistanceRows::compute(&graph, &sources, &control).unwrap_err();
             assert!(matches!(found, Error::Unreachable { .. }));
-            let found = DistanceRows::among_sources(&graph, &sources, &control).unwrap_err();
+            let found = DistanceRows::compute_to(&graph, &sources, &sources, &control).unwrap_err();
             assert!(matches!(found, Error::Unreachable { .. }));
         }
     }

@@ -56,7 +56,7 @@ pub fn grossmann2002(
         let rows = DistanceRows::compute(graph, &sources, control)?;
         (rows.among(control)?, Some(rows))
     } else {
-        (DistanceRows::among_sources(graph, &sources, control)?, None)
+        (DistanceRows::compute_to(graph, &sources, &sources, control)?, None)
     };
     control.begin("scaling", 1);
     let scaling = classical_scaling(&among)?;

@@ -7,20 +7,20 @@ use crate::distortion::best_scale;
 use crate::distortion::faces::equal_area_scale;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
-use crate::embed::stress::levels;
+use crate::embed::stress::levels::{self, Levels};
 use crate::error::{Error, Result};
 use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::orient::{map_area, orient};
-use crate::rows::Rows;
+use crate::rows::{DistanceRows, Rows};
 use crate::sources::FEWEST_SOURCES;
 use crate::store;
 use crate::surface::Surface;
 
-/// Flattens a connected surface by distance rows from sources on it, of whatever solver: the map of least stress whose triangles
+/// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
 /// shapes count most, to 1, where far distances do. In the end the map is brought to `scale`, and judged by the graph's
-/// distances. Who lends the rows has them afterwards; else they are dropped as soon as all points are placed.
+/// distances; levels and rows are dropped before.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
@@ -28,10 +28,10 @@ use crate::surface::Surface;
 /// # Examples
 /// ```
 /// use voxflat::control::Control;
+/// use voxflat::embed::stress::levels::Levels;
 /// use voxflat::flatten;
 /// use voxflat::flatten::voxflat::Scale;
 /// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::DistanceRows;
 /// use voxflat::sources::Sources;
 /// use voxflat::surface::mesh::shapes;
 ///
@@ -39,22 +39,24 @@ use crate::surface::Surface;
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
-/// let map = flatten::voxflat(&sheet, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
+/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let rows = levels.measure(&graph, &control)?;
+/// let map = flatten::voxflat(levels, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
-pub fn voxflat<R: Rows>(
-    surface: &Surface,
-    rows: R,
+pub fn voxflat(
+    levels: Levels,
+    rows: DistanceRows,
     weighting: f64,
     scale: Scale,
     graph: &GeodesicGraph,
     seed: u64,
     control: &Control,
 ) -> Result<FlatMap> {
+    let surface = levels.finest();
     check_disk(surface)?;
-    let sources = rows.sources().to_vec();
+    let sources = levels.landmarks().to_vec();
     if sources.len() < FEWEST_SOURCES {
         return Err(Error::TooFewSources { sources: sources.len(), needed: FEWEST_SOURCES });
     }
@@ -63,16 +65,19 @@ pub fn voxflat<R: Rows>(
     let scaling = classical_scaling(&among)?;
     control.check()?;
     drop(among);
-    let (mut uv, convergence) = levels::flatten(surface, &rows, &scaling.places, weighting, control)?;
+    let (mut uv, convergence) = levels::flatten(&levels, &rows, &scaling.places, weighting, control)?;
     let convergence = Some(convergence);
     let factor = match scale {
-        Scale::Distances => best_scale(&uv, &rows, control)?,
+        Scale::Distances => {
+            let judged: Vec<[f64; 2]> = levels.judged().iter().map(|&vertex| uv[vertex as usize]).collect();
+            best_scale(&judged, &rows, control)?
+        }
         Scale::Areas => equal_area_scale(surface.points(), surface.faces(), &uv),
     };
     if factor.is_finite() && factor > 0.0 {
         uv.iter_mut().flatten().for_each(|coordinate| *coordinate *= factor);
     }
-    drop(rows); // those of the reference sources are as large
+    drop((levels, rows));
     orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
     let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
@@ -107,14 +112,15 @@ pub enum AfterPlacing {
 ///
 /// let [dropped, kept, stored] = [AfterPlacing::Dropped, AfterPlacing::Kept, AfterPlacing::Stored]
 ///     .map(|rows| memory_need(1_000_000, 1000, 2, rows));
-/// assert!(stored < dropped && dropped < kept);
+/// assert!(dropped < kept && stored < kept);
 /// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
     let own = 4 * points as u64 * sources as u64;
+    let judged = 4 * points.min(levels::MOST_JUDGED) as u64 * sources as u64;
     let reference = judge::memory_need(points);
     let searches = threads as u64 * BundleScratch::memory_need(points);
     let rows = match rows {
-        AfterPlacing::Dropped => own.max(reference) + searches,
+        AfterPlacing::Dropped => judged.max(reference) + searches,
         AfterPlacing::Kept => own + reference + searches,
         AfterPlacing::Stored => store::memory_need(points, sources, threads).max(reference + searches),
     };

@@ -91,7 +91,7 @@ pub fn zigelman2002(
         let rows = DistanceRows::compute(&marching, &sources, control)?;
         (rows.among(control)?, Some(rows))
     } else {
-        (DistanceRows::among_sources(&marching, &sources, control)?, None)
+        (DistanceRows::compute_to(&marching, &sources, &sources, control)?, None)
     };
     drop(marching);
     control.begin("scaling", 1);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use voxflat::embed::stress::levels::Levels;
 use voxflat::flatten;
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
@@ -65,21 +66,21 @@ impl Surface {
             let surface = &inner.surface;
             flatten::check_disk(surface)?;
             let graph = &*inner.graph(control)?;
-            if let Some((directory, identity)) = store {
-                return with_solver!(geodesic, inner, control, |solver| {
+            let levels = Levels::new(surface, &sources, control)?;
+            let (rows, kept, found) = with_solver!(geodesic, inner, control, |solver| {
+                if let Some((directory, identity)) = store {
                     let store = Store::compute(&directory, &identity, solver, &sources, control)?;
-                    let found = Some(store.found());
-                    Ok((flatten::voxflat(surface, store, weighting, scale, graph, seed, control)?, found))
-                });
-            }
-            let rows =
-                with_solver!(geodesic, inner, control, |solver| DistanceRows::compute(solver, &sources, control)?);
-            if !keep_rows {
-                return Ok((flatten::voxflat(surface, rows, weighting, scale, graph, seed, control)?, None));
-            }
-            let mut map = flatten::voxflat(surface, &rows, weighting, scale, graph, seed, control)?;
-            map.rows = Some(rows);
-            Ok((map, None))
+                    (levels.take(&store, control)?, None, Some(store.found()))
+                } else if keep_rows {
+                    let rows = DistanceRows::compute(solver, &sources, control)?;
+                    (levels.take(&rows, control)?, Some(rows), None)
+                } else {
+                    (levels.measure(solver, control)?, None, None)
+                }
+            });
+            let mut map = flatten::voxflat(levels, rows, weighting, scale, graph, seed, control)?;
+            map.rows = kept;
+            Ok((map, found))
         })?;
         let dict = convert::map_dict(py, map)?;
         dict.set_item("found", found.map(|found| (found.rows, found.damaged)))?;

@@ -15,8 +15,9 @@ use super::triangles::{Shape, TriangleEnergy};
 use super::tutte;
 use crate::control::Control;
 use crate::error::{Error, Result};
+use crate::geodesic::Solver;
 use crate::place::reinsertion::{self, Placing};
-use crate::rows::Rows;
+use crate::rows::{DistanceRows, Rows};
 use crate::surface::Surface;
 use crate::surface::decimate::{self, Decimation, decimate};
 
@@ -108,25 +109,25 @@ pub struct Convergence {
     pub converged: bool,
 }
 
-/// A map (mm) of a disk that keeps the distances of rows and the shape of triangles, and folds nowhere. Where the rows' sources
-/// lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
+/// A map (mm) of a disk that keeps the distances of rows among the vertices that are judged, and the shape of triangles, and folds
+/// nowhere. Where the rows' sources lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
 /// to 1, where far distances do; 0.5 is usual.
 ///
 /// # Errors
 /// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
-/// [`Error::Cancelled`], and those of reading rows.
+/// [`Error::Cancelled`].
 ///
 /// # Panics
-/// If the rows do not reach to every vertex of the surface.
+/// If the rows are others than those of [`Levels::measure`] and [`Levels::take`].
 ///
 /// # Examples
 /// ```
 /// use voxflat::control::Control;
 /// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::levels::flatten;
+/// use voxflat::embed::stress::levels::{Levels, flatten};
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::orient::map_area;
-/// use voxflat::rows::{DistanceRows, Rows};
+/// use voxflat::rows::Rows;
 /// use voxflat::sources::Sources;
 /// use voxflat::surface::mesh::shapes;
 ///
@@ -134,20 +135,21 @@ pub struct Convergence {
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let rows = DistanceRows::compute(&graph, &sources, &control)?;
+/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let rows = levels.measure(&graph, &control)?;
 /// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&sheet, &rows, &start, 0.5, &control)?;
+/// let (uv, _) = flatten(&levels, &rows, &start, 0.5, &control)?;
 /// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn flatten(
-    surface: &Surface,
-    rows: &impl Rows,
+    levels: &Levels,
+    rows: &DistanceRows,
     places: &[[f64; 2]],
     weighting: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    unfold(surface, rows, places, weighted(weighting), control)
+    unfold(levels, rows, places, weighted(weighting), control)
 }
 
 /// The same by any dials.
@@ -155,13 +157,12 @@ pub fn flatten(
 /// # Errors
 /// As [`flatten`].
 pub(crate) fn unfold(
-    surface: &Surface,
-    rows: &impl Rows,
+    levels: &Levels,
+    rows: &DistanceRows,
     places: &[[f64; 2]],
     dials: Dials,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let levels = Levels::new(surface, rows.sources(), control)?;
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut uv = Vec::new();
     let mut convergence = Convergence { energies: Vec::new(), converged: true };
@@ -191,8 +192,10 @@ const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
 const APART: f64 = 1e-3;
 
 /// Coarser and coarser surfaces, all of them with the landmarks.
-struct Levels<'a> {
+#[derive(Debug)]
+pub struct Levels<'a> {
     finest: &'a Surface,
+    landmarks: Vec<u32>,
     coarser: Vec<Decimation>,
     /// The vertices of every level, as those of the finest.
     vertices: Vec<Vec<u32>>,
@@ -207,8 +210,13 @@ struct Level {
 }
 
 impl<'a> Levels<'a> {
-    fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
-        let mut levels = Self { finest, coarser: Vec::new(), vertices: vec![(0..finest.len() as u32).collect()] };
+    /// The levels of a disk.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
+        let vertices = vec![(0..finest.len() as u32).collect()];
+        let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
         let mut keep = landmarks.to_vec();
         let coarsest = COARSEST.max(FOR_A_LANDMARK * landmarks.len());
         loop {
@@ -234,10 +242,47 @@ impl<'a> Levels<'a> {
         if depth == 0 { self.finest } else { &self.coarser[depth - 1].surface }
     }
 
-    /// The vertices to which distances are kept: those of the finest level that has few enough.
-    fn judged(&self) -> &[u32] {
+    /// The vertices that every level has.
+    pub fn landmarks(&self) -> &[u32] {
+        &self.landmarks
+    }
+
+    /// The surface itself.
+    pub fn finest(&self) -> &'a Surface {
+        self.finest
+    }
+
+    /// The vertices to which distances are kept, in ascending order: those of the finest level that has few enough, all landmarks
+    /// among them.
+    pub fn judged(&self) -> &[u32] {
         let small = self.vertices.iter().find(|vertices| vertices.len() <= MOST_JUDGED);
         small.unwrap_or(&self.vertices[self.vertices.len() - 1])
+    }
+
+    /// The distances from the landmarks to the vertices that are judged, all of them numbered as these.
+    ///
+    /// # Errors
+    /// [`Error::Unreachable`], [`Error::Cancelled`].
+    pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
+        Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.judged(), control)?))
+    }
+
+    /// The same of whole rows that were measured before.
+    ///
+    /// # Errors
+    /// Those of reading rows.
+    ///
+    /// # Panics
+    /// If the rows are from others than the landmarks, or do not reach to every vertex.
+    pub fn take(&self, rows: &impl Rows, control: &Control) -> Result<DistanceRows> {
+        assert_eq!(rows.sources(), self.landmarks, "rows from the landmarks");
+        Ok(self.numbered(rows.to(self.judged(), control)?))
+    }
+
+    fn numbered(&self, rows: DistanceRows) -> DistanceRows {
+        let judged = self.judged();
+        let number = |vertex: &u32| judged.partition_point(|other| other < vertex) as u32;
+        DistanceRows::new(self.landmarks.iter().map(number).collect(), judged.len(), rows.into_data())
     }
 
     fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {

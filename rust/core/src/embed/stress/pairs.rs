@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::rows::Rows;
+use crate::rows::DistanceRows;
 
 /// Vertices that are visited together.
 const BATCH: usize = 256;
@@ -49,21 +49,18 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// The columns of some vertices, of distance rows from the landmarks.
+    /// Distance rows among some vertices: their sources and columns are numbers of these.
     ///
     /// # Errors
-    /// Those of reading rows.
-    pub fn new(rows: &impl Rows, vertices: &[u32], control: &Control) -> Result<Self> {
-        let landmarks = rows.sources().to_vec();
+    /// [`crate::Error::Cancelled`].
+    pub fn new(rows: &DistanceRows, vertices: &[u32], control: &Control) -> Result<Self> {
+        let landmarks: Vec<u32> = rows.sources().iter().map(|&number| vertices[number as usize]).collect();
         let width = landmarks.len().next_multiple_of(LANES);
         let mut table = vec![0.0; width * vertices.len()];
-        rows.visit(control, &mut |first, block| {
-            for (n, row) in (first..).zip(block.chunks(rows.columns())) {
-                control.check()?;
-                table[n..].iter_mut().step_by(width).zip(vertices).for_each(|(to, &vertex)| *to = row[vertex as usize]);
-            }
-            Ok(())
-        })?;
+        for n in 0..landmarks.len() {
+            control.check()?;
+            table[n..].iter_mut().step_by(width).zip(rows.row(n)).for_each(|(to, &distance)| *to = distance);
+        }
         Ok(Self::of(landmarks, vertices.to_vec(), table, width))
     }
 

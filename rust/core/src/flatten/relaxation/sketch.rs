@@ -7,7 +7,7 @@ use crate::distortion::measure;
 use crate::embed::classical::classical_scaling;
 use crate::embed::stress::MapEnergy;
 use crate::embed::stress::descent::{Until, descend};
-use crate::embed::stress::levels::{self, Dials, FINAL};
+use crate::embed::stress::levels::{self, Dials, FINAL, Levels};
 use crate::embed::stress::pairs::{Bands, Pairs};
 use crate::embed::stress::springs::Springs;
 use crate::embed::stress::triangles::{Shape, TriangleEnergy};
@@ -59,7 +59,8 @@ impl Sketch {
         let landmarks = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 }.choose(&graph, &quiet)?;
         let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
         let scaling = classical_scaling(&rows.among(&quiet)?)?;
-        let (uv, _) = levels::unfold(&surface, &rows, &scaling.places, WORTH, &quiet)?;
+        let (uv, _) =
+            levels::unfold(&Levels::new(&surface, &landmarks, &quiet)?, &rows, &scaling.places, WORTH, &quiet)?;
         let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
         sketch.settle(control)?;
         Ok(sketch)

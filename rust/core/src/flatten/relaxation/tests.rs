@@ -1,7 +1,7 @@
 use super::*;
+use crate::embed::stress::levels::Levels;
 use crate::flatten::voxflat::Scale;
 use crate::geodesic::graph::GeodesicGraph;
-use crate::rows::DistanceRows;
 use crate::sources::Sources;
 use crate::surface::cuts::{cut, open_to_disk};
 use crate::surface::mesh::shapes;
@@ -50,8 +50,9 @@ fn a_cut_cap_has_a_better_map() {
         let control = Control::default();
         let graph = GeodesicGraph::new(surface, &control).unwrap();
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
-        let rows = DistanceRows::compute(&graph, &sources, &control).unwrap();
-        let map = crate::flatten::voxflat(surface, rows, 0.5, Scale::Distances, &graph, 0, &control).unwrap();
+        let levels = Levels::new(surface, &sources, &control).unwrap();
+        let rows = levels.measure(&graph, &control).unwrap();
+        let map = crate::flatten::voxflat(levels, rows, 0.5, Scale::Distances, &graph, 0, &control).unwrap();
         map.distortion.best_scale.relative_error
     };
     let relaxed = relaxed(&cap, 3.0, 0.0);

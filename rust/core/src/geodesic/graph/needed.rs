@@ -3,6 +3,8 @@
 //! Links come in rounds of increasing length. What two links of earlier rounds replace is dropped at once, so that only few
 //! of all straight lines are ever held. The rest of a round is judged one after the other, shorter ones first.
 
+use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
 use rayon::prelude::*;
 
 use super::GeodesicGraph;
@@ -13,6 +15,22 @@ use crate::error::Result;
 
 /// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
 pub(super) const DETOUR: f32 = 1.0005;
+
+/// Links that are judged beside each other.
+const AT_ONCE: usize = 1 << 15;
+
+/// What is known of a link: it is not judged yet, stays, or goes.
+const OPEN: u8 = 0;
+const STAYS: u8 = 1;
+const GOES: u8 = 2;
+
+/// A link that stays unless two others that stay replace it: its length, its ends, the lower first, and its places among the arcs.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    length: f32,
+    ends: [u32; 2],
+    places: [u32; 2],
+}
 
 impl GeodesicGraph {
     /// Straight lines of some lengths (mm) that neither are links here nor are replaced by two of them; for each vertex those
@@ -49,9 +67,9 @@ impl GeodesicGraph {
     /// These links, and of those that were found the ones that are needed beside them.
     pub(super) fn with_needed(self, found: Vec<Box<[Arc]>>, control: &Control) -> Result<Self> {
         let found = Self::from_both_ends(found);
-        let (all, mut stays) = self.with(&found);
+        let (all, old) = self.with(&found);
         drop(found);
-        all.judge(&mut stays, control)?;
+        let stays = all.judge(old, control)?;
         Ok(all.only(&stays))
     }
 
@@ -102,63 +120,80 @@ impl GeodesicGraph {
         (Self::from_rows(starts, arcs), is_old)
     }
 
-    /// Finds out which links stay besides those that do already, so that every other is replaced by two that stay.
-    fn judge(&self, stays: &mut [bool], control: &Control) -> Result<()> {
-        let keep = |stays: &mut [bool], a: u32, b: u32| {
-            for (from, to) in [(a, b), (b, a)] {
-                let place = self.links_of(from).partition_point(|arc| arc.to < to);
-                stays[self.starts[from as usize] as usize + place] = true;
-            }
-        };
-        let of_vertex = |lengths: &mut Vec<f32>, vertex: u32| {
+    /// Finds out which links stay besides those that do already, so that every other is replaced by two that stay: one after the
+    /// other, shorter ones first. Most verdicts do not depend on links of nearly the same length, and are found by all threads.
+    fn judge(&self, stays: Vec<bool>, control: &Control) -> Result<Vec<bool>> {
+        let known: Vec<AtomicU8> =
+            stays.into_iter().map(|stays| AtomicU8::new(if stays { STAYS } else { OPEN })).collect();
+        let of_vertex = |lengths: &mut Vec<f32>, from: u32| {
             control.check()?;
-            let first = self.starts[vertex as usize] as usize;
-            let new =
-                self.links_of(vertex).iter().zip(&stays[first..]).filter(|&(arc, &stays)| arc.to > vertex && !stays);
-            let judged = self.beside(vertex, lengths, |lengths| {
-                new.map(|(&arc, _)| (vertex, arc, self.replaces(arc, lengths))).collect::<Vec<_>>()
+            let mut open = Vec::new();
+            self.beside(from, lengths, |lengths| {
+                let first = self.starts[from as usize];
+                for (place, &arc) in (first..).zip(self.links_of(from)) {
+                    if arc.to > from && known[place as usize].load(Relaxed) == OPEN {
+                        let back = self.links_of(arc.to).partition_point(|back| back.to < from) as u32;
+                        let places = [place, self.starts[arc.to as usize] + back];
+                        if self.replaces(arc, lengths) {
+                            open.push(Open { length: arc.length, ends: [from, arc.to], places });
+                        } else {
+                            places.iter().for_each(|&place| known[place as usize].store(STAYS, Relaxed));
+                        }
+                    }
+                }
             });
-            Ok(judged)
+            Ok(open)
         };
         let vertices = (0..self.vertices() as u32).into_par_iter();
-        let judged: Vec<Vec<(u32, Arc, bool)>> = vertices.map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
-        let mut open: Vec<(u32, Arc)> = Vec::new();
-        for (a, arc, is_open) in judged.into_iter().flatten() {
-            if is_open {
-                open.push((a, arc));
-            } else {
-                keep(stays, a, arc.to);
+        let open: Vec<Vec<Open>> = vertices.map_init(Vec::new, of_vertex).collect::<Result<_>>()?;
+        let mut open: Vec<Open> = open.into_iter().flatten().collect();
+        open.par_sort_unstable_by_key(|link| (link.length.to_bits(), link.ends));
+        for next in open.chunks(AT_ONCE) {
+            control.check()?;
+            let verdicts: Vec<u8> = next.par_iter().map(|link| self.verdict(link, &known)).collect();
+            for (link, verdict) in next.iter().zip(verdicts) {
+                let verdict = if verdict == OPEN { self.verdict_now(link, &known) } else { verdict };
+                link.places.iter().for_each(|&place| known[place as usize].store(verdict, Relaxed));
             }
         }
-        open.par_sort_unstable_by_key(|&(a, arc)| (arc.length.to_bits(), a, arc.to));
-        for (count, (a, arc)) in open.into_iter().enumerate() {
-            if count.is_multiple_of(1024) {
-                control.check()?;
-            }
-            if !self.is_replaced(a, arc, stays) {
-                keep(stays, a, arc.to);
-            }
-        }
-        Ok(())
+        Ok(known.into_iter().map(|known| known.into_inner() == STAYS).collect())
     }
 
-    /// Are two links that stay together hardly longer than a link?
-    fn is_replaced(&self, a: u32, link: Arc, stays: &[bool]) -> bool {
-        let [mut of_a, mut of_b] =
-            [a, link.to].map(|v| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize);
-        while let (false, false) = (of_a.is_empty(), of_b.is_empty()) {
-            let [first, second] = [self.arcs[of_a.start], self.arcs[of_b.start]];
-            if first.to == second.to
-                && stays[of_a.start]
-                && stays[of_b.start]
-                && first.length + second.length <= link.length * DETOUR
-            {
-                return true;
+    /// Whether a link stays, as far as it is known without those that are open.
+    fn verdict(&self, link: &Open, known: &[AtomicU8]) -> u8 {
+        let mut verdict = STAYS;
+        for pair in self.pairs_instead(link) {
+            match pair.map(|place| known[place].load(Relaxed)) {
+                [STAYS, STAYS] => return GOES,
+                [GOES, _] | [_, GOES] => {}
+                _ => verdict = OPEN,
             }
-            of_a.start += usize::from(first.to <= second.to);
-            of_b.start += usize::from(second.to <= first.to);
         }
-        false
+        verdict
+    }
+
+    /// Whether a link stays if those that are open do not count.
+    fn verdict_now(&self, link: &Open, known: &[AtomicU8]) -> u8 {
+        let stay = |pair: [usize; 2]| pair.iter().all(|&place| known[place].load(Relaxed) == STAYS);
+        if self.pairs_instead(link).any(stay) { GOES } else { STAYS }
+    }
+
+    /// The places of two links each that are together hardly longer than a link.
+    fn pairs_instead(&self, &Open { length, ends, .. }: &Open) -> impl Iterator<Item = [usize; 2]> {
+        let most = length * DETOUR;
+        let [mut of_a, mut of_b] = ends.map(|v| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize);
+        std::iter::from_fn(move || {
+            while let (false, false) = (of_a.is_empty(), of_b.is_empty()) {
+                let places = [of_a.start, of_b.start];
+                let [first, second] = places.map(|place| self.arcs[place]);
+                of_a.start += usize::from(first.to <= second.to);
+                of_b.start += usize::from(second.to <= first.to);
+                if first.to == second.to && first.length + second.length <= most {
+                    return Some(places);
+                }
+            }
+            None
+        })
     }
 
     /// Those that are marked.

@@ -55,7 +55,8 @@ impl<'a> View<'a> {
             unfold(self.surface, half_edge, self.crossed, longest, |h| self.beyond[h as usize], seen);
         }
         seen.retain(|arc| arc.to > vertex && arc.length < longest); // the others see this one
-        seen.sort_unstable_by_key(|arc| (arc.to, arc.length.to_bits())); // lengths are not negative
+        // lengths are not negative
+        seen.sort_unstable_by_key(|arc| u64::from(arc.to) << 32 | u64::from(arc.length.to_bits()));
         seen.dedup_by_key(|arc| arc.to);
         seen.retain(|arc| arc.length >= shortest);
     }
@@ -88,17 +89,23 @@ struct Window {
 }
 
 impl Window {
-    /// Distance of the edge from the origin.
-    fn distance(&self) -> f64 {
+    /// Does no point of the edge lie within some distance of the origin?
+    fn is_beyond(&self, reach: f64) -> bool {
         let edge = self.left - self.right;
-        let along = (-self.right.dot(&edge) / edge.norm_squared()).clamp(0.0, 1.0);
-        (self.right + edge * along).norm()
+        let along = -self.right.dot(&edge);
+        if along <= 0.0 {
+            self.right.norm_squared() > reach * reach
+        } else if along >= edge.norm_squared() {
+            self.left.norm_squared() > reach * reach
+        } else {
+            self.right.perp(&self.left).powi(2) > reach * reach * edge.norm_squared()
+        }
     }
 }
 
 /// Lists what the origin of a half-edge sees through the face on its left: the edge itself, the face's other edge where
 /// nothing lies beyond, and vertices beyond up to `most` edges, none of which is farther than `reach` (mm).
-/// `beyond_of` gives the corners beyond half-edges.
+/// `beyond_of` tells what lies beyond half-edges.
 pub(in crate::geodesic) fn unfold(
     surface: &Surface,
     half_edge: u32,
@@ -115,57 +122,62 @@ pub(in crate::geodesic) fn unfold(
     seen.push(Arc { to: b, length: to_b.norm() as f32 });
     let right = Vector2::new(to_a.norm(), 0.0);
     let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
-    let mut windows = vec![Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 }];
+    let mut windows = Vec::with_capacity(most as usize + 1);
+    windows.push(Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 });
     while let Some(window) = windows.pop() {
-        let twin = surface.twins()[window.half_edge as usize];
-        if twin == BORDER || window.crossed == most || window.distance() > f64::from(reach) {
+        if window.crossed == most || window.is_beyond(f64::from(reach)) {
             continue;
         }
-        let beyond = surface.origin(previous(twin));
-        let place = beyond_of(window.half_edge).unfolded(window.right, window.left);
+        let beyond = beyond_of(window.half_edge);
+        if beyond.twin == BORDER {
+            continue;
+        }
+        let place = beyond.unfolded(window.right, window.left);
         let crossed = window.crossed + 1;
         let is_right_of_left_end = window.to.perp(&place) < 0.0;
         let is_left_of_right_end = window.from.perp(&place) > 0.0;
-        if is_right_of_left_end && is_left_of_right_end && beyond != vertex {
-            seen.push(Arc { to: beyond, length: place.norm() as f32 });
+        if is_right_of_left_end && is_left_of_right_end && beyond.corner != vertex {
+            seen.push(Arc { to: beyond.corner, length: place.norm() as f32 });
         }
         if is_left_of_right_end {
             let to = if is_right_of_left_end { place } else { window.to };
-            windows.push(Window { half_edge: next(twin), left: place, to, crossed, ..window });
+            windows.push(Window { half_edge: next(beyond.twin), left: place, to, crossed, ..window });
         }
         if is_right_of_left_end {
             let from = if is_left_of_right_end { place } else { window.from };
-            windows.push(Window { half_edge: previous(twin), right: place, from, crossed, ..window });
+            windows.push(Window { half_edge: previous(beyond.twin), right: place, from, crossed, ..window });
         }
     }
 }
 
-/// The corner of the face beyond an edge: how far it lies along the edge, which has some `length`, and away from it, mm.
+/// The face beyond an edge: its half-edge there, and the corner that is not on the edge, with how far this lies along the edge and
+/// away from it, in lengths of the edge.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::geodesic) struct Beyond {
-    length: f64,
+    twin: u32,
+    corner: u32,
     along: f64,
     away: f64,
 }
 
 impl Beyond {
-    /// Beyond a half-edge; not a number at a border.
+    /// Beyond a half-edge; at a border there is no twin.
     pub fn of(surface: &Surface, half_edge: u32) -> Self {
         let twin = surface.twins()[half_edge as usize];
         if twin == BORDER {
-            return Self { length: f64::NAN, along: f64::NAN, away: f64::NAN };
+            return Self { twin, corner: 0, along: f64::NAN, away: f64::NAN };
         }
-        let [p, q, corner] =
-            [half_edge, next(half_edge), previous(twin)].map(|h| surface.points()[surface.origin(h) as usize]);
+        let corner = surface.origin(previous(twin));
+        let vertices = [surface.origin(half_edge), surface.target(half_edge), corner];
+        let [p, q, r] = vertices.map(|v| surface.points()[v as usize]);
         let edge = q - p;
-        let length = edge.norm();
-        let along = (corner - p).dot(&edge) / length;
-        Self { length, along, away: edge.cross(&(corner - p)).norm() / length }
+        let square = edge.norm_squared();
+        Self { twin, corner, along: (r - p).dot(&edge) / square, away: edge.cross(&(r - p)).norm() / square }
     }
 
-    /// Its place in the plane, if the ends of the edge lie at `right` and `left`.
+    /// The corner's place in the plane, if the ends of the edge lie at `right` and `left`.
     fn unfolded(self, right: Vector2<f64>, left: Vector2<f64>) -> Vector2<f64> {
-        let direction = (left - right) / self.length;
-        right + direction * self.along + Vector2::new(direction.y, -direction.x) * self.away
+        let edge = left - right;
+        right + edge * self.along + Vector2::new(edge.y, -edge.x) * self.away
     }
 }
