@@ -10,7 +10,14 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs)] // the message of each variant is its description
 pub enum Error {
-    #[error("the machine has not enough memory for springs between {vertices} vertices; take a smaller patch")]
+    #[error(
+        "there are {links} links between {vertices} vertices, more than 32 bits count; take a smaller patch, or fewer vertices"
+    )]
+    TooManyLinks { links: usize, vertices: usize },
+
+    #[error(
+        "there are too many springs between {vertices} vertices for this machine; take a smaller patch, or fewer vertices"
+    )]
     TooManySprings { vertices: usize },
 
     #[error("edges are too uneven in length for the map to be computed; remesh the surface, or take a smaller patch")]

@@ -115,21 +115,18 @@ pub enum AfterPlacing {
 /// assert!(dropped < kept && stored < kept);
 /// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
-    let own = 4 * points as u64 * sources as u64;
-    let judged = 4 * points.min(levels::MOST_JUDGED) as u64 * sources as u64;
-    let reference = judge::memory_need(points);
     let searches = threads as u64 * BundleScratch::memory_need(points);
     let rows = match rows {
-        AfterPlacing::Dropped => judged.max(reference) + searches,
-        AfterPlacing::Kept => own + reference + searches,
-        AfterPlacing::Stored => store::memory_need(points, sources, threads).max(reference + searches),
+        AfterPlacing::Dropped => searches,
+        AfterPlacing::Kept => searches + 4 * points as u64 * sources as u64,
+        AfterPlacing::Stored => searches.max(store::memory_need(points, sources, threads)),
     };
+    // of what a stage needed the system's allocator keeps about half for the next, which is why stages are summed up
+    let stages =
+        rows + classical::memory_need(sources) + levels::memory_need(points, sources) + judge::memory_need(points) / 2;
     BASE_BYTES
         + Surface::memory_need(points)
         + FlatMap::memory_need(points)
         + PYTHON_BYTES * points as u64
-        + GeodesicGraph::memory_need(points)
-        + rows
-        + classical::memory_need(sources)
-        + levels::memory_need(points, sources)
+        + GeodesicGraph::memory_need(points).max(GeodesicGraph::size(points) + stages)
 }

@@ -58,10 +58,16 @@ impl GeodesicGraph {
         vertices as u64 * if rounds == 2 { 2000 } else { 1400 }
     }
 
+    /// The memory in bytes that it takes when it is done, at most: of some 94 links a vertex, or 50.
+    pub fn size(vertices: usize) -> u64 {
+        let [_, rounds] = edges_and_rounds(vertices);
+        vertices as u64 * if rounds == 2 { 900 } else { 500 }
+    }
+
     /// The graph of a surface.
     ///
     /// # Errors
-    /// [`crate::Error::Cancelled`].
+    /// [`Error::TooManyLinks`](crate::Error::TooManyLinks), [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
         let [crossed, rounds] = edges_and_rounds(surface.len());
         Self::in_rounds(surface, crossed, rounds, control)

@@ -17,21 +17,21 @@ use crate::error::{Error, Result};
 /// Which entries the matrix has, and how they are factored; the same for every map of a surface.
 #[derive(Debug)]
 pub struct Springs {
-    pattern: SymbolicSparseColMat<usize>,
-    order: SymbolicLlt<usize>,
+    pattern: SymbolicSparseColMat<u32>,
+    order: SymbolicLlt<u32>,
     triangles: Vec<[u32; 3]>,
     /// Where each triangle's three edges stand among the entries.
-    edges: Vec<[usize; 3]>,
+    edges: Vec<[u32; 3]>,
     /// Where each vertex' own entry stands.
-    diagonal: Vec<usize>,
+    diagonal: Vec<u32>,
 }
 
 /// No entry: one of an edge's ends is held.
-const HELD: usize = usize::MAX;
+const HELD: u32 = u32::MAX;
 
 /// A factored matrix of springs.
 #[derive(Debug)]
-pub struct Factor(Llt<usize, f64>);
+pub struct Factor(Llt<u32, f64>);
 
 impl Springs {
     /// Springs along the edges of triangles, given by their corners. Those that are no vertex below `vertices` are held where
@@ -48,7 +48,10 @@ impl Springs {
         entries.sort_unstable();
         entries.dedup();
         control.check()?;
-        let mut starts = vec![0; vertices + 1];
+        if entries.len() >= HELD as usize {
+            return Err(Error::TooManySprings { vertices });
+        }
+        let mut starts = vec![0u32; vertices + 1];
         entries.iter().for_each(|&(column, _)| starts[column as usize + 1] += 1);
         for column in 0..vertices {
             starts[column + 1] += starts[column];
@@ -57,12 +60,12 @@ impl Springs {
             if row as usize >= vertices {
                 return HELD;
             }
-            let column = starts[column as usize]..starts[column as usize + 1];
-            column.start + entries[column].partition_point(|entry| entry.1 < row)
+            let [first, end] = [0, 1].map(|next| starts[column as usize + next]);
+            first + entries[first as usize..end as usize].partition_point(|entry| entry.1 < row) as u32
         };
         let edges = triangles.iter().map(|&corners| ends(corners).map(place)).collect();
         let diagonal = starts[..vertices].to_vec();
-        let rows = entries.iter().map(|&(_, row)| row as usize).collect();
+        let rows = entries.iter().map(|&(_, row)| row).collect();
         let pattern = SymbolicSparseColMat::new_checked(vertices, vertices, starts, None, rows);
         let order =
             SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|_| Error::TooManySprings { vertices })?;
@@ -79,16 +82,16 @@ impl Springs {
         for ((edges, stiffness), corners) in self.edges.iter().zip(stiffness).zip(&self.triangles) {
             for ((&edge, &entry), (a, b)) in edges.iter().zip(stiffness).zip([(0, 1), (0, 2), (1, 2)]) {
                 if edge != HELD {
-                    values[edge] += entry;
+                    values[edge as usize] += entry;
                 }
                 for end in [corners[a], corners[b]] {
                     if let Some(&own) = self.diagonal.get(end as usize) {
-                        values[own] -= entry;
+                        values[own as usize] -= entry;
                     }
                 }
             }
         }
-        self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at] += ground);
+        self.diagonal.iter().zip(ground).for_each(|(&at, ground)| values[at as usize] += ground);
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &values);
         let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix, Side::Lower);
         Ok(Factor(factor.map_err(|error| match error {

@@ -11,7 +11,7 @@ use super::GeodesicGraph;
 use super::view::View;
 use crate::adjacency::{Arc, Links};
 use crate::control::Control;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// A link is dropped if two others are together no longer than so many times its length (docs/decisions/0007).
 pub(super) const DETOUR: f32 = 1.0005;
@@ -66,6 +66,7 @@ impl GeodesicGraph {
 
     /// These links, and of those that were found the ones that are needed beside them.
     pub(super) fn with_needed(self, found: Vec<Box<[Arc]>>, control: &Control) -> Result<Self> {
+        check_count(self.links() + 2 * found.iter().map(|arcs| arcs.len()).sum::<usize>(), self.vertices())?;
         let found = Self::from_both_ends(found);
         let (all, old) = self.with(&found);
         drop(found);
@@ -212,5 +213,23 @@ impl GeodesicGraph {
         arcs.truncate(kept);
         arcs.shrink_to_fit();
         Self::from_rows(starts, arcs)
+    }
+}
+
+/// Where a vertex's links begin is a number of 32 bits.
+fn check_count(links: usize, vertices: usize) -> Result<()> {
+    if u32::try_from(links).is_ok() { Ok(()) } else { Err(Error::TooManyLinks { links, vertices }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_that_cannot_be_counted_are_refused() {
+        let most = u32::MAX as usize;
+        assert_eq!(check_count(most, 40_000_000), Ok(()));
+        let refused = Error::TooManyLinks { links: most + 1, vertices: 45_000_000 };
+        assert_eq!(check_count(most + 1, 45_000_000), Err(refused));
     }
 }
