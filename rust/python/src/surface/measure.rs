@@ -9,7 +9,7 @@ use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::judge;
 use voxflat::distortion::overlap::overlaps;
 use voxflat::surface::mesh::curvature::smooth_mean_curvature;
-use voxflat::surface::mesh::sulcal_depth::sulcal_depth;
+use voxflat::surface::sulcal_depth::sulcal_depth;
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};

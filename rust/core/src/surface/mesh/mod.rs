@@ -10,7 +10,6 @@ pub mod loose;
 mod mend;
 pub mod paths;
 pub mod shapes;
-pub mod sulcal_depth;
 
 use nalgebra::Vector3;
 
