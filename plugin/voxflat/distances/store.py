@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, amount, log
+from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array
 from voxflat.io.provenance import Record
@@ -117,9 +117,7 @@ def prepare_store(
 
 def store_path(path: str | os.PathLike[str]) -> Path:
     """Return the directory of a store in full, so that messages name it and no later change of directory moves it."""
-    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
-        raise InputError(f"the store is {path!r}; give a directory")
-    return Path(os.path.abspath(path))
+    return Path(os.path.abspath(checked_path(path, "store")))
 
 
 def read_description(path: Path) -> dict[str, Any]:

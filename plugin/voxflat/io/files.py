@@ -13,6 +13,7 @@ import shutil
 import stat
 import textwrap
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -65,9 +66,14 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
     logging.getLogger("nibabel.global").addFilter(_told_by_us)
     token = _loading.set(path)
     try:
-        return nibabel.load(path, **options)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            return nibabel.load(path, **options)
     finally:
         _loading.reset(token)
+        for one in caught:
+            if issubclass(one.category, UserWarning):
+                log.warning("%s: %s", path, " ".join(str(one.message).split()))
 
 
 def _told_by_us(record: logging.LogRecord) -> bool:
