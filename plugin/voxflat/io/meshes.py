@@ -274,13 +274,18 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
         The file cannot be written.
     """
     path = checked_path(path)
-    with naming(path, "can this format hold it?"):
-        write = _writer(path)
+    write = check_mesh_name(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write(temporary, mesh, record)
 
 
 _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
+
+
+def check_mesh_name(path: Path) -> _Write:
+    """Refuse a name of no format that a surface can be written in; return what writes it."""
+    with naming(path, "can this format hold it?"):
+        return _writer(path)
 
 
 def _writer(path: Path) -> _Write:

@@ -161,9 +161,15 @@ def write_volume(
         The file cannot be written.
     """
     path = checked_path(path)
+    write = check_volume_name(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
-        write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
         write(temporary, Volume(array_of(data, "values"), check_affine(affine)), record)
+
+
+def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
+    """Refuse a name of no format that a volume can be written in; return what writes it."""
+    with naming(path, "can this format hold it?"):
+        return by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
