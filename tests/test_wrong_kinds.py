@@ -18,6 +18,9 @@ FACES = np.concatenate(
     [np.column_stack([CORNER, CORNER + 6, CORNER + 1]), np.column_stack([CORNER + 1, CORNER + 6, CORNER + 7])]
 )
 
+VALUES = np.arange(36.0)
+ARRAY = np.zeros(3)
+
 
 @pytest.mark.parametrize("path", [None, 3, 1j, b"x", [], {1}, "", "a\0b", "\ud800\udfff", np.zeros(2)])
 def test_what_is_no_path(path):
@@ -74,15 +77,134 @@ CALLS = {
     "no voxel": (lambda s: voxflat.surface(VOLUME).nearest("x"), "voxel are 'x'; give numbers"),
     "page": (lambda s: voxflat.map_page(3), "flat map is 3; give a FlatMap"),
     "border": (lambda s: io.patch_border(FACES, [0], "64"), "number of points is '64'"),
+    "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory are needed"),
+    "method": (lambda s: voxflat.flatten(s, method=np.ma.masked_array([1, 2], [1, 0])), "method is masked_array"),
+    "solver": (lambda s: voxflat.geodesic(s, 9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
+    "solver of a map": (lambda s: voxflat.flatten(s, geodesic=ARRAY), "geodesic is array"),
+    "way": (lambda s: voxflat.path(s, 0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
+    "stops": (lambda s: voxflat.path(s, 0, (0, 0, 2)), r"the stops are \[0, \(0, 0, 2\)\]; give rows of one length"),
+    "sampling": (lambda s: voxflat.geodesic(s, 9, sampling=1e19), r"the sampling is 1e\+19; give text"),
+    "seeds": (lambda s: voxflat.patches(s, 5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
+    "side": (lambda s: voxflat.register(s, side=ARRAY), "side is array.*; give 'left' or 'right'"),
+    "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*; give True or False"),
+    "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give maps by their names"),
+    "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of one length"),
+    "reference": (lambda s: voxflat.measure(s, POINTS[:, :2], reference=ARRAY), "reference is array"),
+    "on surface": (lambda s: voxflat.measure(s, POINTS[:, :2], on_surface="no"), "on_surface is 'no'; give True"),
+    "sources": (lambda s: voxflat.measure(s, POINTS[:, :2], sources=ARRAY), "sources is array"),
+    "threads": (lambda s: voxflat.surface(VOLUME, threads=np.array("x")), "threads is array"),
+    "repair": (lambda s: voxflat.surface(VOLUME, repair=np.ma.masked_array([1, 2], [1, 0])), "repair is masked_array"),
+    "smoothing": (lambda s: s.mean_curvature(smoothing=None), "smoothing is None; give a length"),
+    "flow": (lambda s: s.sulcal_depth(flow=None), "flow is None; give a positive number"),
+    "bridges": (lambda s: s.bridges(3), "faces are int64 of shape"),
+    "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "the jump is array"),
+    "steps": (
+        lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)),
+        "spacings are .*; give rows",
+    ),
+    "spacing": (lambda s: voxflat.surface(VOLUME, spacing=np.full((9, 9), "x")), "spacing array.* must be 3 numbers"),
+    "values of a volume": (
+        lambda s: io.Volume([1, [2, 3]], np.eye(4)),
+        r"values are \[1, \[2, 3\]\]; give rows",
+    ),
+    "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values of type object are no bool"),
+    "geometry": (
+        lambda s: io.VolumeGeometry(np.eye(3), np.zeros(3), shape=1.5),
+        "has 1.5 voxels of .*: give 3",
+    ),
+    "texture": (
+        lambda s: io.Mesh(POINTS, FACES, texture_coordinates=b"x"),
+        "coordinates are b'x'; give numbers",
+    ),
+    "point data": (
+        lambda s: io.Mesh(POINTS, FACES, point_data=ARRAY),
+        "point data is array.*; give arrays by",
+    ),
+    "face data": (
+        lambda s: io.Mesh(POINTS, FACES, face_data={"a": 3}),
+        "face data 'a' has 0 values; .* has 50",
+    ),
+    "entries": (
+        lambda s: io.Patch([1, [2, 3]], POINTS[:3], np.ones(3)),
+        "the vertices are .*; give rows",
+    ),
+    "mask": (lambda s: io.Patch([1, 2], POINTS[:2], [1, [2, 3]]), "entries of the border are .*; give numbers"),
+    "not a picture": (
+        lambda s: figures.save_picture(ARRAY, "x.png"),
+        r"shape \(3,\) and type float64; give \(H",
+    ),
+    "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
+    "flat map": (lambda s: figures.flat_map(1), "flat map is 1; give a FlatMap"),
+    "movie": (lambda s: figures.movie(1e19, VOLUME), r"flat map is 1e\+19; give a FlatMap"),
+    "atlas": (lambda s: figures.atlas_3d("x"), "atlas is 'x'; give an atlas"),
 }
+
+ON_MAPS = {
+    "packing": (lambda m, a: a.page(packing=ARRAY), "packing is array.*; give 'boxes' or 'shapes'"),
+    "figure": (lambda m, a: a.heat_map(of=["a"]), r"of is \['a'\]; give 'isometric', "),
+    "name": (lambda m, a: m.image(VALUES, name=ARRAY), "the name is array.*; give text"),
+    "average": (lambda m, a: m.images(VALUES, average=ARRAY), "average is array.*; give True or False"),
+    "layering": (lambda m, a: m.image(VALUES, layering=ARRAY), "layering is array.*; give 'equivolume' or"),
+    "depth": (lambda m, a: m.image(VALUES, depth=[0.0, [1.0]]), r"the depth is \[1.0\]; give a number"),
+    "no depth": (lambda m, a: m.image(VALUES, depth=[0.0, None]), "the depth is None; give a number"),
+    "interpolation": (lambda m, a: m.image(VALUES, interpolation=ARRAY), "interpolation is array"),
+    "phases": (lambda m, a: m.image(VALUES, interpolation=ARRAY, period=3), "interpolation is array"),
+    "overlay": (lambda m, a: m.image([1, [2, 3]]), r"overlay's values are \[1, \[2, 3\]\]; give rows of one length"),
+    "channel": (lambda m, a: m.images(VALUES, channel=np.ones((2, 2))), "channel is array"),
+    "texel size": (lambda m, a: m.textured(np.eye(4), texel_size="1"), "the texel size is '1' mm; give"),
+    "texels": (lambda m, a: m.textured(np.eye(4), texel_size=[[]]), r"the texel size is \[\[\]\] mm; give a positive"),
+    "repeat": (lambda m, a: m.textured(np.eye(4), repeat=ARRAY), "repeat is array.*; give True or False"),
+    "tolerance": (
+        lambda m, a: m.textured(np.eye(4)).subdivided(tolerance=[1]),
+        r"tolerance is \[1\]; give a",
+    ),
+    "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
+    "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
+    "background": (lambda m, a: m.paint(VALUES, background=1j), "the background is 1j; give a number"),
+    "polygon": (lambda m, a: m.regions({"a": m.uv[:3] + 0j}), "a polygon has"),
+    "zero": (lambda m, a: figures.flat_map(m, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
+    "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),
+    "title": (lambda m, a: figures.flat_map(m, title=ARRAY), "the title is array.*; give text"),
+    "colour map": (lambda m, a: figures.flat_map(m, VALUES, colour_map=[1]), r"no colour map \[1\]"),
+    "limits": (lambda m, a: figures.flat_map(m, VALUES, limits=3), "limits are 3; give two numbers"),
+    "limit": (lambda m, a: figures.flat_map(m, VALUES, limits=(None, 1)), "a limit is None; give a number"),
+    "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
+    "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
+    "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
+    "window": (lambda m, a: figures.patch_3d(m, size=1), "the size is 1; give width and height, pixels"),
+}
+
+
+def refused(call, message):
+    with pytest.raises(voxflat.InputError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_more_sources_than_a_machine_counts(of_mesh):
+    """All points are sources, then."""
+    all_points = voxflat.measure(of_mesh, POINTS[:, :2], sources=36)
+    assert voxflat.measure(of_mesh, POINTS[:, :2], sources=10**25).figures() == all_points.figures()
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_functions_say_it_so(name, of_mesh):
     call, message = CALLS[name]
-    with pytest.raises(voxflat.InputError, match=message) as caught:
-        call(of_mesh)
-    assert "\n" not in str(caught.value)
+    refused(lambda: call(of_mesh), message)
+
+
+@pytest.fixture(scope="module")
+def on_mesh(of_mesh):
+    return voxflat.flatten(of_mesh, sources=9), voxflat.patches(of_mesh, bound=1.2)
+
+
+@pytest.mark.parametrize("name", ON_MAPS)
+def test_maps_and_atlases_say_it_so(name, on_mesh, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call, message = ON_MAPS[name]
+    refused(lambda: call(*on_mesh), message)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("scale", [1e19, 1e107, 1e300])

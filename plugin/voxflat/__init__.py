@@ -11,6 +11,7 @@ with bounds of the distortion that are proven. `map_page` shows a map beside its
 
 from typing import TYPE_CHECKING
 
+from voxflat import _interrupt  # noqa: F401  (first: Ctrl-C while the program starts)
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, load_atlas

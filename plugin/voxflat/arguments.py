@@ -6,10 +6,10 @@ import logging
 import math
 import os
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TypeGuard, overload
+from typing import Any, TypeGuard, overload
 
 import numpy as np
 import psutil
@@ -20,6 +20,7 @@ from voxflat.errors import InputError
 Progress = Callable[[str, int, int], bool | None]
 """Called as ``progress(stage, done, total)``; returning False cancels."""
 
+_PIXELS = (16, 16384)  # of a side of a picture; graphics cards draw no more
 _MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
 
 log = logging.getLogger("voxflat")
@@ -52,6 +53,29 @@ def checked_kind(value: object, name: str, attribute: str, kind: str) -> None:
         raise InputError(f"the {name} is {shown(value)}; give {kind}")
 
 
+def checked_choice(value: object, name: str, choices: Iterable[str]) -> str:
+    """Return which of several choices was made."""
+    known = tuple(choices)
+    if not isinstance(value, str) or value not in known:
+        *others, last = map(repr, known)
+        raise InputError(f"{name} is {shown(value)}; give {', '.join(others)} or {last}")
+    return value
+
+
+def checked_switch(value: object, name: str) -> bool:
+    """Return True or False, of Python or of NumPy."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} is {shown(value)}; give True or False")
+    return bool(value)
+
+
+def checked_text(value: object, name: str) -> str:
+    """Return a text; one that is not given is empty."""
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"the {name} is {shown(value)}; give text")
+    return value or ""
+
+
 # ------------------------------------------------------------------------------------------ numbers
 
 
@@ -70,6 +94,13 @@ def checked_seed(seed: int) -> int:
     if not is_whole(seed) or not 0 <= seed < 2**64:
         raise InputError(f"the seed is {shown(seed)}; give a whole number from 0 to 2**64 - 1")
     return int(seed)
+
+
+def checked_pixels(value: object, name: str) -> int:
+    """Return a number of pixels along one side of a picture."""
+    if not is_whole(value) or not _PIXELS[0] <= value <= _PIXELS[1]:
+        raise InputError(f"the {name} is {shown(value)}; give {_PIXELS[0]} to {_PIXELS[1]} pixels")
+    return int(value)
 
 
 def checked_threads(threads: int | None) -> int | None:
@@ -96,6 +127,14 @@ def checked_number(value: float | None, name: str) -> float | None:
     if value is not None and not is_number(value):
         raise InputError(f"the {name} is {shown(value)}; give a number")
     return None if value is None else float(value)
+
+
+def array_of(values: object, name: str) -> NDArray[Any]:
+    """Return an array of any type; rows of one length."""
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError):  # ragged, or of a kind with a mind of its own
+        raise InputError(f"the {name} are {shown(values)}; give rows of one length") from None
 
 
 def numbers_of(values: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -90,7 +90,7 @@ class TestPage:
                 atlas.page(gap)
         with pytest.raises(InputError, match="packing is 'tight'"):
             atlas.page(packing="tight")
-        with pytest.raises(InputError, match="no figure 'error'"):
+        with pytest.raises(InputError, match="of is 'error'; give 'isometric'"):
             atlas.heat_map(of="error")
         monkeypatch.setitem(sys.modules, "xatlas", None)
         with pytest.raises(InputError, match=r"voxflat\[atlas\]"):

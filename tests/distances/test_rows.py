@@ -400,7 +400,7 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
-        with pytest.raises(voxflat.InputError, match="give a directory"):
+        with pytest.raises(voxflat.InputError, match="give the name of a file or directory"):
             voxflat.geodesic(SHEET, SOURCES, store=store)
 
 

@@ -5,13 +5,16 @@ import json
 import os
 import struct
 import time
+import warnings
 
 import numpy as np
 import pytest
 from mesh_files import nib, refuses
+from PIL import Image
 
 import voxflat
 from voxflat.io import apart
+from voxflat.io.files import nibabel_image
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
 from voxflat.io.overlays import holds_volume, read_overlay
@@ -260,3 +263,30 @@ def test_headers_of_arrays_that_end_in_a_string(tmp_path):
     (tmp_path / "v.npy").write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
     assert holds_volume(tmp_path / "v.npy")  # those who read it say what is wrong
     refuses(tmp_path / "v.npy", "", read_volume)
+
+
+def test_what_nibabel_warns_of_is_logged_with_the_file(tmp_path, caplog):
+    path = tmp_path / "a.nii"
+    image = nib.Nifti1Image(np.ones((3, 4, 5), np.int16), np.eye(4))
+    image.header.extensions.append(nib.nifti1.Nifti1Extension("comment", b"x"))
+    nib.save(image, path)
+    data = bytearray(path.read_bytes())
+    data[352:356] = struct.pack("<i", 17)
+    path.write_bytes(data)
+    with warnings.catch_warnings(action="error"), pytest.raises(nib.spatialimages.HeaderDataError):
+        nibabel_image(path)
+    assert f"{path}: Extension size is not a multiple of 16 bytes" in caplog.text
+
+
+def test_tags_of_a_picture_that_are_damaged_are_not_told(tmp_path):
+    i, j = np.indices((6, 6)).reshape(2, -1)
+    corner = np.arange(36).reshape(6, 6)[:-1, :-1].ravel()
+    faces = np.concatenate([corner[:, None] + [0, 6, 1], corner[:, None] + [1, 6, 7]])
+    flat_map = voxflat.flatten((np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), sources=9)
+    path = tmp_path / "rois.tif"
+    Image.fromarray(np.ones((4, 4), np.uint8)).save(path, tiffinfo={270: "Pixel size: 1 mm"})
+    data = path.read_bytes()
+    at = data.index(struct.pack("<HH", 270, 2))
+    path.write_bytes(data[: at + 4] + struct.pack("<L", 10**8) + data[at + 8 :])
+    with warnings.catch_warnings(action="error"), pytest.raises(voxflat.InputError, match=r"rois\.tif"):
+        flat_map.regions(path)

@@ -13,8 +13,8 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, checked_path
-from voxflat.atlases.layout import lay_out, usual_gap
+from voxflat.arguments import checked_choice, checked_number, checked_path
+from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
@@ -153,7 +153,7 @@ class Atlas(FlatPieces, ABC):
             If the gap or the packing does not fit, or xatlas is missing.
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
-        key = (chosen, packing)
+        key = (chosen, checked_choice(packing, "packing", PACKINGS))
         if key not in self._pages:
             self._pages[key] = FlatPage(self, lay_out(self.uv, self.starts, self.uv_faces, chosen, packing), chosen)
         return self._pages[key]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_threads, is_number, log
+from voxflat.arguments import Progress, checked_threads, is_number, log, shown
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
@@ -221,7 +221,7 @@ def _edges(faces: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArra
 def glue(atlas: Atlas, certified: float, bound: float, threads: int | None, progress: Progress | None) -> GluedAtlas:
     """Glue the patches of an atlas, of which C ≤ `certified` is proven: see `FlatAtlas.glue`."""
     if not is_number(bound):
-        raise InputError(f"bound is {bound!r}; give a number, the greatest factor by which lengths may change")
+        raise InputError(f"bound is {shown(bound)}; give a number, the greatest factor by which lengths may change")
     threads = checked_threads(threads)
     core, told = _core.Surface.from_triangles(atlas.points, atlas.faces)
     if told["turned"] or told["unused"] or not np.array_equal(core.faces, atlas.faces):

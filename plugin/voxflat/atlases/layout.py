@@ -64,8 +64,6 @@ def lay_out(
     InputError
         If the gap or the packing does not fit, or xatlas is missing.
     """
-    if packing not in PACKINGS:
-        raise InputError(f"packing is {packing!r}; give 'boxes' or 'shapes'")
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"the gap is {gap} mm; give a positive number")
     placed = _turned(uv, starts)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_seed, checked_threads, is_number, is_whole, log
+from voxflat.arguments import Progress, checked_choice, checked_seed, checked_threads, is_number, is_whole, log, shown
 from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
@@ -77,8 +77,7 @@ def patches(
         If `progress` returned False.
     """
     limit, value = _limit(max_angle, bound, count)
-    if seeds not in SEEDS:
-        raise InputError(f"seeds is {seeds!r}; give 'curvature', 'flattest' or 'random'")
+    checked_choice(seeds, "seeds", SEEDS)
     seed = checked_seed(seed)
     threads = checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
@@ -144,7 +143,7 @@ def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
     name, value = next(iter(given.items()))
     fits, what = (is_whole, "a whole number") if name == "count" else (is_number, "a number")
     if not fits(value):
-        raise InputError(f"{name} is {value!r}; give {what}")
+        raise InputError(f"{name} is {shown(value)}; give {what}")
     number = float(value)
     if name == "count" and not 1 <= number < 2**32:
         raise InputError(f"count is {value}; give a positive whole number")

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_choice, checked_kind
 from voxflat.atlases.pieces import FIGURES, FlatPieces
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
@@ -119,8 +119,7 @@ class FlatPage(Planar):
         InputError
             If there is no such figure.
         """
-        if of not in FIGURES:
-            raise InputError(f"there is no figure {of!r}; give one of {', '.join(map(repr, FIGURES))}")
+        checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
     @telling

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -14,12 +16,13 @@ from typing import Any, TextIO
 import click
 from tqdm import tqdm
 
+from voxflat._interrupt import take_over
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled, told
 
 __all__ = ["Bars", "Program", "bars"]
 
-CANCELLED = 130  # as of a program that SIGINT ended
+CANCELLED, TERMINATED = 130, 143  # as of programs that SIGINT and SIGTERM ended
 
 
 class Program(click.Group):
@@ -33,14 +36,17 @@ class Program(click.Group):
         arguments = list(sys.argv[1:] if args is None else args)
         more["standalone_mode"] = False  # errors are shown here
         _hold_standard_files()
+        take_over()
         try:
-            status = super().main(arguments, *further, **more)
+            with _terminable():
+                status = super().main(arguments, *further, **more)
         except click.ClickException as error:
             _showing(error.show)
             status = _failed(arguments, error.format_message(), error.exit_code)
-        except (Cancelled, click.Abort):
-            _say("voxflat: cancelled")
-            status = _failed(arguments, "cancelled", CANCELLED)
+        except (Cancelled, click.Abort) as error:
+            how = "terminated" if isinstance(error.__cause__, _Terminated) else "cancelled"
+            _say(f"voxflat: {how}")
+            status = _failed(arguments, how, TERMINATED if how == "terminated" else CANCELLED)
         except Exception as error:
             if "--debug" in arguments:
                 _say(traceback.format_exc().rstrip())
@@ -53,8 +59,29 @@ class Program(click.Group):
         """Run a command."""
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise Cancelled("cancelled") from None
+        except KeyboardInterrupt as stop:
+            raise Cancelled("cancelled") from stop
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM came: all that Ctrl-C tidies up is tidied up, too."""
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Take SIGTERM as Ctrl-C, so that no temporary file is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise _Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 def _hold_standard_files() -> None:

@@ -1,6 +1,7 @@
 """The program `voxflat`, of all its commands.
 
-Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` says no; 2 wrong usage; 130 cancelled.
+Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` says no; 2 wrong usage; 130 cancelled,
+143 terminated.
 """
 
 from __future__ import annotations

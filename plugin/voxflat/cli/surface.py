@@ -15,7 +15,9 @@ from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.distortion.figures import json_ready
 from voxflat.errors import InputError
-from voxflat.io.volumes import write_volume
+from voxflat.io.meshes import check_mesh_name
+from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
+from voxflat.io.volumes import check_volume_name, write_volume
 
 
 @click.command(
@@ -53,16 +55,18 @@ def command(
     check_output(output, sidecar=sidecar, overwrite=overwrite)
     if repaired is not None:
         check_output(repaired)
-    is_kept = given["repair"] in ("none", "cuts")
+        check_volume_name(repaired)
+        if given["repair"] in ("none", "cuts"):
+            raise InputError(
+                f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
+            )
+    if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # of which saving says more
+        check_mesh_name(output)
     with bars() as shown:
         made = surface_of(input_, given, shown)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:
-        if is_kept:
-            raise InputError(
-                f"there are no changed voxels to write to {repaired}; give --repair voxels, or leave it out"
-            )
         changed = made.changed_voxels()
         write_volume(repaired, changed, made.metadata["affine"], made.provenance)
     made.save(output, sidecar=sidecar, overwrite=overwrite)

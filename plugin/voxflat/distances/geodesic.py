@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, amount, check_memory, checked_seed, checked_threads, log, refuse, workers
+from voxflat.arguments import (
+    Progress,
+    amount,
+    check_memory,
+    checked_choice,
+    checked_seed,
+    checked_threads,
+    log,
+    refuse,
+    workers,
+)
 from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distances.sources import choose_sources, source_count
@@ -90,20 +100,19 @@ seed, threads, memory_limit, progress
     patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
     over_triangles: dict[str, Any] = {"drop": drop, "polygon": polygon, "cuts": cuts}
     part: Surface | VoxelGraph
+    checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
     if geodesic == "chain":
         refuse(geodesic, **over_triangles, dask=dask)
         part = voxel_graph(
             surface, **place, **patch, link_lengths=link_lengths, memory_limit=memory_limit, progress=progress
         )
         what = {"geodesic": geodesic, "link_lengths": part.metadata["link_lengths"]}
-    elif geodesic in SOLVERS:
+    else:
         refuse(geodesic, link_lengths=link_lengths)
         whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
         how: dict[str, Any] = {"threads": threads, "progress": progress, "to_disk": False, "with_usual_cuts": False}
         part = cut_out(whole, **patch, **over_triangles, **how).part
         what = {"geodesic": geodesic}
-    else:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact' or 'chain'")
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     if dask is not None and store is not None and isinstance(part, Surface):
         count = source_count(part, sources, fewest=1)

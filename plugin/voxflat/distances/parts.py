@@ -11,7 +11,6 @@ import json
 import os
 import shutil
 import time
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, checksum, open_rows
 from voxflat.distances.store import Store, array_hash, mapped, prepare_store, store_path
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, naming_file, save_array
+from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
 from voxflat.surfaces.surface import Surface
 
 try:
@@ -120,7 +119,7 @@ def rows_by_workers(
         If `progress` returned False. Workers stop.
     """
     path = store_path(store)
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")  # until there is a store
+    beside = temporary_beside(path)  # until there is a store
     wanted = Wanted(_write_surface(part, beside), sources, sampling, seed, geodesic)
     how: dict[str, Any] = {"threads": threads, "progress": progress}
     count = sources if isinstance(sources, int) else len(sources)

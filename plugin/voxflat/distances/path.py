@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import voxel_indices
+from voxflat.arguments import checked_choice, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.io.spaces import Space
@@ -102,20 +102,19 @@ def path(
     """
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     stops = [a, b, *further]
+    checked_choice(geodesic, "geodesic", ("graph", "marching", "exact", "edges", "chain"))
     if geodesic == "chain":
         graph = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit)
         core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find, space = core.voxels, core.path, Space.of(graph.metadata)
-    elif geodesic in ("graph", "marching", "exact", "edges"):
+    else:
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
         whole = _surface(surface, **place, memory_limit=memory_limit)
         core = whole.core
         vertices = whole.find(stops, "the stops")
         ids, find, space = whole.ids, core.path if geodesic == "graph" else core.edge_path, whole.space
-    else:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching', 'exact', 'edges' or 'chain'")
     points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
     for (start, end), leg in zip(pairwise(vertices.tolist()), pairwise(stops), strict=True):
         try:

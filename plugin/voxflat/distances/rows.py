@@ -113,15 +113,26 @@ class DistanceRows:
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        self._check_there()
         return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
 
     def __getitem__(self, index: Any) -> Any:
+        self._check_there()
         part = self.rows[index]
         return part if self.store is None else np.array(part)[()]
 
     def __len__(self) -> int:
         """Return the number of sources."""
         return len(self.rows)
+
+    def _check_there(self) -> None:
+        """Refuse a table that was cut short since it was opened: the system ends who reads what is gone."""
+        if self.store is None:
+            return
+        table = self.store / "rows.npy"
+        there = table.stat().st_size
+        if there < self.nbytes:
+            raise InputError(f"{table} was cut short to {there} of more than {self.nbytes} bytes; {FINISH}")
 
     def verify(self) -> None:
         """Read a whole store and compare it with its checksums; rows in memory have none.
@@ -134,7 +145,7 @@ class DistanceRows:
         if self.store is None:
             return
         checksums = _checksums(self.store, self.shape)
-        damaged = [row for row, expected in enumerate(checksums) if checksum(self.rows[row]) != expected]
+        damaged = [row for row, expected in enumerate(checksums) if checksum(self[row]) != expected]
         if damaged:
             which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
             raise InputError(f"the rows {which} of {self.store} do not agree with their checksums; {FINISH}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, is_whole
+from voxflat.arguments import Progress, checked_text, is_whole
 from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 from voxflat.surfaces.voxel_graph import VoxelGraph
@@ -46,6 +46,7 @@ def choose_sources(
         If they are too few or too many, given twice, or not on the surface.
     """
     count = source_count(part, sources, fewest=fewest, usual=usual)
+    checked_text(sampling, "sampling")
     if count is not None:
         return part.core.choose_sources(sampling, count, seed, progress)
     assert sources is not None

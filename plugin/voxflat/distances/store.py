@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import shutil
-import uuid
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, amount, log
+from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array
+from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array, temporary_beside
 from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 2"
@@ -117,9 +116,7 @@ def prepare_store(
 
 def store_path(path: str | os.PathLike[str]) -> Path:
     """Return the directory of a store in full, so that messages name it and no later change of directory moves it."""
-    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
-        raise InputError(f"the store is {path!r}; give a directory")
-    return Path(os.path.abspath(path))
+    return Path(os.path.abspath(checked_path(path, "store")))
 
 
 def read_description(path: Path) -> dict[str, Any]:
@@ -199,7 +196,7 @@ def check_disk(path: Path, size: int) -> None:
 
 def _create(path: Path, identity: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
     """Make a store beside its place and move it there, so that there is all of it or nothing."""
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    beside = temporary_beside(path)
     try:
         beside.mkdir()
         for name, array in arrays.items():

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from voxflat.arguments import Progress, checked_kind, checked_path
+from voxflat.arguments import Progress, array_of, checked_kind, checked_path
 from voxflat.errors import Cancelled, InputError
 from voxflat.figures.layers import name_layers
 from voxflat.io.files import atomic_path, one_line, require
@@ -90,7 +90,9 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
     OSError
         If the file cannot be written.
     """
-    path = checked_path(path)
+    path, array = checked_path(path), array_of(picture, "values of the picture")
+    if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
+        raise InputError(f"the picture has shape {array.shape} and type {array.dtype}; give (H, W, 3) of uint8")
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise InputError(f"cannot write a picture as {path.name}; give a name that ends in .png or .tif")
     with atomic_path(path) as temporary:
@@ -98,7 +100,7 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
         if path.suffix.lower() == ".png" and record is not None:
             more["pnginfo"] = PngImagePlugin.PngInfo()
             more["pnginfo"].add_itxt("Provenance", as_text(record))
-        Image.fromarray(picture).save(temporary, **more)
+        Image.fromarray(array).save(temporary, **more)
 
 
 class Pictures(Protocol):

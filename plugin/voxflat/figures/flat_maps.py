@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.overlays import Limits, OverlayColours
 from voxflat.figures.paper import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
@@ -111,6 +111,8 @@ def flat_map(
     InputError
         As in `FlatMap.image`; if a value is none of those above, or the overlay lies elsewhere than the map.
     """
+    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
+    checked_text(title, "title")
     check_underlay(underlay)
     of_overlay = (above, below, limits, colour_map, label, channel, interpolation, strength, period)
     if overlay is None and any(value is not None for value in of_overlay):
@@ -120,10 +122,9 @@ def flat_map(
         )
     if strength is not None and above is None and below is None:
         raise InputError("strength is what has to pass the thresholds; give above, below or both")
-    if zero not in ("right", "top"):
-        raise InputError(f"zero is {zero!r}; give 'right' or 'top'")
+    checked_choice(zero, "zero", ("right", "top"))
     if opacity is not None and not 0 <= checked_number(opacity, "opacity") <= 1:
-        raise InputError(f"the opacity is {opacity!r}; give a number from 0 to 1")
+        raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     depths = Depths.of(depth, fraction, layering)
     sampler = flat_map._triangles.on_surface
     given = (("overlay", overlay), ("strength", strength), ("parcels", parcels))
@@ -136,7 +137,7 @@ def flat_map(
     page.image(under, raster, "curvature")
     look = under[..., :3].mean(axis=2)
     of_parcels = depths if "parcels" in in_volume else ON_SURFACE
-    shown = None if parcels is None else _parcels(flat_map, parcels, table, of_parcels)
+    areas = None if parcels is None else _parcels(flat_map, parcels, table, of_parcels)
     if overlay is not None:
         where = {name: depths if name in in_volume else ON_SURFACE for name in ("overlay", "strength")}
         how: dict[str, Any] = {"interpolation": interpolation, "period": period, "depths": where["overlay"]}
@@ -153,15 +154,15 @@ def flat_map(
             page.wheel(colours, told, zero)
         elif colours.colour_map is not None:
             page.bar(colours, told)
-    if shown is not None:
-        labels = shown.raster(raster)
+    if areas is not None:
+        labels = areas.raster(raster)
         if overlay is None:
-            filled = shown.coloured(labels)
+            filled = areas.coloured(labels)
             filled[..., 3] = np.round(255 * (_PARCELS_OPACITY if opacity is None else opacity) * (filled[..., 3] > 0))
             page.image(filled, raster, "parcels")
             look = _over(filled, look)
-        page.lines(shown.borders, "parcels", _THIN, "black")
-        page.names(shown, labels, raster, look)
+        page.lines(areas.borders, "parcels", _THIN, "black")
+        page.names(areas, labels, raster, look)
     page.lines(outline(flat_map.uv, flat_map.faces[~flat_map.torn]), "marks", _LINE, "0.25")
     page.marks(flat_map)
     return page.figure
@@ -169,8 +170,7 @@ def flat_map(
 
 def check_underlay(underlay: str) -> None:
     """Refuse what the folds are not shown by."""
-    if underlay not in UNDERLAYS:
-        raise InputError(f"underlay is {underlay!r}; give 'curvature', 'sulcal depth' or 'none'")
+    checked_choice(underlay, "underlay", UNDERLAYS)
 
 
 def folds(flat_map: FlatMap, raster: Raster, underlay: str = "curvature") -> NDArray[np.uint8]:

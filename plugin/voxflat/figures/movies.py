@@ -13,7 +13,7 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from voxflat.arguments import Progress, checked_number, is_whole, log
+from voxflat.arguments import Progress, checked_kind, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import check_underlay, folds
 from voxflat.figures.overlays import Limits, OverlayColours
@@ -160,14 +160,17 @@ def movie(
     InputError
         As `flat_map`; if there is one frame only, or a number is out of bounds.
     """
+    checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     check_underlay(underlay)
-    rate = checked_number(rate, "rate")
-    if not 0.1 <= rate <= 120:
-        raise InputError(f"the rate is {rate:g}; give 0.1 to 120 frames a second")
+    checked_switch(change, "change")
+    if not (is_number(rate) and 0.1 <= rate <= 120):
+        raise InputError(f"the rate is {shown(rate)}; give 0.1 to 120 frames a second")
     if not (is_whole(size) and _SIZES[0] <= size <= _SIZES[1]):
-        raise InputError(f"the size is {size!r}; give the width of the pictures, {_SIZES[0]} to {_SIZES[1]} pixels")
-    if not 0 <= checked_number(opacity, "opacity") <= 1:
-        raise InputError(f"the opacity is {opacity!r}; give a number from 0 to 1")
+        raise InputError(
+            f"the size is {shown(size)}; give the width of the pictures, {_SIZES[0]} to {_SIZES[1]} pixels"
+        )
+    if not (is_number(opacity) and 0 <= opacity <= 1):
+        raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     page = Page.of(flat_map, _WIDTH, title, head=True, pixels=int(size))
     raster, sampler = flat_map.raster(page.pixel_size), flat_map._triangles.on_surface
     how: dict[str, Any] = {"interpolation": interpolation, "time_step": time_step, "average": True}

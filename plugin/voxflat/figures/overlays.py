@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, log, shown
 from voxflat.errors import InputError
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.raster import FlatImage
@@ -58,8 +58,8 @@ def painted(
     InputError
         If there is no such colour map.
     """
-    if colour_map not in colormaps:
-        raise InputError(f"matplotlib has no colour map {colour_map!r}")
+    if not isinstance(colour_map, str) or colour_map not in colormaps:
+        raise InputError(f"matplotlib has no colour map {shown(colour_map)}")
     low, high = limits
     level = np.clip((np.nan_to_num(data) - low) / (high - low), 0, 1)
     pixels: NDArray[np.uint8] = colormaps[colour_map](level, bytes=True)
@@ -188,8 +188,8 @@ class OverlayColours:
 def _cyclic(colour_map: str | None) -> str:
     """Return a colour map whose ends are alike."""
     name = "hsv" if colour_map is None else colour_map
-    if name not in colormaps:
-        raise InputError(f"matplotlib has no colour map {name!r}")
+    if not isinstance(name, str) or name not in colormaps:
+        raise InputError(f"matplotlib has no colour map {shown(name)}")
     ends = np.array([colormaps[name](end)[:3] for end in (0.0, 1.0)])
     if np.abs(ends[0] - ends[1]).max() > _ALIKE:
         raise InputError(
@@ -205,8 +205,8 @@ def _limits(values: NDArray[Any], limits: Limits | None) -> tuple[float, float]:
         if low < 0 < high:
             low, high = -max(-low, high), max(-low, high)
         return (low, high) if low < high else (low - 0.5, low + 0.5)
-    if isinstance(limits, str) or len(limits) != 2:
-        raise InputError(f"limits are {limits!r}; give two numbers, or percentiles such as ('2%', '98%')")
+    if isinstance(limits, str) or np.shape(np.asarray(limits, dtype=object)) != (2,):
+        raise InputError(f"limits are {shown(limits)}; give two numbers, or percentiles such as ('2%', '98%')")
     low, high = (_limit(values, end) for end in limits)
     if not low < high:
         raise InputError(f"limits are {low:g} and {high:g}; give the lower one first, and another one")
@@ -218,8 +218,8 @@ def _limit(values: NDArray[Any], end: float | str) -> float:
         if isinstance(end, str) and end.strip().endswith("%"):
             return float(np.percentile(values, float(end.strip()[:-1])))
         number = float(end)
-    except ValueError:
+    except (TypeError, ValueError):
         number = np.nan
     if not np.isfinite(number):
-        raise InputError(f"a limit is {end!r}; give a number, or a percentile from 0% to 100%")
+        raise InputError(f"a limit is {shown(end)}; give a number, or a percentile from 0% to 100%")
     return number

@@ -11,7 +11,7 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log
+from voxflat.arguments import checked_number, checked_text, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.layers import MAP
 from voxflat.figures.marks import cut_names, directions, round_length, side
@@ -99,7 +99,8 @@ class Page:
             If the page is too narrow or too wide.
         """
         if not 30 <= checked_number(width, "width") <= 1000:
-            raise InputError(f"the width is {width!r} mm; give 30 to 1000, such as 85 for a column")
+            raise InputError(f"the width is {shown(width)} mm; give 30 to 1000, such as 85 for a column")
+        checked_text(title, "title")
         low = flat_map.uv.min(axis=0)
         wide, high = np.ptp(flat_map.uv, axis=0).tolist()
         top = _TITLE + _EDGE if title or head else _EDGE

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from voxflat.arguments import checked_kind
+from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
@@ -64,12 +64,12 @@ def patch_3d(
         If PyVista is missing or cannot draw, or the volume or mesh is another.
     """
     checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
+    width, height = _both(size)
     pyvista = load_pyvista()
     if flat_map.is_voxels:
         patch, *around = [_patch_alone(flat_map)] if whole is None else _patch_in_place(flat_map, whole)
     else:
         patch, *around = _patch_of_mesh(pyvista, flat_map, whole)
-    width, height = size
     highest = top_error(flat_map)
     material = {"smooth_shading": True, "ambient": 0.35, "diffuse": 0.8, "specular": 0.0, "show_scalar_bar": False}
     coloured = {"scalars": "error", "cmap": ERRORS, "clim": (0, highest), **material}
@@ -101,9 +101,11 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     InputError
         If `towards` is no direction.
     """
-    direction = np.asarray(towards, dtype=float)
+    checked_kind(atlas, "atlas", "patch_ids", "an atlas")
+    checked_pixels(size, "size")
+    direction = numbers_of(towards, "coordinates of towards")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputError(f"towards is {towards!r}; give a direction of three numbers")
+        raise InputError(f"towards is {shown(towards)}; give a direction of three numbers")
     colours = patch_colours(atlas)
     try:
         pyvista = load_pyvista()
@@ -118,6 +120,14 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
 
 
 # ------------------------------------------------------------------------------------------ drawing
+
+
+def _both(size: object) -> tuple[int, int]:
+    """Return width and height, pixels."""
+    if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
+        raise InputError(f"the size is {shown(size)}; give width and height, pixels")
+    width, height = (checked_pixels(side, "size") for side in size)
+    return width, height
 
 
 def load_pyvista() -> Any:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.arguments import shown
 from voxflat.errors import InputError
 from voxflat.io.files import nibabel_image
 from voxflat.io.grid import Affine, check_affine
@@ -118,7 +119,7 @@ class Channels:
                 raise InputError(f"has no map {channel!r}, but {self.listed()}")
             channel = int(channel)
         if isinstance(channel, bool | np.bool_) or not isinstance(channel, int | np.integer):
-            raise InputError(f"channel is {channel!r}: give a name or a number")
+            raise InputError(f"channel is {shown(channel)}: give a name or a number")
         if not -count <= channel < count:
             raise InputError(f"has no map {channel}: they are numbered 0 to {count - 1}")
         return int(channel) % count

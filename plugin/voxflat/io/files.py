@@ -13,6 +13,7 @@ import shutil
 import stat
 import textwrap
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -36,6 +37,7 @@ AGAIN = "copy it again"
 """What to do with a file that was cut short."""
 
 _BLOCK = 1 << 20
+_LONGEST_NAME = 255  # bytes, of all usual file systems
 
 _OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
 
@@ -65,9 +67,14 @@ def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
     logging.getLogger("nibabel.global").addFilter(_told_by_us)
     token = _loading.set(path)
     try:
-        return nibabel.load(path, **options)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            return nibabel.load(path, **options)
     finally:
         _loading.reset(token)
+        for one in caught:
+            if issubclass(one.category, UserWarning):
+                log.warning("%s: %s", path, " ".join(str(one.message).split()))
 
 
 def _told_by_us(record: logging.LogRecord) -> bool:
@@ -200,6 +207,14 @@ def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> 
         raise InputError(f"has {what} by its header, but {len(data) - need} bytes more than that: is it damaged?")
 
 
+def temporary_beside(path: Path) -> Path:
+    """Return a new name in the same directory that ends as a file's does, and is no longer than names may be."""
+    name = path.name
+    while len(os.fsencode(name)) > _LONGEST_NAME - 10:
+        name = name[1:]
+    return path.with_name(f".{uuid.uuid4().hex[:8]}.{name}")
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a file beside its place, and move it there once it is complete.
@@ -221,12 +236,12 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
     """
     path = checked_path(path)
-    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
+    temporary = temporary_beside(path)
     with naming_file(path, temporary):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
         try:
+            temporary.open("xb").close()  # by open(), not mkstemp(), for the user's usual permissions
             yield temporary
             temporary.replace(path)
         except Exception:
@@ -259,10 +274,10 @@ def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = checked_path(path)
     check_new(path)
-    temporary = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
+    temporary = temporary_beside(path)
     with naming_file(path, temporary):
-        temporary.mkdir()
         try:
+            temporary.mkdir()
             yield temporary
             temporary.rename(path)
         finally:

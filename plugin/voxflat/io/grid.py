@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
 Affine: TypeAlias = NDArray[np.float64]
@@ -39,9 +40,9 @@ def check_affine(affine: ArrayLike) -> Affine:
         orthogonal (the cosine between two of them exceeds 1e-3).
     """
     try:
-        matrix = np.asarray(affine, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"affine {affine!r} is no array of numbers: give a (4, 4) matrix") from error
+        matrix = numbers_of(affine, "affine")
+    except InputError as error:
+        raise InputError(f"affine {shown(affine)} is no array of numbers: give a (4, 4) matrix") from error
     if matrix.shape != (4, 4):
         raise InputError(f"affine has shape {matrix.shape}: give a (4, 4) matrix, voxel index to RAS+ mm")
     if not np.isfinite(matrix).all():
@@ -72,9 +73,9 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
     try:
         sizes = np.asarray(spacing, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"spacing {spacing!r} must be 3 numbers in mm") from error
+        raise InputError(f"spacing {shown(spacing)} must be 3 numbers in mm") from error
     if np.asarray(spacing).dtype.kind == "b":
-        raise InputError(f"spacing {spacing!r} must be 3 numbers in mm")
+        raise InputError(f"spacing {shown(spacing)} must be 3 numbers in mm")
     if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise InputError(f"spacing {sizes.tolist()} must be 3 positive, finite numbers in mm")
     return np.diag([*sizes, 1.0])

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
@@ -78,7 +78,7 @@ class Mesh:
         return f"<Mesh{name}: {len(self.points)} points, {len(self.faces)} triangles>"
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.points)
+        points = array_of(self.points, "points")
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
             raise InputError(f"points are {points.dtype} of shape {points.shape}: give numbers of shape (N, 3)")
         if len(points) == 0:
@@ -93,16 +93,16 @@ class Mesh:
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "faces", check_faces(self.faces, len(points)))
         if self.texture_coordinates is not None:
-            texture = np.ascontiguousarray(self.texture_coordinates, dtype=np.float64)
+            texture = np.ascontiguousarray(numbers_of(self.texture_coordinates, "texture coordinates"))
             object.__setattr__(self, "texture_coordinates", texture)
             if texture.shape != (len(points), 2):
                 raise InputError(f"texture coordinates have shape {texture.shape}: give ({len(points)}, 2)")
-        for name, array in self.point_data.items():
-            if len(array) != len(points):
-                raise InputError(f"point data {name!r} has {len(array)} values; the surface has {len(points)} points")
-        for name, array in self.face_data.items():
-            if len(array) != len(self.faces):
-                raise InputError(f"face data {name!r} has {len(array)} values; the surface has {len(self.faces)} faces")
+        for kind, data, count in (("point", self.point_data, len(points)), ("face", self.face_data, len(self.faces))):
+            checked_kind(data, f"{kind} data", "items", "arrays by their names")
+            for name, array in data.items():
+                own = len(array) if np.ndim(array) else 0
+                if own != count:
+                    raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
 
 
 def suspicious_units(points: NDArray[np.float64]) -> str | None:
@@ -274,13 +274,18 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
         The file cannot be written.
     """
     path = checked_path(path)
-    with naming(path, "can this format hold it?"):
-        write = _writer(path)
+    write = check_mesh_name(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
         write(temporary, mesh, record)
 
 
 _Write: TypeAlias = Callable[[Path, Mesh, Record | None], None]
+
+
+def check_mesh_name(path: Path) -> _Write:
+    """Refuse a name of no format that a surface can be written in; return what writes it."""
+    with naming(path, "can this format hold it?"):
+        return _writer(path)
 
 
 def _writer(path: Path) -> _Write:

@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import array_of, checked_path, numbers_of
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, check_size, contents, naming
+from voxflat.io.reading import check_room
 from voxflat.io.triangles import as_float32, check_faces
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
@@ -57,8 +58,9 @@ class Patch:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertex_ids", _check_vertices(self.vertex_ids))
-        object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
-        object.__setattr__(self, "border", np.ascontiguousarray(self.border, dtype=np.bool_))
+        object.__setattr__(self, "points", np.ascontiguousarray(numbers_of(self.points, "points")))
+        border = numbers_of(self.border, "entries of the border")
+        object.__setattr__(self, "border", np.ascontiguousarray(border, dtype=np.bool_))
         k = len(self.vertex_ids)
         if self.points.shape != (k, 3) or self.border.shape != (k,):
             raise InputError(
@@ -220,7 +222,7 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     triangles, rows = _rows(faces, vertices, n)
     corners = rows[triangles]
     is_inside = (corners >= 0).all(axis=1)
-    border = np.ones(len(np.asarray(vertices)), dtype=bool)
+    border = np.ones(len(array_of(vertices, "vertices")), dtype=bool)
     kept = corners[is_inside]
     border[kept] = False  # a point without a face stays
     cut = corners[~is_inside]
@@ -234,6 +236,7 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
 def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the checked faces, and the row in the patch of each of the surface's points, −1 outside."""
     triangles, chosen = check_faces(faces, n), _check_vertices(vertices)
+    check_room(8 * n)
     if chosen.max() >= n:
         entry = np.flatnonzero(chosen >= n)[0]
         raise InputError(f"entry {entry} of the patch is vertex {chosen[entry]}; the surface has {n} points")
@@ -244,7 +247,7 @@ def _rows(faces: ArrayLike, vertices: ArrayLike, n: int) -> tuple[NDArray[np.int
 
 def _check_vertices(vertices: ArrayLike) -> NDArray[np.int64]:
     """Check that vertices are whole numbers from 0, each once."""
-    array = np.asarray(vertices)
+    array = array_of(vertices, "vertices")
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
         raise InputError(f"a patch has one whole number or more, not {array.dtype} of shape {array.shape}")
     array = np.ascontiguousarray(array, dtype=np.int64)

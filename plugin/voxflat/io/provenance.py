@@ -22,7 +22,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 import numpy as np
 
 from voxflat._core import __version__
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, checked_switch, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.reading import reading
@@ -162,7 +162,10 @@ def _digest(array: np.ndarray[Any, Any]) -> Any:
 
 def as_text(record: Record) -> str:
     """Return a record as JSON, on one line."""
-    return json.dumps(record, allow_nan=False)
+    try:
+        return json.dumps(record, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the record is {shown(record)}, which JSON cannot hold: {error}") from error
 
 
 def _files(record: object) -> Iterator[str]:
@@ -261,8 +264,9 @@ def saving(
         If the record cannot be written.
     """
     path = checked_path(path)
+    checked_switch(overwrite, "overwrite")
     check_not_read(path, record)
-    if sidecar:
+    if checked_switch(sidecar, "sidecar"):
         check_not_read(sidecar_of(path), record)
         check_beside(path, sidecar_of(path), overwrite=overwrite)
     yield path

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import numbers_of
+from voxflat.arguments import array_of, checked_text, numbers_of, shown
 from voxflat.errors import InputError
 
 __all__ = ["UNKNOWN", "Space", "VolumeGeometry"]
@@ -53,8 +53,12 @@ class VolumeGeometry:
     filename: str = ""
 
     def __post_init__(self) -> None:
-        if len(self.shape) != 3 or len(self.voxel_size) != 3:
-            raise InputError(f"its volume has {list(self.shape)} voxels of {list(self.voxel_size)} mm: give 3 of both")
+        shape, sizes = numbers_of(self.shape, "numbers of voxels"), numbers_of(self.voxel_size, "voxel sizes")
+        if shape.shape != (3,) or sizes.shape != (3,) or not np.isfinite([shape, sizes]).all():
+            raise InputError(
+                f"its volume has {shown(self.shape)} voxels of {shown(self.voxel_size)} mm: give 3 of both"
+            )
+        checked_text(self.filename, "name of the volume's file")
         cosines, c_ras = (numbers_of(part, "axes and centre") for part in (self.cosines, self.c_ras))
         if cosines.shape != (3, 3) or c_ras.shape != (3,):
             raise InputError(
@@ -66,8 +70,8 @@ class VolumeGeometry:
             raise InputError(f"its c_ras is {c_ras.tolist()}: it must be finite")
         object.__setattr__(self, "cosines", cosines)
         object.__setattr__(self, "c_ras", c_ras)
-        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
-        object.__setattr__(self, "voxel_size", tuple(float(h) for h in self.voxel_size))
+        object.__setattr__(self, "shape", tuple(int(n) for n in shape))
+        object.__setattr__(self, "voxel_size", tuple(float(h) for h in sizes))
 
     @classmethod
     def conformed(cls, c_ras: ArrayLike = (0, 0, 0), filename: str = "") -> VolumeGeometry:
@@ -84,7 +88,7 @@ class VolumeGeometry:
         -------
         VolumeGeometry
         """
-        return cls(_CONFORMED, np.asarray(c_ras, dtype=np.float64), filename=filename)
+        return cls(_CONFORMED, numbers_of(c_ras, "coordinates of the centre"), filename=filename)
 
     @classmethod
     def of_volume(cls, affine: ArrayLike, shape: ArrayLike, filename: str = "") -> VolumeGeometry:
@@ -106,7 +110,7 @@ class VolumeGeometry:
         VolumeGeometry
             Of the volume itself if it runs left, inferior, anterior.
         """
-        matrix, counts = np.asarray(affine, dtype=np.float64), np.asarray(shape)
+        matrix, counts = numbers_of(affine, "affine"), array_of(shape, "numbers of voxels")
         sizes = np.linalg.norm(matrix[:3, :3], axis=0)
         c_ras = matrix[:3, :3] @ (counts / 2) + matrix[:3, 3]
         if np.abs(matrix[:3, :3] / sizes - _CONFORMED).max() > 1e-6:
@@ -131,7 +135,7 @@ class VolumeGeometry:
         InputError
             If it is another kind of matrix.
         """
-        whole = np.asarray(matrix, dtype=np.float64)
+        whole = numbers_of(matrix, "matrix")
         return cls(whole[:3, :3] @ _CONFORMED, whole[:3, 3])
 
     @property
@@ -292,7 +296,7 @@ UNKNOWN = Space()
 
 def _carried(points: ArrayLike, matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """Carry points by a matrix; one that changes nothing leaves every bit as it is."""
-    places = np.asarray(points, dtype=np.float64)
+    places = numbers_of(points, "points")
     if matrix is None or np.array_equal(matrix, np.eye(4)):
         return places
     return np.asarray(places @ matrix[:3, :3].T + matrix[:3, 3])

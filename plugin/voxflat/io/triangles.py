@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import is_whole, shown
+from voxflat.arguments import array_of, is_whole, shown
 from voxflat.errors import InputError
 
 TRIANGULATE = "triangulate first, e.g. mesh.triangulate() of PyVista"
@@ -131,10 +131,7 @@ def check_faces(faces: ArrayLike, n: int) -> NDArray[np.int64]:
     """Check that faces are triangles of n points."""
     if not is_whole(n):
         raise InputError(f"the number of points is {shown(n)}; give a whole number")
-    try:
-        array = np.asarray(faces)
-    except ValueError:  # rows of several lengths
-        raise InputError(f"the faces are {shown(faces)}; give whole numbers of shape (F, 3)") from None
+    array = array_of(faces, "faces")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
         raise InputError(f"faces are {array.dtype} of shape {array.shape}: give whole numbers of shape (F, 3)")
     if len(array) == 0:

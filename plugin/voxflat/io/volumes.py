@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import array_of, checked_path
 from voxflat.errors import InputError
 from voxflat.io.chunks import Chunked, is_chunked
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
@@ -161,15 +161,22 @@ def write_volume(
         The file cannot be written.
     """
     path = checked_path(path)
+    write = check_volume_name(path)
     with atomic_path(path) as temporary, naming(path, "can this format hold it?"):
-        write = by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
-        write(temporary, Volume(np.asarray(data), check_affine(affine)), record)
+        write(temporary, Volume(array_of(data, "values"), check_affine(affine)), record)
+
+
+def check_volume_name(path: Path) -> Callable[[Path, Volume, Record | None], None]:
+    """Refuse a name of no format that a volume can be written in; return what writes it."""
+    with naming(path, "can this format hold it?"):
+        return by_ending(path, _WRITERS, "written; .mhd and .nhdr are two files: use .mha or .nrrd")
 
 
 def _check_data(data: NDArray[Any]) -> NDArray[Any]:
     """Check type and shape, drop trailing axes of length 1, take the native byte order; chunks stay where they are."""
     if isinstance(data, Chunked) or is_chunked(data):
         return data
+    data = array_of(data, "values")
     if data.dtype.kind not in "biuf":
         raise InputError(f"values of type {data.dtype} are no bool, integer or float: convert them")
     shape = volume_shape(data.shape, data.dtype)

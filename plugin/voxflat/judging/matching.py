@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import log
+from voxflat.arguments import array_of, log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
 from voxflat.io.meshes import Mesh
@@ -119,7 +119,7 @@ def match(whole: Surface, flat: object) -> Matched:
         return _of_rows(whole, *flat)
     mesh = as_mesh(flat)
     if mesh is None:
-        places = np.asarray(flat)
+        places = array_of(flat, "places")
         if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
             raise InputError(
                 f"the map is {places.dtype} of shape {places.shape}; give places of shape (V, 2), or a file"
@@ -176,7 +176,7 @@ def _of_map(whole: Surface, flat: FlatMap) -> Matched:
 
 def _of_rows(whole: Surface, places: Any, faces: Any, vertices: Any) -> Matched:
     """Take places whose vertices are told, so that a cut may have doubled some."""
-    places, faces, vertices = np.asarray(places), np.asarray(faces), np.asarray(vertices)
+    places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
         raise InputError(f"the map's places are {places.dtype} of shape {places.shape}; give (N, 2)")
     if not _is_flat(places) or not np.isfinite(places).all():

@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_seed, checked_threads, free_memory, is_whole
+from voxflat.arguments import (
+    Progress,
+    checked_choice,
+    checked_kind,
+    checked_seed,
+    checked_switch,
+    checked_threads,
+    free_memory,
+    is_whole,
+    shown,
+)
 from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
@@ -20,6 +30,8 @@ from voxflat.judging.matching import Matched, loaded, match
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
+
+_MOST_SOURCES = 2**31  # more than any surface has points: all of them
 
 _KEPT_SHARE = 4  # a quarter of the free memory
 
@@ -191,22 +203,23 @@ def compare(
     """
     threads, seed = checked_threads(threads), checked_seed(seed)
     if not is_whole(sources) or sources < 1:
-        raise InputError(f"sources is {sources!r}; give a whole number, at least 1")
-    if reference not in (None, "exact", "graph"):
-        raise InputError(f"reference is {reference!r}; give 'exact' or 'graph'")
+        raise InputError(f"sources is {shown(sources)}; give a whole number, at least 1")
+    if reference is not None:
+        checked_choice(reference, "reference", ("exact", "graph"))
+    checked_kind(maps, "collection of maps", "items", "maps by their names")
     if not maps:
         raise InputError("there is no map to measure; give at least one")
     whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}
-    geometry = Geometry(whole) if on_surface else geometry_of(whole, maps)
+    geometry = Geometry(whole) if checked_switch(on_surface, "on_surface") else geometry_of(whole, maps)
     matched = {name: match(geometry.surface, flat) for name, flat in maps.items()}
     for name, one in matched.items():
         geometry.check(name, one)
     topologies = {name: _topology(name, one) for name, one in matched.items()}
     groups = _grouped(list(matched.values()))
     distances: dict[int, dict[str, Any]] = {}
-    for group, chosen in zip(groups, _sources(groups, int(sources), seed), strict=True):
+    for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
         found = first.core.judge(places, chosen, reference, _kept(), seed, threads, progress)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_number
+from voxflat.arguments import checked_choice, is_number, shown
 from voxflat.errors import InputError
 
 __all__ = ["LAYERINGS", "ON_SURFACE", "Depths", "equivolume", "vertex_areas"]
@@ -57,8 +57,7 @@ class Depths:
         InputError
             If both are given, or one does not fit.
         """
-        if layering not in LAYERINGS:
-            raise InputError(f"layering is {layering!r}; give {' or '.join(map(repr, LAYERINGS))}")
+        checked_choice(layering, "layering", LAYERINGS)
         if fraction is None:
             return cls(_numbers(depth, "depth"))
         if not isinstance(depth, int | float) or depth != 0:
@@ -90,14 +89,17 @@ ON_SURFACE = Depths((0.0,))
 
 def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
     """Return one or several finite numbers as a tuple."""
-    values: list[Any] = list(given) if isinstance(given, Sequence | np.ndarray) and np.ndim(given) == 1 else [given]
+    is_several = isinstance(given, Sequence) and not isinstance(given, str)
+    is_several |= isinstance(given, np.ndarray) and given.ndim > 0
+    values: list[Any] = list(given) if is_several else [given]  # type: ignore[arg-type]
     if len(values) == 0:
         raise InputError(f"{name} is empty; give one number or several")
-    numbers = tuple(float(checked_number(value, name)) for value in values)
-    for value in numbers:
+    for value in values:
+        if not is_number(value):
+            raise InputError(f"the {name} is {shown(value)}; give a number")
         if not math.isfinite(value):
             raise InputError(f"the {name} is {value}; give a finite number")
-    return numbers
+    return tuple(float(value) for value in values)
 
 
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:

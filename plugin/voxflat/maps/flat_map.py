@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import checked_path, log
+from voxflat.arguments import array_of, checked_number, checked_path, checked_switch, log
 from voxflat.distances.store import write_provenance
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
@@ -220,7 +220,7 @@ class FlatMap(Planar):
         """
         colours, source = as_picture(picture)
         coordinates = place(self.uv, colours.shape, texel_size)
-        if texel_size is not None and not repeat:
+        if not checked_switch(repeat, "repeat") and texel_size is not None:
             check_cover(coordinates, colours.shape, texel_size)
         faces = self.faces[~self.torn].astype(np.int64)
         return TexturedSurface(self.space.to_scanner(self.points), faces, coordinates, colours, repeat, source)
@@ -244,7 +244,8 @@ class FlatMap(Planar):
         InputError
             If there is not one value a point.
         """
-        values = np.asarray(values)
+        values = array_of(values, "values")
+        checked_number(background, "background")
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint")

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, check_regular, naming
 from voxflat.io.reading import note
@@ -53,8 +54,8 @@ def place(uv: NDArray[np.float64], shape: tuple[int, ...], texel_size: float | N
     low, high = uv.min(axis=0), uv.max(axis=0)
     if texel_size is None:
         texel_size = float(np.max((high - low) / size)) or 1.0
-    if not (np.isfinite(texel_size) and texel_size > 0):
-        raise InputError(f"the texel size is {texel_size} mm; give a positive number")
+    if not (is_number(texel_size) and 0 < texel_size < np.inf):
+        raise InputError(f"the texel size is {shown(texel_size)} mm; give a positive number")
     return np.asarray(0.5 + (uv - (low + high) / 2) / (texel_size * size))
 
 
@@ -114,7 +115,7 @@ def check_values(picture: object) -> NDArray[Any]:
     InputError
         If it is none.
     """
-    array = np.asarray(picture)
+    array = array_of(picture, "values of the picture")
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
         raise InputError(
             f"the picture has shape {array.shape} and type {array.dtype}; give (H, W) or (H, W, C) numbers"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, is_whole, shown
+from voxflat.arguments import Progress, checked_choice, is_whole, numbers_of, shown
 from voxflat.errors import Cancelled, InputError
 from voxflat.io.channels import Channels, Timing
 from voxflat.io.provenance import Record, resolved, saving
@@ -79,7 +79,7 @@ class Raster:
         ndarray of float64, shape (H, W) or (H, W, C)
             NaN outside the map.
         """
-        values = np.asarray(values, dtype=np.float64)
+        values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
         each = (...,) + (None,) * (values.ndim - 1)
         for corner in (0, 2, 1) if values.size == len(values) else (0, 1, 2):  # np.einsum's order, and so its bits
@@ -448,10 +448,9 @@ def series_showing(
 
 def _way(values: NDArray[Any], interpolation: str | None) -> str:
     """Return how values at points come to the pixels."""
-    way = ("nearest" if values.dtype.kind in "biu" else "linear") if interpolation is None else interpolation
-    if way not in INTERPOLATIONS:
-        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
-    return way
+    if interpolation is None:
+        return "nearest" if values.dtype.kind in "biu" else "linear"
+    return checked_choice(interpolation, "interpolation", INTERPOLATIONS)
 
 
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import checked_number, checked_path, log, numbers_of
+from voxflat.arguments import array_of, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
 from voxflat.io.freesurfer import write_annot, write_label
@@ -322,7 +323,7 @@ def _columns(
 
 def _pair(depth: object) -> tuple[float, float]:
     if not isinstance(depth, Sequence | np.ndarray) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {depth!r}; give two numbers, from how far to how far outside, mm")
+        raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
     return depth[0], depth[1]
 
 
@@ -435,8 +436,8 @@ def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
     found = []
     for polygon in given if several else [given]:
         try:
-            loop = np.asarray(polygon, dtype=np.float64)
-        except (TypeError, ValueError):
+            loop = numbers_of(polygon, "corners")
+        except InputError:
             loop = np.zeros(0)
         if loop.ndim != 2 or loop.shape[1:] != (2,) or len(loop) < 3:
             raise InputError(f"{name}: a polygon has (u, v) of at least three corners, shape (k, 2), not {loop.shape}")
@@ -478,7 +479,7 @@ def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
 
 def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
     """Return a label image as regions."""
-    values = np.asarray(data)
+    values = array_of(data, "labels")
     if values.ndim != 2 or values.dtype.kind not in "biuf":
         raise InputError(f"a label image has whole numbers of shape (H, W), not {values.dtype} of shape {values.shape}")
     raster = of.raster(pixel_size)
@@ -536,7 +537,10 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
-    image = require("PIL.Image").open(path, formats=PICTURES)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
+        image = require("PIL.Image").open(path, formats=PICTURES)
+        image.load()
     note(path)
     if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
         raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, is_whole, log
+from voxflat.arguments import array_of, checked_choice, checked_number, checked_switch, checked_text, is_whole, log
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
 from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
@@ -26,7 +26,7 @@ from voxflat.io.structures import refuse_other_side
 from voxflat.io.volumes import Volume, as_volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
-from voxflat.maps.sampling import phases, sample_layers, sample_mean, series_sampling
+from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
 from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "check_origin", "usual_spacing"]
@@ -192,6 +192,8 @@ class Sampler:
         """
         if period is not None:
             interpolation = _of_phases(period, interpolation)
+        checked_switch(average, "average")
+        name = checked_text(name, "name")
         title = name or (Path(volume).name if isinstance(volume, str | os.PathLike) else "overlay")
         layers: tuple[str, ...] = ()
         texture = None if self.is_voxels else self._surface_texture(volume)
@@ -310,8 +312,7 @@ class Sampler:
         if hasattr(volume, "dataobj"):
             with naming(type(volume).__name__, REMEDY):
                 return points_of_nibabel(volume, count, structure)
-        if isinstance(volume, np.ndarray | list) and np.ndim(np.asarray(volume)) in (1, 2):
-            values = np.asarray(volume)
+        if isinstance(volume, np.ndarray | list) and np.ndim(values := array_of(volume, "overlay's values")) in (1, 2):
             if len(values) != count:
                 raise InputError(f"the overlay has {len(values)} values; the mesh has {count} vertices")
             return Channels.of_array(values)
@@ -467,7 +468,7 @@ def _of_phases(period: float, interpolation: str | None) -> str:
     """Check the period of phases, and return how they are sampled."""
     if not (math.isfinite(checked_number(period, "period")) and period > 0):
         raise InputError(f"the period is {period:g}; give a positive number, such as 360 for degrees")
-    if interpolation == "majority":
+    if interpolation is not None and checked_choice(interpolation, "interpolation", INTERPOLATIONS) == "majority":
         raise InputError("interpolation is 'majority', which is of labels, but a period is of phases: give 'linear'")
     return interpolation or "linear"
 

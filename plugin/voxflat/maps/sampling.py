@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.arguments import checked_choice
 from voxflat.errors import InputError
 from voxflat.io.chunks import PLACE_BYTES, Chunked, voxels_at
 from voxflat.io.reading import check_room
@@ -426,8 +427,7 @@ def _way(volume: Volume, interpolation: str | None) -> str:
     """Return how to sample a volume."""
     if interpolation is None:
         return "linear" if volume.data.ndim == 4 or volume.data.dtype.kind == "f" else "nearest"
-    if interpolation not in INTERPOLATIONS:
-        raise InputError(f"interpolation is {interpolation!r}; give {', '.join(map(repr, INTERPOLATIONS))}")
+    checked_choice(interpolation, "interpolation", INTERPOLATIONS)
     if interpolation == "majority" and volume.data.ndim == 4:
         raise InputError("interpolation is 'majority', which is of labels, but the volume has colours: give 'linear'")
     return interpolation

@@ -52,7 +52,7 @@ def subdivide(
     InputError
         If the tolerance is not positive, or there would be too many triangles.
     """
-    if not (is_number(tolerance) and np.isfinite(tolerance) and tolerance > 0):
+    if not (is_number(tolerance) and 0 < tolerance < np.inf):
         raise InputError(f"the tolerance is {shown(tolerance)}; give a positive number of 255 grey levels")
     size = np.array(picture.shape[1::-1], dtype=np.float64)
     open_ = np.ones(len(faces), dtype=np.bool_)  # those not yet found good

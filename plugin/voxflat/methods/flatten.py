@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import Progress, checked_seed, checked_threads
+from voxflat.arguments import Progress, checked_seed, checked_switch, checked_threads
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import grossmann2002, options, saucan2006, schwartz1989, voxflat, zigelman2002
@@ -216,7 +216,7 @@ def flatten(
     how = How(
         sources=sources,  # the methods know how many are usual
         sampling=taken.get("sampling", ""),
-        mirror=bool(mirror),
+        mirror=checked_switch(mirror, "mirror"),
         seed=checked_seed(seed),
         keep_rows=keep_rows,
         store=store,

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from string import Template
 from typing import Any, TypeVar
 
-from voxflat.arguments import refuse
-from voxflat.errors import InputError
+from voxflat.arguments import checked_choice, refuse
 from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 __all__ = ["METHODS", "OPTIONS", "default", "resolved", "telling_defaults"]
@@ -84,9 +83,7 @@ def resolved(method: object, **given: Any) -> dict[str, Any]:
     InputError
         If there is no such method, or it knows no option that is given.
     """
-    if not isinstance(method, str) or method not in METHODS:
-        *others, last = map(repr, METHODS)
-        raise InputError(f"method is {method!r}; give {', '.join(others)} or {last}")
+    method = checked_choice(method, "method", METHODS)
     unknown = {name: value for name, value in given.items() if method not in OPTIONS[name]}
     refuse(method, **{name: None if value is False else value for name, value in unknown.items()})
     return {

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from voxflat.arguments import is_number
+from voxflat.arguments import is_number, shown
 from voxflat.atlases.glued import Seams, measured
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -19,7 +19,9 @@ __all__ = ["checked", "flatten"]
 def checked(bound: float) -> dict[str, float]:
     """Return the bound on C, if it can be used."""
     if not (is_number(bound) and 1 < bound <= 10):
-        raise InputError(f"bound is {bound!r}; give a number above 1, up to 10: how much lengths may change at most")
+        raise InputError(
+            f"bound is {shown(bound)}; give a number above 1, up to 10: how much lengths may change at most"
+        )
     return {"bound": float(bound)}
 
 

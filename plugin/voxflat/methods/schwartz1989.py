@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from voxflat.arguments import is_whole
+from voxflat.arguments import is_whole, shown
 from voxflat.distances.sources import choose_sources
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -34,7 +34,7 @@ def checked(neighbourhood: object, starts: object) -> dict[str, Any]:
 
 def _whole(value: object, name: str, wanted: str) -> int:
     if not is_whole(value) or not 1 <= value < _MOST:
-        raise InputError(f"{name} is {value!r}; give {wanted}")
+        raise InputError(f"{name} is {shown(value)}; give {wanted}")
     return int(value)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from voxflat.arguments import is_number, log
+from voxflat.arguments import checked_choice, is_number, log, shown
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
 from voxflat.distances.sources import choose_sources
@@ -24,12 +24,11 @@ SCALES = ("distances", "areas")
 
 def checked(geodesic: str | None, weighting: float, scale: str) -> dict[str, Any]:
     """Return what measures distances, None for what is usual, the weighting and the scale, if they can be used."""
-    if geodesic is not None and geodesic not in SOLVERS:
-        raise InputError(f"geodesic is {geodesic!r}; give 'graph', 'marching' or 'exact'")
+    if geodesic is not None:
+        checked_choice(geodesic, "geodesic", SOLVERS)
     if not (is_number(weighting) and 0 <= weighting <= 1):
-        raise InputError(f"weighting is {weighting!r}; give a number from 0, local, to 1, global")
-    if scale not in SCALES:
-        raise InputError(f"scale is {scale!r}; give 'distances' or 'areas'")
+        raise InputError(f"weighting is {shown(weighting)}; give a number from 0, local, to 1, global")
+    checked_choice(scale, "scale", SCALES)
     return {"geodesic": geodesic, "weighting": float(weighting), "scale": scale}
 
 

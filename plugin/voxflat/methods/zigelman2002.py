@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from voxflat.arguments import checked_choice
 from voxflat.distances.sources import choose_sources, source_count
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -23,8 +24,7 @@ def checked() -> dict[str, object]:
 def flatten(cut: Cutout, how: How) -> FlatMap:
     """Flatten a disk of triangles, or a range image."""
     part, usual = cut.part, default("sources", "zigelman2002")
-    if how.sampling not in SAMPLINGS:
-        raise InputError(f"sampling is {how.sampling!r}; give {', '.join(map(repr, SAMPLINGS[:-1]))} or 'grid'")
+    checked_choice(how.sampling, "sampling", SAMPLINGS)
     count = source_count(part, how.sources, fewest=3, usual=usual)
     grid = vertices = None
     if how.sampling == "grid":

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, is_whole
+from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.surfaces.surface import Surface
@@ -49,7 +49,9 @@ def read_cuts(whole: Surface, cuts: object | None) -> tuple[list[Any] | None, ND
     if isinstance(cuts, str | os.PathLike):
         paths, left_out = _from_file(Path(cuts), 3 if whole.is_voxels else None)
         return [_filled(whole, path, number) for number, path in enumerate(paths)], left_out
-    if isinstance(cuts, np.ndarray | list | tuple) and len(cuts) and is_whole(cuts[0]):
+    if isinstance(cuts, np.ndarray) and cuts.ndim:
+        cuts = list(cuts)
+    if isinstance(cuts, list | tuple) and len(cuts) and is_whole(cuts[0]):
         cuts = [cuts]
     if not isinstance(cuts, list | tuple):
         raise InputError(
@@ -143,11 +145,13 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
-            raise InputError(f"adapt is {adapt!r}; give how far from the template's cuts further ones may lie, in mm")
+            raise InputError(
+                f"adapt is {shown(adapt)}; give how far from the template's cuts further ones may lie, in mm"
+            )
         if relax is False:
             raise InputError("adapt relaxes near the template's cuts, relax=False forbids it: give one of them")
     if relax is not None and not (isinstance(relax, Real) and relax >= 0 and math.isfinite(relax)):
-        raise InputError(f"relax is {relax!r}; give True, False, or the length of the cuts in mm")
+        raise InputError(f"relax is {shown(relax)}; give True, False, or the length of the cuts in mm")
 
 
 def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDArray[np.uint32], list[str]]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import check_memory, checked_number, is_whole
+from voxflat.arguments import check_memory, checked_number, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume, as_volume
@@ -66,7 +66,7 @@ def foreground_of(
     """
     threshold = checked_number(threshold, "threshold")
     if label is not None and not is_whole(label):
-        raise InputError(f"the label is {label!r}; give a whole number, or a threshold for intensities")
+        raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
     volume = as_volume(source, spacing=spacing, affine=affine)
     check_scalar(volume)
     check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")

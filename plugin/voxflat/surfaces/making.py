@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_threads, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.surfaces.foreground import foreground_of
@@ -86,6 +86,7 @@ def surface(
         If `progress` returned False.
     """
     _check_repair(repair)
+    threads = checked_threads(threads)
     if isinstance(source, Surface):
         made = source
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
@@ -110,7 +111,7 @@ def _check_repair(repair: object) -> None:
         return
     instead = {True: "; 'voxels' is what True was", False: "; 'none' is what False was"}
     was = instead[bool(repair)] if isinstance(repair, bool | np.bool_) else ""
-    raise InputError(f"repair is {repair!r}; give 'none', 'voxels' or 'cuts', or leave it out{was}")
+    raise InputError(f"repair is {shown(repair)}; give 'none', 'voxels' or 'cuts', or leave it out{was}")
 
 
 def _refuse_options(what: str, **options: object) -> None:

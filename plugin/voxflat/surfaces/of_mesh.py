@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from voxflat import _core
+from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
 from voxflat.io.vtk import polydata_triangles
@@ -41,7 +42,7 @@ def as_mesh(source: object) -> Mesh | None:
     if isinstance(source, str | os.PathLike):
         return read_mesh(source) if is_mesh_name(Path(source)) else None
     if isinstance(source, tuple) and len(source) == 2:
-        points, faces = (np.asarray(part) for part in source)
+        points, faces = (array_of(part, "points and faces") for part in source)
         return Mesh(points, faces)
     if type(source).__name__ == "PolyData" and hasattr(source, "regular_faces"):
         return _of_polydata(source)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import is_number
+from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.surfaces.surface import Surface
@@ -55,7 +55,7 @@ def range_image(
     steps = _steps(spacing)
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
-        raise InputError(f"the jump is {jump!r} mm; give a positive difference of depth, or np.inf to cut nowhere")
+        raise InputError(f"the jump is {shown(jump)} mm; give a positive difference of depth, or np.inf to cut nowhere")
     is_there = np.isfinite(heights)
     faces = _faces(heights)
     inside = is_there.ravel()[faces].all(axis=1)
@@ -139,7 +139,7 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
     if isinstance(depth, np.ma.MaskedArray):
         depth = np.ma.filled(depth.astype(np.float64), np.nan)
     try:
-        given = np.asarray(depth)
+        given = array_of(depth, "depths")
     except ValueError:
         raise InputError("the depth is no array: its rows have different lengths") from None
     if given.ndim != 2 or min(given.shape) < 2:
@@ -148,7 +148,7 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
         raise InputError(f"the depth is {given.dtype}; give real numbers, mm")
     heights = given.astype(np.float64)
     if mask is not None:
-        there = np.asarray(mask)
+        there = array_of(mask, "values of the mask")
         if there.shape != heights.shape:
             raise InputError(f"the mask has shape {there.shape}, the depth {heights.shape}; they must agree")
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
@@ -166,12 +166,12 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
 
 def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
     """Return the distances of rows and of columns."""
-    steps = np.asarray(spacing)
+    steps = array_of(spacing, "spacings")
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
-        raise InputError(f"the spacing is {spacing!r}; give one number, or those of rows and columns, mm")
+        raise InputError(f"the spacing is {shown(spacing)}; give one number, or those of rows and columns, mm")
     rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
     if not (min(rows, columns) >= 1 / _LARGEST and max(rows, columns) <= _LARGEST):  # NaN is neither
-        raise InputError(f"the spacing is {spacing!r} mm; give positive, finite numbers")
+        raise InputError(f"the spacing is {shown(spacing)} mm; give positive, finite numbers")
     return rows, columns
 
 

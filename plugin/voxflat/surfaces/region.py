@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, array_of, shown
 from voxflat.errors import InputError
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.overlays import read_region
@@ -360,20 +360,20 @@ def _vertices(whole: Surface, region: object, name: str) -> NDArray[np.bool_]:
         return np.asarray(keep_mask(region, place)[tuple(whole.ids.T)])
     if whole.is_voxels:
         chosen = np.zeros(len(whole), dtype=np.bool_)
-        chosen[whole.find(np.asarray(region), name)] = True
+        chosen[whole.find(array_of(region, name), name)] = True
         return chosen
     count = whole.metadata["vertices"]
     if isinstance(region, str | os.PathLike):
         chosen = read_region(region, count, structure=whole.metadata.get("structure"))
     else:
-        chosen = _as_mask(np.asarray(region), count, name)
+        chosen = _as_mask(array_of(region, name), count, name)
     chosen = chosen.copy()
     np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
     return np.asarray(chosen[whole.vertices])
 
 
 def _is_vertex_list(region: object) -> bool:
-    return isinstance(region, np.ndarray | list) and np.ndim(np.asarray(region)) == 2
+    return isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2
 
 
 def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
@@ -396,9 +396,9 @@ def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
 def _seed(part: Surface, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
     """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
     if not part.is_voxels:
-        place = np.asarray(seed_point)
+        place = array_of(seed_point, "indices of the seed point")
         if place.ndim != 0 or place.dtype.kind not in "ui":
-            raise InputError(f"the seed point is {seed_point!r}; for a mesh give the number of a vertex")
+            raise InputError(f"the seed point is {shown(seed_point)}; for a mesh give the number of a vertex")
         return int(part.find(place[None], "the seed point")[0]), []
     wanted = seed_voxel(seed_point)
     vertex, distance = part.nearest(wanted)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from voxflat.arguments import checked_number
+from voxflat.arguments import array_of, checked_number
 from voxflat.errors import InputError
 
 __all__ = ["check_disk", "found_seed", "seed_voxel"]
@@ -24,7 +22,7 @@ def check_disk(seed_point: object, radius: float | None) -> float | None:
 
 def seed_voxel(seed_point: object) -> list[int]:
     """Return a seed point as voxel indices."""
-    place = np.asarray(seed_point)
+    place = array_of(seed_point, "indices of the seed point")
     if place.shape != (3,) or place.dtype.kind not in "ui":
         raise InputError(
             f"the seed point must be whole voxel indices of shape (3,), not {place.dtype} of {place.shape}"

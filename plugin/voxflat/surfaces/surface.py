@@ -11,12 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_kind, checked_number, checked_threads, log, numbers_of, shown
+from voxflat.arguments import (
+    Progress,
+    array_of,
+    checked_kind,
+    checked_text,
+    checked_threads,
+    is_number,
+    log,
+    numbers_of,
+    shown,
+)
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
+from voxflat.io.triangles import check_faces
 from voxflat.surfaces.lips import listed_points, triangles_of
 
 __all__ = ["Surface", "patch_of", "triangle_keys"]
@@ -136,7 +147,7 @@ class Surface:
         InputError
             If one of them is not on this surface.
         """
-        wanted = np.asarray(ids)
+        wanted = array_of(ids, checked_text(name, "name"))
         shape, what = (
             ((3,), "voxel indices of shape (m, 3)") if self.is_voxels else ((), "vertex numbers of shape (m,)")
         )
@@ -219,10 +230,9 @@ class Surface:
         Cancelled
             If `progress` returned False.
         """
-        length = checked_number(smoothing, "smoothing")
-        if not 0 <= length < np.inf:
-            raise InputError(f"smoothing is {smoothing!r}; give a length in mm, 0 for none")
-        return self.core.mean_curvature(length, checked_threads(threads), progress)
+        if not (is_number(smoothing) and 0 <= smoothing < np.inf):
+            raise InputError(f"smoothing is {shown(smoothing)}; give a length in mm, 0 for none")
+        return self.core.mean_curvature(float(smoothing), checked_threads(threads), progress)
 
     def sulcal_depth(
         self, flow: float = 70.0, *, threads: int | None = None, progress: Progress | None = None
@@ -252,10 +262,9 @@ class Surface:
         Cancelled
             If `progress` returned False.
         """
-        time = checked_number(flow, "flow")
-        if not 0 < time < np.inf:
-            raise InputError(f"flow is {flow!r}; give a positive number of mm²")
-        return self.core.sulcal_depth(time, checked_threads(threads), progress)
+        if not (is_number(flow) and 0 < flow < np.inf):
+            raise InputError(f"flow is {shown(flow)}; give a positive number of mm²")
+        return self.core.sulcal_depth(float(flow), checked_threads(threads), progress)
 
     def merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return vertices of the whole surface, each replaced by the one that it was merged with.
@@ -346,7 +355,7 @@ class Surface:
         """
         if self.mesh_faces is None:
             return np.zeros((0, 3), dtype=np.int64)
-        own = self.vertices[self.faces if faces is None else faces]
+        own = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
         among = self.mesh_faces[triangles_of(np.unique(own), self.mesh_faces)]
         return among[~np.isin(triangle_keys(among), triangle_keys(own))]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_threads, log
+from voxflat.arguments import Progress, checked_choice, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.provenance import Record, resolved, saving, telling
@@ -157,8 +157,8 @@ def register(
     Cancelled
         If `progress` returned False.
     """
-    if side is not None and side not in SIDES:
-        raise InputError(f"side is {side!r}; give 'left' or 'right', or leave it out")
+    if side is not None:
+        checked_choice(side, "side", SIDES)
     threads = checked_threads(threads)
     place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.surfaces.standard.registration import Registration
@@ -182,7 +183,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     if isinstance(sphere, tuple) and len(sphere) == 2:
         return Mesh(np.asarray(sphere[0]), np.asarray(sphere[1]))
     try:
-        points = np.asarray(sphere)
+        points = array_of(sphere, "points of the sphere")
     except ValueError:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():

@@ -1,0 +1,159 @@
+"""Faults: too little memory, signals, names as long as the system takes, files that change while they are read."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli, io
+
+pytestmark = pytest.mark.slow
+
+RUN = "from voxflat.cli import main; main(prog_name='voxflat')"
+
+
+def sheet(n=60):
+    i, j = np.indices((n, n))
+    volume = np.zeros((n, n, 30), np.uint8)
+    volume[i, j, np.round(15 + 6 * np.sin(i / 19) * np.sin(j / 19)).astype(int)] = 1
+    return volume
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    io.write_volume("v.nii.gz", sheet(), np.eye(4))
+    return tmp_path
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], prog_name="voxflat")
+
+
+@pytest.mark.parametrize("more", [60, 100, 200, 300])
+def test_too_little_memory_is_one_line(tmp_path, more):
+    """Whatever `ulimit -v` leaves (MiB) beyond what the package itself takes."""
+    io.write_volume(tmp_path / "v.nii.gz", sheet(260), np.eye(4))
+    code = (
+        "import psutil, resource, sys\nfrom voxflat.cli import main\n"
+        f"room = psutil.Process().memory_info().vms + ({more} << 20)\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (room, room))\n"
+        "main(sys.argv[1:], prog_name='voxflat')"
+    )
+    command = ["flatten", "v.nii.gz", "--sources", "1000", "--threads", "2", "-o", "m.npz", "--quiet"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "memory" in done.stderr
+    assert names(tmp_path) == ["v.nii.gz"]
+
+
+def test_check_keeps_to_the_memory_limit(folder):
+    done = run("check", "v.nii.gz", "--label", 1, "--memory-limit", "2M")
+    assert done.exit_code == 1
+    assert "of memory are needed, 2 MiB is the limit" in done.stderr
+
+
+ENDING = [signal.SIGTERM, signal.SIGINT]
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_signals_while_saving_leave_nothing(folder, number):
+    code = (
+        "import os, signal, sys\nfrom voxflat.cli import main\nimport numpy as np\n"
+        "usual = np.savez_compressed\n"
+        f"def save(*args, **more): usual(*args, **more); os.kill(os.getpid(), {int(number)}); usual(*args, **more)\n"
+        "np.savez_compressed = save\n"
+        "main(sys.argv[1:], prog_name='voxflat')"
+    )
+    command = ["flatten", "v.nii.gz", "--label", "1", "--sources", "20", "-o", "m.npz", "--quiet"]
+    done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True, check=False)
+    told = "terminated" if number == signal.SIGTERM else "cancelled"
+    assert (done.stderr, done.returncode) == (f"voxflat: {told}\n", 128 + number)
+    assert names(folder) == ["v.nii.gz"]
+
+
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
+def test_ctrl_c_while_the_program_starts_shows_no_traceback(tmp_path, after):
+    """From when the package is begun to be imported: what Python does before is its own."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Told:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'voxflat._core': print('begun', flush=True)\n"
+        "sys.meta_path.insert(0, Told())\n"
+    )
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "voxflat.cli", "--help"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(after)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert "Traceback" not in told
+    assert process.returncode in (-signal.SIGINT, 130, 0)
+
+
+def test_scripts_keep_their_ctrl_c():
+    code = "import signal, voxflat; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("letter", ["a", "ä"])
+def test_names_as_long_as_the_system_takes(folder, letter):
+    name = letter * ((255 - len(".npz")) // len(letter.encode())) + ".npz"
+    flat_map = voxflat.flatten(sheet(), label=1, sources=20)
+    flat_map.save(name)
+    assert len(voxflat.load(name)) == len(flat_map)
+    store = letter * (255 // len(letter.encode()))
+    voxflat.geodesic(sheet(), 5, label=1, store=store)
+    assert voxflat.open_rows(store).shape == (5, len(flat_map))
+    assert len(names(folder)) == 3
+
+
+@pytest.mark.parametrize(
+    ("output", "repaired", "more", "message"),
+    [
+        ("bad.ending", "out.nii", ("--repair", "voxels"), "bad.ending: ending '.ending' is unknown"),
+        ("s.vtp", "out.bad", ("--repair", "voxels"), "out.bad: ending '.bad' is unknown"),
+        ("s.vtp", "out.nii", ("--repair", "none"), "there are no changed voxels to write"),
+    ],
+)
+def test_of_two_results_neither_is_written_where_one_cannot_be(folder, output, repaired, more, message):
+    done = run("surface", "v.nii.gz", "--label", 1, *more, "--repaired", repaired, "-o", output)
+    assert done.exit_code == 1
+    assert message in done.stderr
+    assert names(folder) == ["v.nii.gz"]
+
+
+def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
+    """The system would end the process, by SIGBUS."""
+    code = (
+        "import os, sys, numpy as np, voxflat\n"
+        "rows = voxflat.open_rows('store')\n"
+        "os.truncate('store/rows.npy', 4096)\n"
+        "for read in (lambda: rows[-1], lambda: np.asarray(rows), rows.verify):\n"
+        "    try: read()\n"
+        "    except voxflat.InputError as error: print(error)\n"
+    )
+    voxflat.geodesic(sheet(), 20, label=1, store=tmp_path / "store")
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1]
