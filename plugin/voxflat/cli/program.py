@@ -27,6 +27,7 @@ from voxflat.cli import (
     rows,
     surface,
     texture,
+    worst,
 )
 from voxflat.cli.console import Program
 
@@ -51,6 +52,7 @@ _COMMANDS = (
     register,
     path,
     measure,
+    worst,
     patches,
     rows,
     image,
