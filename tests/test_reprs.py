@@ -27,6 +27,7 @@ def shown(tmp_path_factory):
     store = tmp_path_factory.mktemp("rows") / "store"
     voxflat.geodesic(mesh, 5, store=store)
     patch = io.Patch(np.arange(1600), points, np.zeros(1600, dtype=bool))
+    worst = voxflat.worst_places(flat_map, 1, beyond=1.0001)
     registration = voxflat.Registration(cut.surface, points, "left", 0.99, {"scores": points})
     results = [
         *(mesh, flat_map, flat_map.distortion, flat_map.distortion.raw, flat_map.distortion.triangles),
@@ -34,7 +35,7 @@ def shown(tmp_path_factory):
         *(atlas, atlas[0], atlas[0].plane, atlas.certificate, atlas.page(), glued, glued[0], glued.seams),
         *(atlas.page().textured(), compared, compared.maps["map 0"], voxflat.check(mesh), voxflat.surface(mesh)),
         *(voxflat.path(mesh, 0, 1599), voxflat.open_rows(store), cut, voxflat.surfaces.cut.Cut(i, 1.5, "given"), patch),
-        registration,
+        *(registration, worst, worst.places[0], worst.places[0].cut),
         *(mesh.space, io.VolumeGeometry(np.eye(3), np.array([3.0, -17.0, 22.0]), filename="x" * 40)),
         io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),
     ]

@@ -3,8 +3,9 @@
 The way through: `surface` makes a `Surface` of a label volume or a mesh, `range_image` one of depths; `flatten` takes
 it, or a volume or mesh as it is, to a `FlatMap`; `check` says beforehand whether that works; `geodesic` and `path` give
 the distances alone; `open_rows` opens distances on disk; `load` reads a saved map; `measure` judges any map, of
-whatever tool, and `compare` several of them. `patches` flattens a surface of any topology in pieces, as a `FlatAtlas`,
-with bounds of the distortion that are proven. `map_page` shows a map beside its surface in a notebook or a browser.
+whatever tool, and `compare` several of them; `worst_places` says where a map changes areas most, and where to cut.
+`patches` flattens a surface of any topology in pieces, as a `FlatAtlas`, with bounds of the distortion that are proven.
+`map_page` shows a map beside its surface in a notebook or a browser.
 
 ``voxflat.vtk`` has filters of VTK; it is imported when it is first asked for.
 """
@@ -28,6 +29,7 @@ from voxflat.judging.measure import Comparison, compare, measure
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.look_up import Places
 from voxflat.maps.texture import TexturedSurface
+from voxflat.maps.worst_places import RelievingCut, WorstPlace, WorstPlaces, worst_places
 from voxflat.methods.flatten import flatten
 from voxflat.surfaces.check import Check, check
 from voxflat.surfaces.cut import Cut, CutSurface, cut
@@ -59,12 +61,15 @@ __all__ = [
     "Places",
     "Plane",
     "Registration",
+    "RelievingCut",
     "Seams",
     "StandardErrors",
     "Surface",
     "TexturedSurface",
     "TriangleFigures",
     "VoxflatError",
+    "WorstPlace",
+    "WorstPlaces",
     "__version__",
     "check",
     "compare",
@@ -81,6 +86,7 @@ __all__ = [
     "range_image",
     "register",
     "surface",
+    "worst_places",
 ]
 
 if TYPE_CHECKING:

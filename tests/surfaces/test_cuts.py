@@ -162,3 +162,15 @@ def test_the_command_writes_what_flatten_takes(tmp_path):
     flat = voxflat.load(tmp_path / "map.npz")
     assert flat.metadata["automatic_cuts"] == []
     assert len(flat) == content["vertices"]
+
+
+@pytest.mark.parametrize("side", [2, 13])
+def test_a_path_over_voxels_that_have_two_vertices_stays_on_its_side(side):
+    volume = np.zeros((20, 16, 16), dtype=np.uint8)
+    volume[2:18, 2:14, 2:7] = 1
+    volume[2:18, 7, 7:14] = 1  # a fin, one voxel thick: each of its voxels is seen from either side
+    whole = voxflat.surface(volume, spacing=(1, 1, 1))
+    start, end = (int(np.argmin(np.linalg.norm(whole.ids - at, axis=1))) for at in ((9, side, 4), (9, 7, 13)))
+    steps, _ = whole.core.edge_path(start, end)
+    done = voxflat.cut(whole, cuts=[whole.ids[steps]], relax=False)
+    assert len(done.surface) == len(whole) + len(steps) - 2  # all but its ends are doubled

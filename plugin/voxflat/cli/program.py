@@ -28,6 +28,7 @@ from voxflat.cli import (
     rows,
     surface,
     texture,
+    worst,
 )
 from voxflat.cli.console import Program
 
@@ -52,6 +53,7 @@ _COMMANDS = (
     register,
     path,
     measure,
+    worst,
     patches,
     rows,
     image,

@@ -1,6 +1,6 @@
-"""Figures: `flat_map`, `scatter`, `heat_map(s)`, `spectrum`, `patch_3d` of maps; `atlas_page`, ... of atlases.
+"""Figures: `flat_map`, `scatter`, `heat_map(s)`, `spectrum`, `patch_3d`, ... of maps; `atlas_page`, ... of atlases.
 
-The two in space return a picture, which `save_picture` writes, drawn by PyVista; `movie` pictures one after the other,
+Those in space return a picture, which `save_picture` writes, drawn by PyVista; `movie` pictures one after the other,
 which `save_movie` writes. The others return a
 `matplotlib.figure.Figure`, to be changed, or written by `save`; none touches pyplot, so they work without a screen, in
 threads, and beside the user's own figures.
@@ -12,6 +12,7 @@ from voxflat.figures.flat_maps import flat_map
 from voxflat.figures.maps import heat_map, heat_maps, scatter, spectrum
 from voxflat.figures.movies import Movie, movie
 from voxflat.figures.space import atlas_3d, patch_3d
+from voxflat.figures.worst import worst_places, worst_places_3d
 
 __all__ = [
     "Movie",
@@ -28,4 +29,6 @@ __all__ = [
     "save_picture",
     "scatter",
     "spectrum",
+    "worst_places",
+    "worst_places_3d",
 ]

@@ -1,4 +1,4 @@
-"""Pictures in space: `patch_3d` of maps, `atlas_3d` of atlases, drawn by PyVista."""
+"""Pictures in space: `patch_3d` of maps, `atlas_3d` of atlases, anything on a map's surface, drawn by PyVista."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
@@ -30,7 +31,7 @@ from voxflat.surfaces.surface import triangle_keys
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista
 
-__all__ = ["atlas_3d", "load_pyvista", "patch_3d"]
+__all__ = ["atlas_3d", "drawn_from_both_sides", "load_pyvista", "patch_3d"]
 
 _CLOSED = 0.05  # of what the normals would sum up to on a plane
 _SAME_PLACE = 1e-3  # mm
@@ -128,6 +129,67 @@ def _both(size: object) -> tuple[int, int]:
         raise InputError(f"the size is {shown(size)}; give width and height, pixels")
     width, height = (checked_pixels(side, "size") for side in size)
     return width, height
+
+
+def drawn_from_both_sides(
+    flat_map: FlatMap,
+    meshes: Sequence[tuple[Any, dict[str, Any]]],
+    names: Sequence[tuple[NDArray[np.float64], str]],
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """Draw meshes of a map's surface from outside and, beside that, from the other side.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        What is looked at.
+    meshes : sequence of (pyvista.PolyData, dict)
+        With the options of `Plotter.add_mesh`.
+    names : sequence of (point, str)
+        Written where they are seen; in brackets, on the side where they lie, if they are hidden from both. The first
+        mesh is what may hide them.
+    size : tuple of 2 ints
+        Width and height in pixels.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+    """
+    pyvista = load_pyvista()
+    width, height = size
+    extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
+    written: dict[str, tuple[float, float, str]] = {}  # where, in pixels of the picture
+
+    def look(plotter: pyvista.Plotter, turned: bool) -> None:
+        _look_from_outside(plotter, flat_map)
+        camera = plotter.camera
+        if turned:
+            camera.azimuth = 180
+            plotter.reset_camera_clipping_range()
+        towards = _unit(np.asarray(camera.position) - np.asarray(camera.focal_point))
+        right, pixels = np.cross(camera.up, towards), height / 2 / camera.parallel_scale
+        for point, name in names:
+            hits, _ = meshes[0][0].ray_trace(point + 0.004 * extent * towards, point + 2 * extent * towards)
+            is_hidden = len(hits) > 0
+            from_middle = point - np.asarray(camera.focal_point)
+            if not is_hidden or (from_middle @ towards >= 0 and name not in written):
+                across, up = (from_middle @ axis * pixels for axis in (right, camera.up))
+                x = width // 2 * (0.5 + turned) + across
+                written[name] = (x, height / 2 - up, f"({name})" if is_hidden else name)
+
+    def view(turned: bool) -> NDArray[np.uint8]:
+        return _drawn(pyvista, meshes, (width // 2, height), lambda plotter: look(plotter, turned))
+
+    picture = np.concatenate([view(False), view(True)], axis=1)
+    figure = Figure(figsize=(picture.shape[1] / _DPI, height / _DPI), dpi=_DPI)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(picture, interpolation="none", aspect="auto")
+    axes.set_axis_off()
+    for x, y, name in written.values():
+        above = -0.03 * height if y > 0.1 * height else 0.03 * height
+        text = axes.text(x, y + above, name, ha="center", va="center", size=9, weight="bold")
+        text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+    return _pixels(figure)
 
 
 def load_pyvista() -> Any:

@@ -93,8 +93,10 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
 
 def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
     """Fill in what lies between vertices that are no neighbours, the shortest way along edges."""
-    vertices = whole.find(path, f"cut {number}").tolist()
+    vertices = _vertices_along(whole, path, f"cut {number}").tolist()
     passed = vertices[:1]
+    if _are_linked(whole, np.asarray(vertices)):
+        return path
     for a, b in pairwise(vertices):
         try:
             steps, _ = whole.core.edge_path(a, b)
@@ -103,6 +105,42 @@ def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.
             raise InputError(f"cut {number}: no path leads from {ends[0]} to {ends[1]}") from None
         passed += steps[1:].tolist()
     return np.asarray(whole.ids[passed])
+
+
+def _vertices_along(part: Surface, path: Any, name: str) -> NDArray[np.uint32]:
+    """Find the vertices of a path; where a voxel has several, those that are neighbours one after another."""
+    found = part.find(path, name)
+    if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
+        return found
+    _, voxel = np.unique(part.ids, axis=0, return_inverse=True)
+    voxel = voxel.reshape(-1)
+    choices = [np.flatnonzero(voxel == voxel[vertex]).tolist() for vertex in found]
+    links = _links(part, np.concatenate([np.array(vertices) for vertices in choices]))
+    before: list[dict[int, int]] = [dict.fromkeys(choices[0], -1)]
+    for vertices in choices[1:]:
+        steps = ((b, next((a for a in before[-1] if (a, b) in links), None)) for b in vertices)
+        before.append({b: a for b, a in steps if a is not None})
+    if not before[-1]:
+        return found
+    chain = [next(iter(before[-1]))]
+    for step in before[:0:-1]:
+        chain.append(step[chain[-1]])
+    return np.array(chain[::-1], dtype=np.uint32)
+
+
+def _are_linked(part: Surface, vertices: NDArray[Any]) -> bool:
+    """Tell whether vertices are neighbours, one after another."""
+    links = _links(part, vertices)
+    return all(pair in links for pair in pairwise(vertices.tolist()))
+
+
+def _links(part: Surface, vertices: NDArray[Any]) -> set[tuple[int, int]]:
+    """Return the edges, either way, between any of the given vertices."""
+    is_given = np.zeros(len(part), dtype=np.bool_)
+    is_given[vertices] = True
+    ends = np.concatenate([part.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    ends = ends[is_given[ends].all(axis=1)]
+    return {(a, b) for a, b in np.concatenate([ends, ends[:, ::-1]]).tolist()}
 
 
 def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any], float]:
@@ -123,7 +161,7 @@ def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any
     length : float
         Of all of them, mm.
     """
-    found = [part.find(path, f"cut {number}") for number, path in enumerate(paths or [])]
+    found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
         part = part.with_core(part.core.cut(found))

@@ -209,7 +209,8 @@ fn share_beyond(factor: f64, triangles: &[Triangle], scale: f64) -> f64 {
     if scale.is_nan() {
         f64::NAN
     } else {
-        known().filter(is_beyond).map(area).sum::<f64>() / known().map(area).sum::<f64>()
+        let sum = known().filter(is_beyond).map(area).fold(0.0, |sum, area| sum + area); // of nothing 0, not -0
+        sum / known().map(area).sum::<f64>()
     }
 }
 

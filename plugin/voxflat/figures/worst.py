@@ -1,0 +1,113 @@
+"""Figures of the worst places of a map: `worst_places` in the plane, `worst_places_3d` on the surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_kind
+from voxflat.figures.colours import AREAS
+from voxflat.figures.space import drawn_from_both_sides, load_pyvista
+from voxflat.maps.lines import outline, rim
+from voxflat.maps.worst_places import WorstPlaces
+
+__all__ = ["worst_places", "worst_places_3d"]
+
+_LABEL = "area on the map / on the surface"
+_OUTLINE, _CUT, _BORDER = "black", "#1a7f37", "#606060"
+_APART = 0.03  # of a number from its place, as a share of the map's height
+_THICK = 0.0016  # of lines on the surface, as a share of its size
+_FACTORS = (0.25, 0.5, 0.67, 0.8, 1.0, 1.25, 1.5, 2.0, 4.0)
+
+
+def worst_places(worst: WorstPlaces) -> Figure:
+    """Show a map's worst places: outlines and numbers over the change of areas, and the cuts that relieve them.
+
+    Parameters
+    ----------
+    worst : WorstPlaces
+        As `voxflat.worst_places` returns them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Areas at the scale that keeps the area of the whole, to twice `WorstPlaces.beyond` either way; cuts are green.
+    """
+    checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
+    flat_map = worst.flat_map
+    wide, high = np.ptp(flat_map.uv, axis=0).tolist()
+    figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
+    axes = figure.add_subplot(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
+    look: dict[str, Any] = {"cmap": AREAS, "norm": _norm(worst), "rasterized": True}
+    axes.tripcolor(*flat_map.uv.T, flat_map.faces, facecolors=worst.logs, **look)
+    _lines(axes, outline(flat_map.uv, flat_map.faces), _BORDER, 0.6)
+    for place in worst.places:
+        _lines(axes, outline(flat_map.uv, flat_map.faces[place.triangles]), _OUTLINE, 0.9)
+        if place.cut is not None:
+            _lines(axes, [place.cut.uv], _CUT, 1.4)
+    middle = (flat_map.uv.min(axis=0) + flat_map.uv.max(axis=0)) / 2
+    for place in worst.places:
+        towards = middle - place.uv
+        at = place.uv + _APART * high * towards / max(float(np.linalg.norm(towards)), 1e-9)
+        text = axes.text(*at, str(place.number), ha="center", va="center", size=10, weight="bold", zorder=5)
+        text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+    bar = figure.colorbar(
+        ScalarMappable(look["norm"], AREAS), ax=axes, label=_LABEL, fraction=0.045, pad=0.03, aspect=22, extend="both"
+    )
+    shown = [factor for factor in _FACTORS if abs(np.log2(factor)) <= look["norm"].vmax]
+    bar.set_ticks(np.log2(shown).tolist(), labels=[f"{factor:g}" for factor in shown])
+    return figure
+
+
+def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) -> NDArray[np.uint8]:
+    """Picture a map's worst places on its surface, from outside and from the other side.
+
+    Parameters
+    ----------
+    worst : WorstPlaces
+        As `voxflat.worst_places` returns them.
+    size : tuple of 2 ints
+        Width and height in pixels.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        In the colours of `worst_places`, for `save_picture`. Numbers of places that are hidden are in brackets.
+
+    Raises
+    ------
+    InputError
+        If PyVista is missing or cannot draw.
+    """
+    checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
+    pyvista = load_pyvista()
+    flat_map, norm = worst.flat_map, _norm(worst)
+    patch = pyvista.PolyData.from_regular_faces(flat_map.points, flat_map.faces.astype(np.int64))
+    patch.cell_data["areas"] = worst.logs
+    material = {"scalars": "areas", "cmap": AREAS, "clim": (norm.vmin, norm.vmax), "show_scalar_bar": False}
+    meshes = [(patch, {**material, "ambient": 0.5, "diffuse": 0.6, "specular": 0.0})]
+    thick = _THICK * float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
+    for place in worst.places:
+        lines = [flat_map.points[line] for line in rim(flat_map.faces[place.triangles], len(flat_map))]
+        meshes += [(pyvista.lines_from_points(line).tube(radius=thick), {"color": _OUTLINE}) for line in lines]
+        if place.cut is not None:
+            meshes.append((pyvista.lines_from_points(place.cut.points).tube(radius=1.4 * thick), {"color": _CUT}))
+    numbers = [(place.point, str(place.number)) for place in worst.places]
+    return drawn_from_both_sides(flat_map, meshes, numbers, size)
+
+
+def _norm(worst: WorstPlaces) -> TwoSlopeNorm:
+    most = 1 + float(np.log2(worst.beyond))
+    return TwoSlopeNorm(0.0, -most, most)
+
+
+def _lines(axes: Axes, lines: list[NDArray[np.float64]], colour: str, width: float) -> None:
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, capstyle="round", zorder=4))

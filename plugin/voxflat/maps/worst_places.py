@@ -1,0 +1,592 @@
+"""The worst places of a map: where areas change most, how large these places are, and which cut relieves each."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_kind, checked_number, checked_path, checked_threads, is_whole
+from voxflat.errors import InputError
+from voxflat.io.files import atomic_path
+from voxflat.io.provenance import Record, saving, telling
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import rim
+from voxflat.maps.parcels import Parcels, parcels_of
+from voxflat.surfaces.cuts import close_holes
+from voxflat.surfaces.region import sketch_error
+from voxflat.surfaces.surface import Surface
+
+__all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "worst_places"]
+
+WORST_ENDINGS = (".json", ".tsv")
+"""Endings of the files that `WorstPlaces.save` writes."""
+
+_ON = 3.0  # times as deep as a place at the border is, its cut leads
+_MOST = 10.0  # of |log2| of a triangle's areas that is counted: one that has none on the map would be all there is
+
+
+@dataclass(frozen=True, eq=False)
+class RelievingCut:
+    """A cut that relieves a place of a map.
+
+    Parameters
+    ----------
+    ids : ndarray of int64, shape (k,) or (k, 3)
+        The vertices along it, or their voxels, from inside the map to its border.
+    points : ndarray of float64, shape (k, 3)
+        Where they are on the surface, mm.
+    uv : ndarray of float64, shape (k, 2)
+        Where they are on the map, mm.
+    length : float
+        mm.
+    gain : float
+        By how much less a sketch of the map gets distances wrong with it, as a fraction: what relaxation cuts are
+        judged by. Negative where distances get worse, which a cut that mends areas may cost; NaN where there is no
+        sketch.
+    """
+
+    ids: NDArray[np.int64]
+    points: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    length: float
+    gain: float
+
+    def __repr__(self) -> str:
+        return f"<RelievingCut along {len(self.ids)} vertices, {self.length:.1f} mm, gain {100 * self.gain:.2f} %>"
+
+
+@dataclass(frozen=True, eq=False)
+class WorstPlace:
+    """A connected part of a map whose area is stretched, or shrunk, beyond a factor.
+
+    Parameters
+    ----------
+    number : int
+        From 1, the worst, on.
+    kind : {"stretched", "shrunk"}
+        What happens to its area.
+    area : float
+        Its area on the surface, mm².
+    share : float
+        Of the whole surface's.
+    excess : float
+        How much distortion it holds, by which places are ranked: Σ A_surface |log2(A_flat / A_surface)|, mm².
+    worst_ratio, median_ratio : float
+        A_flat / A_surface of the triangle where it is farthest from 1, and the median by area, at the scale that keeps
+        the area of the whole.
+    point : ndarray of float64, shape (3,)
+        Its centre on the surface, mm: one of its vertices.
+    uv : ndarray of float64, shape (2,)
+        That on the map, mm.
+    id : ndarray of int64, shape () or (3,)
+        The number of that vertex, or its voxel.
+    triangles : ndarray of int64, shape (k,)
+        Numbers of the map's triangles.
+    parcel : str or None
+        The parcel that holds most of it, where parcels were given.
+    cut : RelievingCut or None
+        Which cut relieves it; None where none was asked for, or no way leads from it to the border.
+    """
+
+    number: int
+    kind: str
+    area: float
+    share: float
+    excess: float
+    worst_ratio: float
+    median_ratio: float
+    point: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    id: NDArray[np.int64]
+    triangles: NDArray[np.int64]
+    parcel: str | None = None
+    cut: RelievingCut | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<WorstPlace {self.number}: {self.kind}, {self.area:.1f} mm², area times {self.worst_ratio:.2f} at worst>"
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Return it ready for JSON, without its triangles, with units in the names."""
+        at = {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
+        told: dict[str, Any] = {
+            "number": self.number,
+            "kind": self.kind,
+            "area_mm2": self.area,
+            "share": self.share,
+            "excess_mm2": self.excess,
+            "worst_ratio": self.worst_ratio,
+            "median_ratio": self.median_ratio,
+            **at,
+            "id": self.id.tolist(),
+            "parcel": self.parcel,
+        }
+        gain = None if self.cut is None or np.isnan(self.cut.gain) else self.cut.gain
+        told |= {"cut_length_mm": None if self.cut is None else self.cut.length, "cut_gain": gain}
+        return told
+
+
+@dataclass(frozen=True, eq=False)
+class WorstPlaces:
+    """The worst places of a map, the worst first.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        The map.
+    beyond : float
+        The factor beyond which areas change there.
+    places : tuple of WorstPlace
+        Fewer than were asked for, or none, where there are no more.
+    found : int
+        How many there are.
+    share : float
+        The share of the surface in all of them: as `area_beyond_1_5` of `TriangleFigures`, at this factor.
+    sketch_error : float
+        The mean relative error of distances in a sketch of the map, to which `RelievingCut.gain` refers; NaN where
+        there is none.
+    provenance : dict
+        What made it.
+    """
+
+    flat_map: FlatMap
+    beyond: float
+    places: tuple[WorstPlace, ...]
+    found: int
+    share: float
+    sketch_error: float = np.nan
+    provenance: Record = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"<WorstPlaces: {len(self.places)} of {self.found} where areas change beyond {self.beyond:g} times, "
+            f"{100 * self.share:.2f} % of the surface>"
+        )
+
+    def with_provenance(self, record: Record) -> WorstPlaces:
+        """Return the same with a record of what made it.
+
+        Parameters
+        ----------
+        record : dict
+            As `provenance`.
+
+        Returns
+        -------
+        WorstPlaces
+        """
+        return replace(self, provenance=record)
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int64]:
+        """The number of the place that each triangle of the map belongs to, shape (F,); 0 for none."""
+        numbers = np.zeros(len(self.flat_map.faces), dtype=np.int64)
+        for place in self.places:
+            numbers[place.triangles] = place.number
+        return numbers
+
+    @cached_property
+    def logs(self) -> NDArray[np.float64]:
+        """Of each triangle log2(A_flat / A_surface), at the scale that keeps the area of the whole, shape (F,).
+
+        At most 10 either way, as of triangles without area on the map; NaN without area on the surface.
+        """
+        return _changes(self.flat_map)[1]
+
+    def cuts(self, *numbers: int) -> list[list[Any]]:
+        """Return cuts that `flatten` takes as ``cuts``: those that the map has, and those that relieve places.
+
+        Parameters
+        ----------
+        *numbers : int
+            Of the places; by default all. Cuts that run into each other from different sides may part the surface.
+
+        Returns
+        -------
+        list of lists
+            Vertices one after another, or voxels. Give `flatten` the region again that the map was made of.
+
+        Raises
+        ------
+        InputError
+            If there is no place of that number.
+        """
+        metadata = self.flat_map.metadata
+        known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
+        return [list(path) for path in known] + [one.ids.tolist() for one in self._chosen(numbers)]
+
+    def _chosen(self, numbers: tuple[int, ...]) -> list[RelievingCut]:
+        for number in numbers:
+            if not is_whole(number) or not 1 <= number <= len(self.places):
+                raise InputError(f"there is no place {number!r}; they are counted from 1 to {len(self.places)}")
+        wanted = numbers or range(1, len(self.places) + 1)
+        return [place.cut for place in self.places if place.number in wanted and place.cut is not None]
+
+    def save_cuts(
+        self, path: str | os.PathLike[str], *numbers: int, sidecar: bool = False, overwrite: bool = False
+    ) -> None:
+        """Write `cuts` to a file that ``cuts`` of `flatten` takes, of a mesh with the vertices that the map has not.
+
+        Parameters
+        ----------
+        path : path
+            A JSON file, as `CutSurface.save` writes it.
+        *numbers : int
+            As in `cuts`.
+        sidecar, overwrite
+            As in `FlatMap.save`.
+
+        Raises
+        ------
+        InputError
+            If there is no place of that number, or it is a file that was read.
+        OSError
+            If it cannot be written.
+        """
+        content: dict[str, Any] = {"cuts": self.cuts(*numbers), "drop": []}
+        if not self.flat_map.is_voxels:
+            content["drop"] = np.setdiff1d(np.arange(self.flat_map.metadata["vertices"]), self.flat_map.ids).tolist()
+        content["provenance"] = self.provenance
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
+            beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+    def figures(self) -> dict[str, Any]:
+        """Return all of it, without arrays of triangles, ready for JSON."""
+        return {
+            "beyond": self.beyond,
+            "found": self.found,
+            "share": self.share,
+            "sketch_error": None if np.isnan(self.sketch_error) else self.sketch_error,
+            "places": [place.figures() for place in self.places],
+        }
+
+    def table(self) -> str:
+        """Return the places as a table of text."""
+        share = f"{100 * self.share:.2f} % of the surface"
+        about = f"{self.found} places where areas change beyond {self.beyond:g} times, {share}"
+        if not self.places:
+            return about
+        rows = [["", "area, mm²", "% of all", "area times", "median", "x, y, z, mm", "u, v, mm", "cut, mm", "gain, %"]]
+        rows += [_row(place) for place in self.places]
+        if any(place.parcel is not None for place in self.places):
+            for row, parcel in zip(rows, ["parcel", *(place.parcel or "–" for place in self.places)], strict=True):
+                row.append(parcel)
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(
+                cell.ljust(width) if column in (0, 9) else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+            )
+            for row in rows
+        ]
+        told = (
+            []
+            if np.isnan(self.sketch_error)
+            else [f"gain: of the {100 * self.sketch_error:.2f} % by which a sketch of the map gets distances wrong"]
+        )
+        return "\n".join([about, *(line.rstrip() for line in lines), *told])
+
+    def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
+        """Write the places to a file.
+
+        Parameters
+        ----------
+        path : path
+            ``.json``, as `figures` has them, with `provenance`; or ``.tsv``, a row each.
+        sidecar, overwrite
+            As in `FlatMap.save`.
+
+        Raises
+        ------
+        InputError
+            If the path has another ending, or is a file that was read.
+        OSError
+            If it cannot be written.
+        """
+        name = checked_path(path).name.lower()
+        if not name.endswith(WORST_ENDINGS):
+            raise InputError(f"cannot save places as {checked_path(path).name}; give a name that ends in .json or .tsv")
+        if name.endswith(".json"):
+            text = json.dumps({**self.figures(), "provenance": self.provenance}, allow_nan=False)
+        else:
+            rows = [place.figures() for place in self.places]
+            columns = list(rows[0] if rows else _NO_PLACE.figures())
+            cells = [["n/a" if row[name] is None else _cell(row[name]) for name in columns] for row in rows]
+            text = "\n".join("\t".join(row) for row in [columns, *cells])
+        with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(path) as beside:
+            beside.write_text(text + "\n", encoding="utf-8")
+
+
+def _row(place: WorstPlace) -> list[str]:
+    cut = ["–", "–"]
+    if place.cut is not None:
+        cut = [f"{place.cut.length:.1f}", "–" if np.isnan(place.cut.gain) else f"{100 * place.cut.gain:+.2f}"]
+    return [
+        f"{place.number} {place.kind}",
+        f"{place.area:.1f}",
+        f"{100 * place.share:.2f}",
+        f"{place.worst_ratio:.2f}",
+        f"{place.median_ratio:.2f}",
+        *(", ".join(f"{value:.1f}" for value in at) for at in (place.point, place.uv)),
+        *cut,
+    ]
+
+
+def _cell(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+_NO_PLACE = WorstPlace(
+    0, "shrunk", 0.0, 0.0, 0.0, 1.0, 1.0, np.zeros(3), np.zeros(2), np.array(0), np.empty(0, dtype=np.int64)
+)
+
+
+@telling
+def worst_places(
+    flat_map: FlatMap,
+    count: int = 5,
+    *,
+    beyond: float = 1.5,
+    cuts: bool = True,
+    parcels: object | None = None,
+    table: object | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> WorstPlaces:
+    """Find where a map changes areas most, and which cut would relieve each place.
+
+    A place is a part of the surface whose triangles touch, all stretched or all shrunk by more than a factor, at the
+    scale that keeps the area of the whole. Places are ranked by how much distortion they hold: their area times its
+    change.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    count : int
+        How many places at most.
+    beyond : float
+        The factor.
+    cuts : bool
+        Find for each the cut that relieves it: the shortest way along edges from the border to it and through it, to
+        its far end; of a place at the border on inwards, three times as deep.
+    parcels : path, ndarray, image object, Volume or Parcels, optional
+        Labels, as in `figures.flat_map`: places have the name of the parcel that holds most of them.
+    table : path, optional
+        Names of the parcels where their file has none.
+    threads, progress
+        As in `flatten`.
+
+    Returns
+    -------
+    WorstPlaces
+
+    Raises
+    ------
+    InputError
+        If the map has no triangles of the surface (method "grossmann2002"), or an argument is none of those above.
+    Cancelled
+        If `progress` returned False.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int), sources=20)
+    >>> voxflat.worst_places(flat_map)
+    <WorstPlaces: 0 of 0 where areas change beyond 1.5 times, 0.00 % of the surface>
+    """
+    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
+    if not is_whole(count) or count < 0:
+        raise InputError(f"count is {count!r}; give how many places to find, a whole number")
+    factor = checked_number(beyond, "beyond")
+    if not 1 < factor < np.inf:
+        raise InputError(f"beyond is {beyond!r}; give a factor greater than 1, such as 1.5")
+    if flat_map.distortion.triangles is None:
+        raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
+    areas, logs = _changes(flat_map)
+    known = np.isfinite(logs)
+    whole = float(areas[known].sum())
+    groups = [
+        (kind, group)
+        for kind, sign in (("stretched", 1), ("shrunk", -1))
+        for group in _touching(flat_map.faces, known & (sign * np.nan_to_num(logs) > np.log2(factor)), len(flat_map))
+    ]
+    held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
+    order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
+    named = None if parcels is None else _parcels(flat_map, parcels, table)
+    places = [
+        _place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, start=1)
+    ]
+    error = np.nan
+    if cuts and places:
+        ways = _Ways(flat_map, checked_threads(threads), progress)
+        error = ways.error
+        places = [replace(place, cut=ways.relieving(place)) for place in places]
+    share = float(sum(areas[group].sum() for _, group in groups)) / whole if whole > 0 else np.nan
+    return WorstPlaces(flat_map, factor, tuple(places), len(groups), share, error)
+
+
+def _parcels(flat_map: FlatMap, parcels: object, table: object) -> Parcels:
+    return parcels if isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
+
+
+def _changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return of each triangle its area on the surface, mm², and log2 of how the map changes it, all in all nothing.
+
+    What has no area on the surface is NaN; what has none on the map counts as shrunk 1,000 times.
+    """
+    assert flat_map.distortion.triangles is not None
+    a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))
+    areas = np.linalg.norm(np.cross(a, b), axis=1) / 2
+    a, b = (flat_map.uv[flat_map.faces[:, corner]] - flat_map.uv[flat_map.faces[:, 0]] for corner in (1, 2))
+    flat = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log2(flat / areas) + 2 * np.log2(flat_map.distortion.triangles.equal_area_scale)
+    return areas, np.where(areas > 0, np.clip(logs, -_MOST, _MOST), np.nan)
+
+
+def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[NDArray[np.int64]]:
+    """Part chosen triangles into groups that share no vertex."""
+    numbers = np.flatnonzero(chosen)
+    if not len(numbers):
+        return []
+    corners = faces[numbers].astype(np.int64)
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
+    links = scipy.sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
+    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+    _, which = np.unique(group[corners[:, 0]], return_inverse=True)
+    order = np.argsort(which, kind="stable")
+    return np.split(numbers[order], np.cumsum(np.bincount(which))[:-1])
+
+
+def _place(
+    flat_map: FlatMap,
+    number: int,
+    kind: str,
+    group: NDArray[np.int64],
+    areas: NDArray[np.float64],
+    logs: NDArray[np.float64],
+    whole: float,
+    parcels: Parcels | None,
+) -> WorstPlace:
+    area, log = areas[group], logs[group]
+    weights = area * np.abs(log)
+    corners = flat_map.faces[group]
+    middle = np.average(flat_map.points[corners].mean(axis=1), axis=0, weights=weights)
+    own = np.unique(corners)
+    centre = own[np.argmin(np.linalg.norm(flat_map.points[own] - middle, axis=1))]
+    order = np.argsort(log)
+    median = log[order][np.searchsorted(np.cumsum(area[order]), area.sum() / 2)]
+    parcel = None
+    if parcels is not None:
+        labels = parcels.labels[corners].ravel()
+        known, which = np.unique(labels, return_inverse=True)
+        most = int(known[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
+        parcel = parcels.names.get(most)
+    return WorstPlace(
+        number,
+        kind,
+        float(area.sum()),
+        float(area.sum()) / whole,
+        float(weights.sum()),
+        float(2.0 ** log[np.argmax(np.abs(log))]),
+        float(2.0**median),
+        flat_map.points[centre],
+        flat_map.uv[centre],
+        flat_map.ids[centre],
+        group,
+        parcel,
+    )
+
+
+class _Ways:
+    """Ways from the border of a map into it, along the edges of its triangles, and what cuts there gain."""
+
+    def __init__(self, flat_map: FlatMap, threads: int | None, progress: Progress | None) -> None:
+        self.flat_map, self.threads, self.progress = flat_map, threads, progress
+        core, _ = _core.Surface.from_triangles(flat_map.points, flat_map.faces.astype(np.int64))
+        voxels = flat_map.ids if flat_map.is_voxels else None
+        part = Surface(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
+        self.part, faces, _ = close_holes(part, progress)
+        self.rows = self.part.vertices  # of the map
+        count = len(self.rows)
+        is_border = np.zeros(count, dtype=np.bool_)
+        for line in rim(self.part.faces, count):
+            is_border[line] = True
+        self.border = is_border
+        self.of_row = np.full(len(flat_map), -1)
+        self.of_row[self.rows] = np.arange(count)
+        ends = np.unique(np.sort(np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1), axis=0)
+        self.ends = ends[~is_border[ends].all(axis=1)]  # a way along the border, or across to it, cuts nothing open
+        self.lengths = np.linalg.norm(np.subtract(*(self.part.points[self.ends[:, end]] for end in (0, 1))), axis=1)
+        self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)
+        self.error = self._sketch(None)
+
+    def _sketch(self, path: NDArray[np.int64] | None) -> float:
+        """Return the error of a sketch of the map, with one cut more."""
+        core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
+        if core.topology()["euler"] != 1:
+            return np.nan
+        return sketch_error(self.part.with_core(core), self.threads, self.progress)
+
+    def _dijkstra(
+        self, sources: NDArray[np.int64], ends: NDArray[Any], lengths: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return how far vertices are from the nearest source, and the one before each on the way there."""
+        count = len(self.rows)
+        graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
+        found = scipy.sparse.csgraph.dijkstra(
+            graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+        )
+        return found[0], found[1]
+
+    def relieving(self, place: WorstPlace) -> RelievingCut | None:
+        """Return the cut that relieves a place."""
+        own = self.of_row[np.unique(self.flat_map.faces[place.triangles])]
+        path = self._through(own, place)
+        if path is None:
+            return None
+        points, rows = self.part.points[path], self.rows[path]
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        gain = np.nan if np.isnan(self.error) else self.error - self._sketch(path)
+        return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
+
+    def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
+        """Return the way through a place's vertices, its inner end first; None where none leads to the border.
+
+        It begins where the deepest of them has its shortest way to the border. Through what lies inside it leads to the
+        far end. What touches the border is relieved by what bends beyond it: the way goes on inwards, three times as
+        deep as the place is, or as wide.
+        """
+        own = own[np.isfinite(self.from_border[own])]
+        if not len(own):
+            return None
+        deepest = own[np.argmax(self.from_border[own])]
+        root = _followed(self.to_border, deepest)[-1]
+        is_open = ~(self.border[self.ends] & (self.ends != root)).any(axis=1)
+        far, before = self._dijkstra(np.array([root]), self.ends[is_open], self.lengths[is_open])
+        if self.border[own].any():
+            depth = max(float(self.from_border[deepest]), float(np.sqrt(place.area)))
+            tip = np.argmax(np.where(far <= _ON * depth, self.from_border, -1.0))
+        else:
+            tip = own[np.argmax(np.where(np.isfinite(far[own]), far[own], -1.0))]
+        path = _followed(before, tip)
+        return path if len(path) > 1 and path[-1] == root else None
+
+
+def _followed(before: NDArray[np.int64], start: np.int64) -> NDArray[np.int64]:
+    """Return the way from a vertex back to the source."""
+    path = [int(start)]
+    while before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    return np.array(path)
