@@ -160,7 +160,7 @@ def drawn_from_both_sides(
     extent = float(np.linalg.norm(np.ptp(flat_map.points, axis=0)))
     written: dict[str, tuple[float, float, str]] = {}  # where, in pixels of the picture
 
-    def look(plotter: pyvista.Plotter, turned: bool) -> None:
+    def look(plotter: Any, turned: bool) -> None:
         _look_from_outside(plotter, flat_map)
         camera = plotter.camera
         if turned:

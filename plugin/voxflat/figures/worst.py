@@ -47,7 +47,7 @@ def worst_places(worst: WorstPlaces) -> Figure:
     figure = Figure(figsize=(7.6, float(np.clip(6.4 * high / wide, 2.4, 8.0)) + 0.6), layout="compressed")
     axes = figure.add_subplot(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
     look: dict[str, Any] = {"cmap": AREAS, "norm": _norm(worst), "rasterized": True}
-    axes.tripcolor(*flat_map.uv.T, flat_map.faces, facecolors=worst.logs, **look)
+    axes.tripcolor(*flat_map.uv.T, triangles=flat_map.faces, facecolors=worst.logs, **look)
     _lines(axes, outline(flat_map.uv, flat_map.faces), _BORDER, 0.6)
     for place in worst.places:
         _lines(axes, outline(flat_map.uv, flat_map.faces[place.triangles]), _OUTLINE, 0.9)
@@ -57,7 +57,8 @@ def worst_places(worst: WorstPlaces) -> Figure:
     for place in worst.places:
         towards = middle - place.uv
         at = place.uv + _APART * high * towards / max(float(np.linalg.norm(towards)), 1e-9)
-        text = axes.text(*at, str(place.number), ha="center", va="center", size=10, weight="bold", zorder=5)
+        u, v = at.tolist()
+        text = axes.text(u, v, str(place.number), ha="center", va="center", size=10, weight="bold", zorder=5)
         text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     bar = figure.colorbar(
         ScalarMappable(look["norm"], AREAS), ax=axes, label=_LABEL, fraction=0.045, pad=0.03, aspect=22, extend="both"
