@@ -162,13 +162,15 @@ class Entry:
         return sorted(path for path in self.folder.rglob("*") if path.is_file())
 
 
-def corpus(folder: Path) -> list[Entry]:
+def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     """Write a small file of every format.
 
     Parameters
     ----------
     folder : Path
         Where.
+    endings : tuple of str, optional
+        Only of files whose names end so.
 
     Returns
     -------
@@ -177,6 +179,8 @@ def corpus(folder: Path) -> list[Entry]:
     entries: list[Entry] = []
 
     def entry(main: str, opener: str, write: Callable[[Path], object], name: str = "") -> None:
+        if not main.endswith(endings):
+            return
         own = folder / f"{len(entries):02}"
         own.mkdir(parents=True)
         write(own / (name or main))

@@ -6,7 +6,7 @@ import pytest
 from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def what_is_imported_is_no_garbage():
     """Whenever layers are taken away napari collects garbage, through half a million objects of modules each time."""
     import matplotlib.pyplot  # noqa: F401

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import voxflat
 from voxflat.cli import main
+from voxflat.surfaces.cut import Cut, CutSurface, whereabouts
 
 
 def ball(n=16):
@@ -174,3 +175,13 @@ def test_a_path_over_voxels_that_have_two_vertices_stays_on_its_side(side):
     steps, _ = whole.core.edge_path(start, end)
     done = voxflat.cut(whole, cuts=[whole.ids[steps]], relax=False)
     assert len(done.surface) == len(whole) + len(steps) - 2  # all but its ends are doubled
+
+
+def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
+    points, faces = ball()
+    whole = voxflat.surface((points, faces))
+    ways = [voxflat.path(whole, *ends, geodesic="edges").ids for ends in ((480, 0), (481, 448), (224, 232))]
+    cuts = (Cut(ways[0], None, "relaxation"), Cut(ways[1], None, "given"), Cut(ways[2], None, "template", "calcarine"))
+    made = CutSurface(whole, cuts, np.empty(0, np.int64), whole=whole)
+    assert [made.title(n) for n in range(3)] == ["cut 1, superior", "cut 2, inferior", "calcarine, right, anterior"]
+    assert whereabouts(points, points) == "middle"

@@ -81,7 +81,6 @@ def command(
         return
     for number, one in enumerate(made.cuts):
         length = "" if one.length is None else f", {one.length:.1f} mm"
-        name = "" if one.name is None else f"{one.name}, "
-        click.echo(f"cut {number}: {name}{one.reason}, {len(one.ids)} vertices{length}")
+        click.echo(f"{made.title(number)}: {one.reason}, {len(one.ids)} vertices{length}")
     also = "" if template is None else f", template as {template}"
     click.echo(f"{len(made.surface)} vertices, {len(made.surface.faces)} triangles\nsaved as {output}{also}")

@@ -52,6 +52,31 @@ class Cut:
         return f"<Cut {name}along {len(self.ids)} vertices, {length}{self.reason}>"
 
 
+_SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
+_ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies beyond is on that side
+
+
+def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
+    """Say on which sides of a surface a cut lies, so that one finds it.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+        Along the cut, RAS+ mm.
+    whole : ndarray, shape (N, 3)
+        The surface's points.
+
+    Returns
+    -------
+    str
+        Such as "posterior, inferior", at most two, the clearest first; "middle" where it is on none.
+    """
+    low, high = whole.min(axis=0), whole.max(axis=0)
+    aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)
+    order = np.argsort(-np.abs(aside), kind="stable")[:2]
+    return ", ".join(_SIDES[axis][int(aside[axis] > 0)] for axis in order if abs(aside[axis]) > _ASIDE) or "middle"
+
+
 @dataclass(frozen=True, eq=False)
 class CutSurface:
     """A surface that was cut open.
@@ -86,6 +111,26 @@ class CutSurface:
         return (
             f"<CutSurface: {len(self.surface)} vertices, {len(self.cuts)} cuts, {len(self.left_out)} vertices left out>"
         )
+
+    def title(self, number: int) -> str:
+        """Say which cut one is: by its name, or its number, which begin at 1, and where it lies.
+
+        Parameters
+        ----------
+        number : int
+            Its place in `cuts`, from 0.
+
+        Returns
+        -------
+        str
+            Such as "calcarine, posterior" or "cut 2, superior".
+        """
+        cut, of = self.cuts[number], self.whole
+        name = cut.name or f"cut {number + 1}"
+        if of is None or not len(cut.ids):
+            return name
+        points = of.space.to_scanner(of.points)
+        return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
     def with_provenance(self, record: Record) -> CutSurface:
         """Return the same with a record of what made it.

@@ -238,7 +238,7 @@ class DrawCuts(QWidget):
             self._work(FindCuts(self.drawing.surface, by), "finding cuts", self._on_found)
 
     def _on_found(self, found: CutSurface) -> None:
-        names = [cut.name or f"{cut.reason} {number}" for number, cut in enumerate(found.cuts, 1)]
+        names = [cut.name or f"cut {number}" for number, cut in enumerate(found.cuts, 1)]
         self._do(lambda drawing: drawing.set_cuts([cut.ids for cut in found.cuts], names, found.left_out))
 
     def _on_weigh(self) -> None:
@@ -322,7 +322,7 @@ class DrawCuts(QWidget):
         self.cuts.setRowCount(len(cuts))
         for row, cut in enumerate(cuts):
             assert self.drawing is not None
-            for column, text in enumerate((cut.name, f"{self.drawing.length(cut):.0f} mm", "")):
+            for column, text in enumerate((self.drawing.title(cut), f"{self.drawing.length(cut):.0f} mm", "")):
                 self.cuts.setItem(row, column, _cell(text))
         if self._scene is not None and self._scene.is_there:
             self._scene.update()

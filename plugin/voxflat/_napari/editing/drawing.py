@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.surfaces.cut import whereabouts
 from voxflat.surfaces.surface import Surface
 
 Stops: TypeAlias = tuple[int, ...]
@@ -174,9 +176,18 @@ class Drawing:
         places = self.surface.points[self.vertices(cut)]
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
+    def title(self, cut: Drawn) -> str:
+        """Return the name of a cut, and where it lies, as `voxflat cut` tells them."""
+        return f"{cut.name}, {whereabouts(self._points[self.vertices(cut)], self._points)}"
+
     def paths(self) -> list[NDArray[np.int64]]:
         """Return the cuts as `cuts` of `voxflat.flatten` takes them; a single stop is no cut yet."""
         return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if len(cut.stops) > 1]
+
+    @cached_property
+    def _points(self) -> NDArray[np.float64]:
+        """The surface's points, RAS+ mm."""
+        return self.surface.space.to_scanner(self.surface.points)
 
     def _way(self, a: int, b: int) -> NDArray[np.uint32]:
         if (a, b) not in self._ways:

@@ -122,7 +122,7 @@ class FlatMapDock(QWidget):
         self._soon.timeout.connect(self._draw)
         self._make_fields()
         self.link = ViewerLink(napari_viewer, self)
-        self.painted = PaintedSurface(napari_viewer)
+        self.painted = PaintedSurface(napari_viewer, self)
         self.outline = PatchOutline(napari_viewer, self)
         self.annotations = VolumeAnnotations(napari_viewer, self)
         self._lay_out()
@@ -237,7 +237,7 @@ class FlatMapDock(QWidget):
         self.annotations.changed.connect(self._annotate)
         self.outline.failed.connect(self._on_failed)
         self.outline.switched.connect(self.outlined.setChecked)
-        self.painted.switched.connect(self.on_surface.setChecked, check_nargs=False)
+        self.painted.switched.connect(self.on_surface.setChecked)
 
     def _of_keys(self) -> dict[int, Any]:
         """Return what keys do."""

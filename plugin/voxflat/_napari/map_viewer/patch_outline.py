@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.latest import Latest
 from voxflat._napari.map_viewer.sheet import Sheet
+from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
-from voxflat._napari.results.listed import insert
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -151,7 +151,7 @@ def _drawn(
     return sheet, found, segments.reshape(-1, 2, 3), len(part)
 
 
-class PatchOutline(QObject):
+class PatchOutline(SwitchedLayer[Vectors]):
     """A Vectors layer that shows, in slices, the surface that is on the map, and its cuts; in 3D its border and cuts.
 
     Parameters
@@ -165,17 +165,12 @@ class PatchOutline(QObject):
     failed = Signal(object)
     """It could not be found, for this error."""
 
-    switched = Signal(bool)
-    """Someone showed or hid it in the list of layers."""
-
     def __init__(self, viewer: Viewer, parent: QObject) -> None:
-        super().__init__(parent)
-        self._viewer = viewer
+        super().__init__(viewer, parent)
         self._sheet: Sheet | None = None
         self._known: tuple[Segments, Segments] | None = None
         self._view: _View | str = "none yet"
         self._is_wanted = False
-        self.layer: Vectors | None = None
         self._finder = Latest(self)
         self._finder.done.connect(self._on_found)
         self._finder.failed.connect(self.failed)
@@ -197,7 +192,7 @@ class PatchOutline(QObject):
             The map.
         """
         self.take_up(sheet)
-        if not self._is_there:
+        if self.there is None:
             self.layer = None
         self._is_wanted, self._view = True, "none yet"
         self._on_view()
@@ -213,24 +208,20 @@ class PatchOutline(QObject):
         if sheet is self._sheet:
             return
         self._sheet, self._known = sheet, None
-        if self._is_there and not self._is_wanted:
-            assert self.layer is not None
-            self._describe()
-            self.layer.data = np.empty((0, 2, 3))
+        if self.there is not None and not self._is_wanted:
+            self._describe(self.there)
+            self.there.data = np.empty((0, 2, 3))
 
     def hide(self) -> None:
-        """Hide the layer: napari takes a quarter of a second for one that goes."""
+        """Hide the layer."""
         self._is_wanted = False
-        if self._is_there:
-            self._set_visible(False)
+        super().hide()
 
     def remove(self) -> None:
         """Take the layer out of the viewer."""
         self._sheet = self._known = None
         self._is_wanted = False
-        if self._is_there:
-            self._viewer.layers.remove(self.layer)
-        self.layer = None
+        super().remove()
 
     def release(self) -> None:
         """Stop following the viewer, and take the layer out of it."""
@@ -266,18 +257,18 @@ class PatchOutline(QObject):
             return
         seen = width(sheet) / (1 if self._view is None else 2)
         colours = np.where(np.arange(len(segments))[:, None] < parts, _PART, _CUT)
-        if self._is_there:
-            assert self.layer is not None
-            step = self.layer.scale[0]
-            self._describe()
-            if self.layer.edge_width != seen / step:
-                self.layer.edge_width = seen / step
-            self.layer.data = _vectors(segments, step)
+        layer = self.there
+        if layer is not None:
+            step = layer.scale[0]
+            self._describe(layer)
+            if layer.edge_width != seen / step:
+                layer.edge_width = seen / step
+            layer.data = _vectors(segments, step)
             self._set_visible(True)  # of a hidden layer napari would draw the lines of before in these colours
-            self.layer.edge_color = colours
+            layer.edge_color = colours
             return
         step = self._step()
-        self.layer = Vectors(
+        layer = Vectors(
             _vectors(segments, step),
             ndim=3,
             edge_width=seen / step,
@@ -286,35 +277,19 @@ class PatchOutline(QObject):
             units=None if units(sheet.run.flat_map) is None else ("mm",) * 3,
             vector_style="line",
         )
-        self._describe()
-        insert(self._viewer, self.layer)
-        self.layer.events.visible.connect(self._on_visible)
+        self._describe(layer)
+        self._insert(layer)
 
-    def _describe(self) -> None:
+    def _describe(self, layer: Vectors) -> None:
         """Let the layer say of which map it is."""
-        assert self.layer is not None
         assert self._sheet is not None
-        self.layer.metadata = {"voxflat": self._sheet.run.flat_map}
-        self.layer.name = f"{self._sheet.run.name}, the part on the map"
-
-    @property
-    def _is_there(self) -> bool:
-        return self.layer is not None and self.layer in self._viewer.layers
+        layer.metadata = {"voxflat": self._sheet.run.flat_map}
+        layer.name = f"{self._sheet.run.name}, the part on the map"
 
     @property
     def _was_taken_out(self) -> bool:
         """Whether someone took it out of the list: then it stays away until it is asked for again."""
-        return self.layer is not None and not self._is_there
-
-    def _set_visible(self, visible: bool) -> None:
-        assert self.layer is not None
-        with self.layer.events.visible.blocker(self._on_visible):
-            self.layer.visible = visible
-
-    def _on_visible(self) -> None:
-        if self._is_there:
-            assert self.layer is not None
-            self.switched.emit(self.layer.visible)
+        return self.layer is not None and self.there is None
 
     def _step(self) -> float:
         """Return how far apart slices are at most, mm: a layer of finer steps would let the sliders take those."""
