@@ -137,12 +137,38 @@ def pycortex_flat(folder, hemi, patch):
 
 
 @pytest.mark.skipif(shutil.which("wb_command") is None, reason="Connectome Workbench is not installed")
-@pytest.mark.parametrize("name", ["flat.surf.gii", "distanceerror.shape.gii"])
-def test_workbench_takes_them(made, name):
-    path = made[0] / "surf" / f"lh.voxflat.{name}"
-    done = subprocess.run(["wb_command", "-file-information", path], capture_output=True, text=True, check=True)
-    assert re.search(rf"Number of Vertices: +{VERTICES}\b", done.stdout)
-    assert re.search(r"Structure: +CortexLeft", done.stdout)
+def test_workbench_reads_every_value(made, tmp_path):
+    surf = made[0] / "surf"
+
+    def workbench(*words):
+        done = subprocess.run(["wb_command", *map(str, words)], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    for name in ("flat.surf.gii", "distanceerror.shape.gii"):
+        told = workbench("-file-information", surf / f"lh.voxflat.{name}")
+        assert re.search(rf"Number of Vertices: +{VERTICES}\b", told)
+        assert re.search(r"Structure: +CortexLeft", told)
+    workbench("-surface-coordinates-to-metric", surf / "lh.voxflat.flat.surf.gii", tmp_path / "places.func.gii")
+    places = np.stack(nib.load(tmp_path / "places.func.gii").agg_data(), axis=1)
+    np.testing.assert_array_equal(places, nib.load(surf / "lh.voxflat.flat.surf.gii").agg_data("pointset"))
+    for name in ("distanceerror", "areachange", "curvature", "sulcaldepth", "thickness", "z"):
+        workbench("-metric-convert", "-to-nifti", surf / f"lh.voxflat.{name}.shape.gii", tmp_path / "one.nii")
+        read = np.asarray(nib.load(tmp_path / "one.nii").dataobj).ravel()
+        np.testing.assert_array_equal(read, values(made[0], name))
+
+
+def test_nilearn_reads_every_value(made, flat_map):
+    surface = pytest.importorskip("nilearn.surface")
+    surf = made[0] / "surf"
+    mesh = surface.load_surf_mesh(surf / "lh.voxflat.flat.surf.gii")
+    on_map = np.unique(flat_map.ids)
+    assert mesh.n_vertices == VERTICES
+    for vertex in on_map.tolist():  # on one of the sides of a cut
+        apart = np.abs(flat_map.uv[flat_map.ids == vertex] - mesh.coordinates[vertex, :2]).max(axis=1)
+        assert apart.min() < 1e-4
+    for name in ("distanceerror", "thickness", "z"):
+        read = surface.load_surf_data(surf / f"lh.voxflat.{name}.shape.gii")
+        np.testing.assert_array_equal(read, values(made[0], name))
 
 
 # ------------------------------------------------------------------------------- up to date, or made anew

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import zlib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -91,6 +92,24 @@ def test_text_of_users_cannot_end_a_script(shown):
     text = scene(shown.flat_map, layers_of([shown.values])[0], hostile)
     assert "<" not in text
     assert list(json.loads(text)["cuts"]) == list(hostile)
+
+
+def test_the_sides_of_cuts_are_shown_on_the_map(made, tmp_path):
+    folder, _ = made
+    tell = """<script>setTimeout(() => {
+      const { lips, content } = document.querySelector(".viewer").viewer;
+      const ids = lips.map((edges) => edges.map((edge) => edge.map((point) => content.ids[point])));
+      document.body.dataset.lips = JSON.stringify(ids);
+    }, 4000);</script>"""
+    page = tmp_path / "page.html"
+    page.write_text((folder / "voxflat.html").read_text().replace("</body>", f"{tell}</body>"))
+    said, drawn = console_of(page, "--window-size=1280,900")
+    assert said == []
+    flat = voxflat.load(folder / "surf" / "lh.voxflat.flat.npz")
+    lips = json.loads(re.search(r'data-lips="([^"]+)"', drawn)[1])
+    for shown, cut in zip(lips, flat.metadata["cuts"], strict=True):
+        edges = sorted(sorted(edge) for edge in pairwise(cut))
+        assert sorted(sorted(edge) for edge in shown) == sorted(2 * edges)  # either side of each
 
 
 def test_the_pointer_reads_what_the_files_hold(made, tmp_path):

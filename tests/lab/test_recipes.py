@@ -1,7 +1,9 @@
-"""The container's recipes and the descriptor for Boutiques: what can be known of them without building anything."""
+"""The container's recipes, the descriptor for Boutiques and Nipype's task: what is known without a container."""
 
 import importlib.util
 import json
+import os
+import pickle
 import re
 import shlex
 import shutil
@@ -10,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from lab_runs import FEW
 
 from voxflat.cli.bids import command
 
@@ -61,11 +64,68 @@ def test_boutiques_takes_it_and_makes_a_command_of_it_that_is_understood(tmp_pat
     capsys.readouterr()
     bosh(["exec", "simulate", str(DESCRIPTOR), "-i", str(tmp_path / "invocation.json")])
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("voxflat "))
+    is_understood(line, GIVEN)
+
+
+def is_understood(line, given):
+    """Hold that the command takes a line as what was given."""
     program, name, *arguments = shlex.split(line)
     assert (program, name) == ("voxflat", command.name)
     taken = command.make_context("bids", arguments).params
-    for name, value in {**GIVEN, "memory_limit": 4 << 30, "source": ROOT, "out": Path("maps")}.items():
+    for name, value in {**given, "memory_limit": 4 << 30, "source": ROOT, "out": Path(given["out"])}.items():
         assert taken[name] == (tuple(value) if isinstance(value, list) else value)
+
+
+# ------------------------------------------------------------------------------------------------ Nipype
+
+
+@pytest.fixture
+def nipypes(monkeypatch):
+    """The module of the recipe."""
+    monkeypatch.setenv("NO_ET", "1")  # else Nipype asks its server for a newer one
+    pytest.importorskip("nipype")
+    monkeypatch.syspath_prepend(CLUSTER)
+    return importlib.import_module("nipype_workflow")
+
+
+@pytest.mark.slow
+def test_nipype_makes_a_command_that_is_understood_whatever_names_are(nipypes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hostile = {"out": "my maps; touch there", "overlays": ["$(touch there)", "it's", "%s"], "cuts": "{hemi} & 2.json"}
+    for given in (GIVEN, GIVEN | hostile):
+        task = nipypes.VoxflatBids(**given)
+        is_understood(task.cmdline, {**given, "out": str(tmp_path / given["out"])})
+    assert set(task.inputs.get()) == {one["id"] for one in json.loads(DESCRIPTOR.read_text())["inputs"]} | {
+        "args",
+        "environ",
+    }
+    assert pickle.loads(pickle.dumps(task)).cmdline == task.cmdline  # as it goes to other processes
+    with pytest.raises(importlib.import_module("traits.api").TraitError, match="'participant' or 'group'"):
+        nipypes.VoxflatBids(**GIVEN | {"level": "everybody"})
+
+
+@pytest.mark.slow
+def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
+    pytest.importorskip("nilearn")
+    studies = pytest.importorskip("studies")
+    of = studies.hemisphere("lh", FEW)
+    for n in (1, 2):
+        studies.write_derivatives(tmp_path / "my study" / f"sub-0{n}" / "anat", f"sub-0{n}", "lh", of)
+    (tmp_path / "my study" / "sub-01" / "anat" / "sub-01_hemi-L_pial.surf.gii").unlink()
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    script = [sys.executable, CLUSTER / "nipype_workflow.py", "my study", "maps", "--hemi", "L", "--cores", "1"]
+    done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (1, "failed: sub-01"), done.stderr
+    assert "there is no *_hemi-L_pial.surf.gii" in done.stdout + done.stderr
+    out = tmp_path / "maps"
+    monkeypatch.chdir(tmp_path)
+    how = {"source": "my study", "out": "maps", "hemis": ["L"]}
+    made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
+    assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
+    assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
+    assert nipypes.VoxflatBids(**how, level="group").run().outputs.pages == [str(out / "group.html")]
+    with pytest.raises(SystemExit, match="sub-01 lh: error"):
+        nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
 
 
 # -------------------------------------------------------------------------------------------- containers

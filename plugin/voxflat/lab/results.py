@@ -30,7 +30,7 @@ FIGURES: dict[str, tuple[str, float, str]] = {
     "best_scale.relative_error": ("Distance error", 100, "%"),
     "best_scale.relative_error_30mm": ("Distance error up to 30 mm", 100, "%"),
     "best_scale.relative_error_10mm": ("Distance error up to 10 mm", 100, "%"),
-    "best_scale.stress_1": ("Stress-1", 1, ""),
+    "best_scale.stress_1": ("Stress\u20111", 1, ""),
     "triangles.edge": ("Change of edges", 100, "%"),
     "triangles.equal_area_median": ("Area change, |log2|: median", 1, ""),
     "triangles.equal_area_p95": ("Area change: 95th percentile", 1, ""),

@@ -102,6 +102,9 @@ class Viewer {
     this.places = new Float32Array(3 * content.points);
     this.flatPlaces = new Float32Array(3 * content.points);
     for (let n = 0; n < content.points; n++) this.flatPlaces.set(this.values.uv.subarray(2 * n, 2 * n + 2), 3 * n);
+    this.flatNormals = this.flatPlaces.map((_, n) => Number(n % 3 === 2));
+    this.lines = Object.values(content.cuts).map((line) => [line]);
+    this.lips = this.lipsOfCuts();
     this.layer(0);
     this.smooth(Number(root.querySelector("input[type=range]").value));
     this.listen();
@@ -176,10 +179,9 @@ class Viewer {
 
   draw() {
     if (!this.normals) return;
-    const flatNormals = new Float32Array(this.normals.length);
-    for (const [canvas, places, normals, view, lit] of [
-      [this.flat, this.flatPlaces, flatNormals, this.flatView(), 0],
-      [this.space, this.places, this.normals, this.spaceView(), 1],
+    for (const [canvas, places, normals, view, lit, cuts] of [
+      [this.flat, this.flatPlaces, this.flatNormals, this.flatView(), 0, this.lips],
+      [this.space, this.places, this.normals, this.spaceView(), 1, this.lines],
     ]) {
       const gl = canvas.gl;
       canvas.begin(view, this.axes().away);
@@ -187,7 +189,7 @@ class Viewer {
       canvas.attribute("normal", normals);
       canvas.attribute("colour", this.colours);
       canvas.draw(gl.TRIANGLES, this.faces, lit);
-      if (lit) this.drawCuts(canvas, places, normals);
+      this.drawCuts(canvas, places, normals, cuts);
       if (this.marked >= 0) {
         const mark = new Float32Array(this.colours.length);
         for (let n = 0; n < mark.length; n += 3) mark[n + 1] = 1;
@@ -199,22 +201,36 @@ class Viewer {
     }
   }
 
-  drawCuts(canvas, places, normals) {
+  lipsOfCuts() {
+    // edges of the map's border whose ends lie on a cut: the sides of a cut have points of their own, at the same place
+    const { folded } = this.values, place = (point) => folded.subarray(3 * point, 3 * point + 3).join();
+    const border = new Map();
+    this.faces.forEach((from, n) => {
+      const to = this.faces[n % 3 === 2 ? n - 2 : n + 1], key = `${Math.min(from, to)} ${Math.max(from, to)}`;
+      if (!border.delete(key)) border.set(key, [from, to]);
+    });
+    return Object.values(this.content.cuts).map((line) => {
+      const places = new Set(line.map(place));
+      return [...border.values()].filter((edge) => edge.every((point) => places.has(place(point))));
+    });
+  }
+
+  drawCuts(canvas, places, normals, cuts) {
     // a little outside of the surface, and as ribbons, since lines of WebGL are a pixel wide
     const wide = 0.9;
-    Object.values(this.content.cuts).forEach((line, number) => {
+    cuts.forEach((lines, number) => {
       const colour = rgb(CUT_COLOURS[number % CUT_COLOURS.length]), corners = [], faces = [];
-      line.forEach((point, n) => {
+      for (const line of lines) line.forEach((point, n) => {
         const from = 3 * line[Math.max(0, n - 1)], to = 3 * line[Math.min(line.length - 1, n + 1)], at = 3 * point;
         const along = [0, 1, 2].map((k) => places[to + k] - places[from + k]);
         const out = [0, 1, 2].map((k) => normals[at + k]), length = Math.hypot(...out) || 1;
         const unit = out.map((v) => v / length);
         const side = [along[1] * unit[2] - along[2] * unit[1], along[2] * unit[0] - along[0] * unit[2],
           along[0] * unit[1] - along[1] * unit[0]];
-        const breadth = Math.hypot(...side) || 1;
+        const breadth = Math.hypot(...side) || 1, last = corners.length / 3;
         for (const sign of [-1, 1])
           for (let k = 0; k < 3; k++) corners.push(places[at + k] + 0.8 * unit[k] + (sign * wide * side[k]) / breadth);
-        if (n) faces.push(2 * n - 2, 2 * n - 1, 2 * n, 2 * n, 2 * n - 1, 2 * n + 1);
+        if (n) faces.push(last - 2, last - 1, last, last, last - 1, last + 1);
       });
       canvas.attribute("place", new Float32Array(corners));
       canvas.attribute("normal", new Float32Array(corners.length));

@@ -1,0 +1,136 @@
+"""`voxflat bids` for Nipype: an interface, made of the descriptor for Boutiques, and a study as a workflow of it.
+
+    python nipype_workflow.py study maps --plugin MultiProc --hemi L
+
+What the script has no option for is voxflat's. A node a participant, for those alone who have something to be done;
+who fails leaves a crash file, and the others are compared nevertheless. In a workflow of your own:
+
+    flat = Node(VoxflatBids(source="study", out="maps", level="participant", threads=2), "flat", n_procs=2)
+    flat.iterables = ("labels", ["01", "02"])
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from nipype import Node, Workflow, config
+from nipype.interfaces.base import (
+    CommandLine,
+    CommandLineInputSpec,
+    Directory,
+    File,
+    InputMultiObject,
+    TraitedSpec,
+    traits,
+)
+
+DESCRIPTOR = json.loads(Path(__file__).with_name("voxflat.boutiques.json").read_text())
+FOLDERS = {"source": Directory(exists=True, resolve=True), "out": Directory(resolve=True)}  # nodes work elsewhere
+
+
+def trait(one: dict[str, Any], position: int) -> Any:
+    """Return an input of the descriptor as Nipype has it."""
+    flag = one.get("command-line-flag")
+    how = {"mandatory": not one["optional"], "desc": one.get("description", one["name"])}
+    how |= {"argstr": "%s", "position": position} if flag is None else {"argstr": f"{flag} %s"}
+    if one["type"] == "Flag":
+        return traits.Bool(**how | {"argstr": flag})
+    kind = FOLDERS.get(one["id"], traits.Int() if one.get("integer") else traits.Str())
+    if "value-choices" in one:
+        kind = traits.Enum(*one["value-choices"])
+    return InputMultiObject(kind, **how) if one.get("list") else kind(**how)
+
+
+INPUTS = {one["id"]: trait(one, at) for at, one in enumerate(DESCRIPTOR["inputs"])}
+Inputs = type("Inputs", (CommandLineInputSpec,), {"__module__": __name__, **INPUTS})
+
+
+class Outputs(TraitedSpec):
+    """What there is then."""
+
+    maps = Directory(exists=True, desc=DESCRIPTOR["output-files"][0]["description"])
+    surfaces = traits.List(File(exists=True), desc="The flat surfaces of the participants asked for.")
+    pages = traits.List(File(exists=True), desc="Their reports; of the level group that of the study.")
+
+
+class VoxflatBids(CommandLine):
+    """Flat maps of a study's participants, or what is said of all.
+
+    It always runs: Nipype sees a folder's name, voxflat what has changed in it, by the checksums of all files.
+    """
+
+    _cmd = DESCRIPTOR["command-line"].partition(" [")[0]
+    _always_run = True
+    input_spec = Inputs
+    output_spec = Outputs
+
+    def _format_arg(self, name: str, spec: Any, value: Any) -> str | None:
+        """Quote values, since Nipype gives the line to a shell."""
+        if name == "args" or isinstance(value, bool):
+            return super()._format_arg(name, spec, value)
+        values = value if isinstance(value, list) else [value]
+        return " ".join(spec.argstr % shlex.quote(str(one)) for one in values)
+
+    def _list_outputs(self) -> dict[str, Any]:
+        out, given = Path(self.inputs.out), self.inputs
+        if not out.is_dir():  # it was a dry run
+            return {}
+        names = [f"sub-{label.removeprefix('sub-')}" for label in given.labels or ["*"]]
+        pages = [f"{name}{more}.html" for name in names for more in ("", "_ses-*")]
+        found = {
+            "surfaces": [f"{name}/**/*_desc-voxflat_flat.surf.gii" for name in names],
+            "pages": pages if given.level == "participant" else ["group.html"],
+        }
+        files = {name: {str(path) for one in globs for path in out.glob(one)} for name, globs in found.items()}
+        return {"maps": str(out), **{name: sorted(some) for name, some in files.items()}}
+
+
+def main() -> None:
+    """Run the workflow, compare all, and say who failed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study")
+    parser.add_argument("maps")
+    parser.add_argument("--plugin", default="Linear", help="of Nipype: Linear, MultiProc, SLURM, ...")
+    parser.add_argument("--cores", type=int, default=2, help="of a node")
+    options, further = parser.parse_known_args()
+
+    jobs = f"{Path(options.maps).resolve()}.jobs"
+    config.update_config({"execution": {"stop_on_first_crash": "false", "crashdump_dir": jobs}})
+    how = {"source": options.study, "out": options.maps}
+    participant = {**how, "level": "participant", "args": shlex.join(further)}
+    if labels := to_do(participant):
+        node = Node(VoxflatBids(**participant, threads=options.cores), "flat", n_procs=options.cores)
+        node.iterables = ("labels", labels)
+        workflow = Workflow("voxflat", base_dir=jobs)
+        workflow.add_nodes([node])
+        with suppress(RuntimeError):  # crash files say why
+            workflow.run(plugin=options.plugin)
+    print(said(VoxflatBids(**how, level="group")), end="")
+    failed = to_do(participant)
+    sys.exit(f"failed: {' '.join(failed)}" if failed else 0)
+
+
+def to_do(participant: dict[str, Any]) -> list[str]:
+    """Return the labels of those who have something to be done."""
+    plan = said(VoxflatBids(**participant, dry_run=True))
+    hemispheres = [json.loads(line) for line in plan.splitlines()]
+    return sorted({one["participant"].split("_")[0] for one in hemispheres if one["state"] != "done"})
+
+
+def said(task: VoxflatBids) -> str:
+    """Run a task that belongs to no node, and return what it printed."""
+    task.terminal_output = "allatonce"
+    done = task.run().runtime
+    if done.returncode:
+        sys.exit(done.stderr)
+    return str(done.stdout)
+
+
+if __name__ == "__main__":
+    main()
