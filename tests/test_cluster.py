@@ -323,7 +323,7 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
 
 
 def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
-    store = tmp_path / "store"
+    store, sheet = tmp_path / "store", voxflat.surface(SHEET)
     for options, match in (
         ({"dask": ready}, "no store for workers to write into; give a store"),
         ({"dask": ready, "store": store, "geodesic": "chain"}, "knows no dask; leave it out"),
@@ -333,7 +333,7 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
         ),
     ):
         with pytest.raises(voxflat.InputError, match=match):
-            voxflat.geodesic(SHEET, SOURCES, **options)
+            voxflat.geodesic(sheet, SOURCES, **options)
     assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
     monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
     with (store / "lock").open() as lock:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import math
 import os
+import platform
 import textwrap
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard, overload
@@ -168,6 +171,9 @@ def refuse(method: str, **options: object) -> None:
 # ------------------------------------------------------------------------------------------- memory
 
 
+_ARENA_MAX = -8  # of glibc's malloc.h
+_THREADS_ADDRESSES = 48 << 20  # that threads to come take for their stacks
+
 _CGROUPS = Path("/sys/fs/cgroup")
 _OWN_CGROUPS = Path("/proc/self/cgroup")
 
@@ -183,7 +189,17 @@ def _free_addresses() -> float:
         return math.inf
     process = psutil.Process()
     limit, _ = process.rlimit(psutil.RLIMIT_AS)
-    return math.inf if limit == psutil.RLIM_INFINITY else limit - process.memory_info().vms
+    if limit == psutil.RLIM_INFINITY:
+        return math.inf
+    _share_one_heap()
+    return limit - process.memory_info().vms - _THREADS_ADDRESSES
+
+
+@lru_cache(maxsize=1)
+def _share_one_heap() -> None:
+    """Let threads share one heap where addresses are short: glibc reserves 64 MiB for each that has its own."""
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
 def _free_in_cgroups() -> float:

@@ -92,7 +92,7 @@ def test_nibabel_images():
     volume = as_volume(nib.Nifti1Image(data, affine))
     assert np.shares_memory(volume.data, data)
     np.testing.assert_array_equal(volume.affine, affine)
-    with pytest.raises(InputError, match="Nifti1Image: affine has shape"):
+    with pytest.raises(InputError, match="Nifti1Image: affine None is no array of numbers"):
         as_volume(nib.Nifti1Image(data, None))
 
 
@@ -168,7 +168,7 @@ def test_what_is_no_volume(obj, reason):
     ("affine", "reason"),
     [
         (np.eye(3), r"shape \(3, 3\)"),
-        (None, "shape"),
+        (None, "no array"),
         ("abc", "no array"),
         ([[1, 2], [3]], "no array"),
         (change(0, 0, np.nan), "finite"),

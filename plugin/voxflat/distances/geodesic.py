@@ -23,7 +23,7 @@ from voxflat.arguments import (
 )
 from voxflat.distances.parts import rows_by_workers
 from voxflat.distances.rows import DistanceRows, open_rows
-from voxflat.distances.sources import choose_sources, source_count
+from voxflat.distances.sources import SourceChoice, source_choice
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
@@ -114,18 +114,14 @@ seed, threads, memory_limit, progress
         part = cut_out(whole, **patch, **over_triangles, **how).part
         what = {"geodesic": geodesic}
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    choice = source_choice(part, sources, sampling, seed, fewest=1)
     if dask is not None and store is not None and isinstance(part, Surface):
-        count = source_count(part, sources, fewest=1)
-        given = choose_sources(part, sources, sampling, seed, progress, fewest=1) if count is None else count
-        chosen_by: dict[str, Any] = {"geodesic": geodesic, "sampling": sampling, "seed": seed}
-        return rows_by_workers(part, given, store, dask, **chosen_by, **common)
-    chosen = choose_sources(part, sources, sampling, seed, progress, fewest=1)
-    return _rows(part, chosen, what, store, **common)
+        return rows_by_workers(part, choice, store, dask, geodesic=geodesic, **common)
+    return _rows(choice, what, store, **common)
 
 
 def _rows(
-    part: Surface | VoxelGraph,
-    chosen: NDArray[np.uint32],
+    choice: SourceChoice,
     what: dict[str, Any],
     store: str | os.PathLike[str] | None,
     threads: int | None,
@@ -133,15 +129,17 @@ def _rows(
     progress: Progress | None,
 ) -> DistanceRows:
     """Compute rows in memory, or in a store."""
-    core, few = part.core, "take fewer sources or a smaller patch"
+    part, core, few = choice.part, choice.part.core, "take fewer sources or a smaller patch"
     if store is None:
-        check_memory(4 * len(chosen) * len(core), memory_limit, few + ", or give a store")
+        check_memory(4 * choice.count * len(core), memory_limit, few + ", or give a store")
+        chosen = choice.made(progress)
         named = {} if isinstance(core, _core.VoxelSurface) else {"geodesic": what["geodesic"]}
         rows = core.rows(chosen, **named, threads=threads, progress=progress)
         return DistanceRows(rows, part.ids, part.points, chosen.astype(np.int64))
-    need = _core.store_memory_need(len(core), len(chosen), workers(threads))
+    need = _core.store_memory_need(len(core), choice.count, workers(threads))
     check_memory(need, memory_limit, "take fewer threads")
     log.info("up to %s of memory are needed for rows in the making", amount(need))
+    chosen = choice.made(progress)
     prepared = prepare_store(store, core, part.ids, chosen, **what, progress=progress)
     return stored_rows(prepared, core, chosen, threads, progress)
 

@@ -26,6 +26,7 @@ from voxflat.arguments import Progress, check_memory, log
 from voxflat.cluster import Cluster, Work, connected
 from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, checksum, open_rows
+from voxflat.distances.sources import SourceChoice
 from voxflat.distances.store import Store, array_hash, mapped, prepare_store, store_path
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
@@ -73,13 +74,11 @@ class Wanted:
 
 def rows_by_workers(
     part: Surface,
-    sources: int | NDArray[np.uint32],
+    choice: SourceChoice,
     store: str | os.PathLike[str],
     dask: str,
     *,
     geodesic: str,
-    sampling: str,
-    seed: int,
     threads: int | None,
     memory_limit: int | None,
     progress: Progress | None,
@@ -92,13 +91,13 @@ def rows_by_workers(
     ----------
     part : Surface
         What distances are measured over.
-    sources : int or ndarray of uint32
-        How many to choose, or which, as numbers into the points.
+    choice : SourceChoice
+        The sources.
     store : path
         The directory.
     dask : str
         The cluster, as in `connected`.
-    geodesic, sampling, seed
+    geodesic
         As in `voxflat.geodesic`.
     threads : int, optional
         Of each worker.
@@ -120,11 +119,11 @@ def rows_by_workers(
     """
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store
-    wanted = Wanted(_write_surface(part, beside), sources, sampling, seed, geodesic)
+    sources = choice.count if choice.given is None else choice.given
+    wanted = Wanted(_write_surface(part, beside), sources, choice.sampling, choice.seed, geodesic)
     how: dict[str, Any] = {"threads": threads, "progress": progress}
-    count = sources if isinstance(sources, int) else len(sources)
     try:
-        with connected(dask, most=count) as cluster:
+        with connected(dask, most=choice.count) as cluster:
             try:
                 ((_, prepared, error),) = cluster.each(
                     partial(_begin, wanted), [(beside, path)], stage="choosing sources", **how

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,26 +12,56 @@ from voxflat.errors import InputError
 from voxflat.surfaces.surface import Surface
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-__all__ = ["choose_sources", "source_count"]
+__all__ = ["SourceChoice", "source_choice"]
 
 
-def choose_sources(
-    part: Surface | VoxelGraph,
-    sources: int | ArrayLike | None,
-    sampling: str,
-    seed: int,
-    progress: Progress | None,
-    *,
-    fewest: int,
-    usual: int | None = None,
-) -> NDArray[np.uint32]:
-    """Return the sources as numbers into a surface's points.
+@dataclass(frozen=True)
+class SourceChoice:
+    """How many sources there will be, before any is chosen: choosing takes links, which take memory.
 
     Parameters
     ----------
     part : Surface or VoxelGraph
         What distances are measured over.
-    sources, sampling, seed, progress
+    count : int
+        Their number.
+    given : ndarray of uint32, shape (count,), optional
+        They themselves, as numbers into the surface's points; without, they are to be chosen.
+    sampling : str
+        By which rule.
+    seed : int
+        Of the rule.
+    """
+
+    part: Surface | VoxelGraph
+    count: int
+    given: NDArray[np.uint32] | None
+    sampling: str
+    seed: int
+
+    def made(self, progress: Progress | None) -> NDArray[np.uint32]:
+        """Return the sources as numbers into the surface's points, shape (count,)."""
+        if self.given is not None:
+            return self.given
+        return self.part.core.choose_sources(self.sampling, self.count, self.seed, progress)
+
+
+def source_choice(
+    part: Surface | VoxelGraph,
+    sources: int | ArrayLike | None,
+    sampling: str,
+    seed: int,
+    *,
+    fewest: int,
+    usual: int | None = None,
+) -> SourceChoice:
+    """Return how many sources there will be, and what chooses them.
+
+    Parameters
+    ----------
+    part : Surface or VoxelGraph
+        What distances are measured over.
+    sources, sampling, seed
         As in `voxflat.flatten`.
     fewest : int
         As few as the caller can use.
@@ -38,38 +70,28 @@ def choose_sources(
 
     Returns
     -------
-    ndarray of uint32, shape (m,)
+    SourceChoice
 
     Raises
     ------
     InputError
         If they are too few or too many, given twice, or not on the surface.
     """
-    count = source_count(part, sources, fewest=fewest, usual=usual)
     checked_text(sampling, "sampling")
-    if count is not None:
-        return part.core.choose_sources(sampling, count, seed, progress)
+    if sources is None and usual is not None:
+        return SourceChoice(part, min(usual, len(part)), None, sampling, seed)
+    if is_whole(sources):
+        if sources < fewest:
+            raise InputError(f"{sources} sources are too few; give at least {fewest}")
+        if sources > len(part):
+            raise InputError(
+                f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
+            )
+        return SourceChoice(part, int(sources), None, sampling, seed)
     assert sources is not None
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
         raise InputError(f"source {again} is given {counts.max()} times; give each once")
-    return found
-
-
-def source_count(
-    part: Surface | VoxelGraph, sources: int | ArrayLike | None, *, fewest: int, usual: int | None = None
-) -> int | None:
-    """Return how many sources are to be chosen; None if they are given."""
-    if sources is None and usual is not None:
-        return min(usual, len(part))
-    if not is_whole(sources):
-        return None
-    if sources < fewest:
-        raise InputError(f"{sources} sources are too few; give at least {fewest}")
-    if sources > len(part):
-        raise InputError(
-            f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
-        )
-    return int(sources)
+    return SourceChoice(part, len(found), found, sampling, seed)

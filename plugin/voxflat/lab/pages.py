@@ -379,7 +379,8 @@ def thinned(
     left = row[group[faces.astype(np.int64)]]
     left = left[(left[:, 0] != left[:, 1]) & (left[:, 1] != left[:, 2]) & (left[:, 2] != left[:, 0])]
     _, once = np.unique(np.sort(left, axis=1), axis=0, return_index=True)
-    return chosen, left[np.sort(once)]
+    used, faces = np.unique(left[np.sort(once)], return_inverse=True)
+    return chosen[used], faces.reshape(-1, 3)
 
 
 def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from voxflat.distances.geodesic import stored_rows
-from voxflat.distances.sources import choose_sources
+from voxflat.distances.sources import source_choice
 from voxflat.distances.store import prepare_store
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
@@ -24,9 +24,10 @@ def flatten(graph: VoxelGraph, how: How) -> FlatMap:
     """Flatten the surface voxels of a volume."""
     part, usual = graph.core, default("sources", "grossmann2002")
     part.check_flattenable(how.progress)  # the first reason to refuse is the one that matters
-    chosen = choose_sources(graph, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
-    need = part.memory_need(len(chosen), how.workers) + how.rows_memory_need(len(chosen), len(part))
+    choice = source_choice(graph, how.sources, how.sampling, how.seed, fewest=3, usual=usual)
+    need = part.memory_need(choice.count, how.workers) + how.rows_memory_need(choice.count, len(part))
     need = how.check_memory(need)
+    chosen = choice.made(how.progress)
     store = None
     if how.store is not None:
         lengths = graph.metadata["link_lengths"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from voxflat.arguments import is_whole, shown
-from voxflat.distances.sources import choose_sources
+from voxflat.distances.sources import SourceChoice, source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import How, map_over_triangles
@@ -55,18 +55,19 @@ def flatten(cut: Cutout, how: How, *, neighbourhood: int | str | None, starts: i
     if is_whole(how.sources) and how.sources == 0:
         if how.keep_rows:
             raise InputError("sources is 0, so there are no rows to keep; give sources, or leave out keep_rows")
-        chosen = np.empty(0, dtype=np.uint32)
+        choice = SourceChoice(part, 0, np.empty(0, dtype=np.uint32), how.sampling, how.seed)
     else:
         usual = default("sources", "schwartz1989")
-        chosen = choose_sources(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
+        choice = source_choice(part, how.sources, how.sampling, how.seed, fewest=3, usual=usual)
     rings: int | None = None  # all pairs
     if not isinstance(neighbourhood, str):
         rings = neighbourhood or part.core.schwartz1989_rings(how.progress)
-    need = part.core.schwartz1989_memory_need(rings, len(chosen), how.workers, how.progress)
+    need = part.core.schwartz1989_memory_need(rings, choice.count, how.workers, how.progress)
     kept = "among all" if rings is None else f"within {rings} rings of each"
     remedy = "give a smaller neighbourhood or patch, or take the method 'voxflat'"
-    need += how.rows_memory_need(len(chosen), len(part))
+    need += how.rows_memory_need(choice.count, len(part))
     need = how.check_memory(need, f"distances {kept} of {len(part)} points are kept: {remedy}")
+    chosen = choice.made(how.progress)
     result = part.core.schwartz1989(rings, chosen, starts, how.seed, how.keep_rows, how.threads, how.progress)
     if np.isnan(result["planarity"]):
         result["planarity"] = None  # there were no sources

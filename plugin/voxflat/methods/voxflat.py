@@ -7,7 +7,7 @@ from typing import Any
 from voxflat.arguments import checked_choice, is_number, log, shown
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.distances.rows import open_rows
-from voxflat.distances.sources import choose_sources
+from voxflat.distances.sources import source_choice
 from voxflat.distances.store import prepare_store
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
@@ -35,11 +35,10 @@ def checked(geodesic: str | None, weighting: float, scale: str) -> dict[str, Any
 def flatten(cut: Cutout, how: How, *, geodesic: str | None, weighting: float, scale: str) -> FlatMap:
     """Flatten a disk of triangles."""
     part = cut.part
-    chosen = choose_sources(
-        part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=default("sources", "voxflat")
-    )
+    choice = source_choice(part, how.sources, how.sampling, how.seed, fewest=3, usual=default("sources", "voxflat"))
     kept = "stored" if how.store is not None else "kept" if how.keep_rows else "dropped"
-    need = how.check_memory(part.core.memory_need(len(chosen), how.workers, kept))
+    need = how.check_memory(part.core.memory_need(choice.count, how.workers, kept))
+    chosen = choice.made(how.progress)
     links_error = error_of_distances(part, "graph", how)
     solver, error, doubts = _solver(part, geodesic, links_error, how)
     store = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from voxflat.arguments import checked_choice
-from voxflat.distances.sources import choose_sources, source_count
+from voxflat.distances.sources import source_choice
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods.common import How, map_over_triangles
@@ -25,17 +25,17 @@ def flatten(cut: Cutout, how: How) -> FlatMap:
     """Flatten a disk of triangles, or a range image."""
     part, usual = cut.part, default("sources", "zigelman2002")
     checked_choice(how.sampling, "sampling", SAMPLINGS)
-    count = source_count(part, how.sources, fewest=3, usual=usual)
+    choice = source_choice(part, how.sources, how.sampling, how.seed, fewest=3, usual=usual)
     grid = vertices = None
     if how.sampling == "grid":
-        if count is None:
+        if choice.given is not None:
             raise InputError("sampling is 'grid', which chooses the sources itself; give their number, or leave it out")
         grid = pixels_of(part)
-    elif count is None or how.sampling != "decimation":
-        vertices = choose_sources(part, how.sources, how.sampling, how.seed, how.progress, fewest=3, usual=usual)
-        count = len(vertices)
-    need = part.core.zigelman2002_memory_need(count, how.workers) + how.rows_memory_need(count, len(part))
-    need = how.check_memory(need)
-    result = part.core.zigelman2002(count, how.seed, vertices, grid, "circle", how.keep_rows, how.threads, how.progress)
+    need = part.core.zigelman2002_memory_need(choice.count, how.workers)
+    need = how.check_memory(need + how.rows_memory_need(choice.count, len(part)))
+    if grid is None and (choice.given is not None or how.sampling != "decimation"):
+        vertices = choice.made(how.progress)
+    chosen = (choice.count, how.seed, vertices, grid, "circle")
+    result = part.core.zigelman2002(*chosen, how.keep_rows, how.threads, how.progress)
     placed_by = "re-insertion" if grid is None else "bilinear functions between a grid's pixels"
     return map_over_triangles("zigelman2002", cut, how, result, need, result["rows"], {"placed_by": placed_by})
