@@ -283,7 +283,8 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     assert 60 <= there <= SOURCES
     caplog.clear()
     rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
-    assert f"{there} rows were in the store" in caplog.text
+    told = re.search(r"(\d+) rows were in the store", caplog.text)
+    assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
     again = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)

@@ -140,14 +140,7 @@ class TestFlatten:
 
     @pytest.mark.slow
     def test_it_can_be_cancelled_in_each_stage(self):
-        seen = set()
-
-        def record(stage, done, total):
-            seen.add(stage)
-
-        mesh, _ = cylinder((21, 15))
-        voxflat.flatten(mesh, **schwartz1989, neighbourhood=8, progress=record)
-        assert {"measuring neighbourhoods", "moving points from a random start"} <= seen
+        mesh, _ = cylinder((41, 31))  # large enough that each stage is seen
         for last in ("measuring neighbourhoods", "moving points from a random start"):
             with pytest.raises(Cancelled):
                 voxflat.flatten(mesh, **schwartz1989, progress=lambda stage, *_, last=last: stage != last)
