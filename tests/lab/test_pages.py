@@ -136,3 +136,41 @@ def test_the_pointer_reads_what_the_files_hold(made, tmp_path):
     np.testing.assert_allclose(place, flat.points[flat.ids == vertex][0], atol=0.06)
     thickness = nib.freesurfer.read_morph_data(folder / "surf" / "lh.thickness")[vertex]
     assert float(told[3]) == pytest.approx(thickness, rel=0.006)
+
+
+def test_the_worst_places_are_those_of_the_map_and_a_click_shows_them(made, tmp_path):
+    folder, _ = made
+    worst = voxflat.worst_places(voxflat.load(folder / "surf" / "lh.voxflat.flat.npz"))
+    text = (folder / "voxflat.html").read_text()
+    table = text[text.index('<table class="worst">') :]
+    rows = re.findall(r"<tr><td>.*?</tr>", table[: table.index("</table>")], re.DOTALL)
+    assert len(rows) == len(worst.places) > 0
+    for row, place in zip(rows, worst.places, strict=True):
+        cells = [re.sub("<.*?>", "", cell) for cell in re.findall(r"<td.*?>(.*?)</td>", row)]
+        area, ratios = f"{place.area:.1f}", f"{place.median_ratio:.2f}, at worst {place.worst_ratio:.2f}"
+        assert cells[:4] == [str(place.number), place.kind, area, ratios]
+        assert cells[5] == ("–" if place.cut is None else f"{place.cut.length:.0f}")
+    click = """<script>setTimeout(() => {
+      document.querySelector("[data-place]").click();
+      const viewer = document.querySelector(".viewer").viewer, out = viewer.normals.subarray(3 * viewer.marked);
+      const towards = viewer.axes().away.reduce((sum, value, k) => sum - value * out[k], 0);
+      document.body.dataset.towards = towards / Math.hypot(out[0], out[1], out[2]);
+      const flat = viewer.flat, gl = flat.gl, width = gl.drawingBufferWidth, height = gl.drawingBufferHeight;
+      const pixels = new Uint8Array(4 * width * height), green = [0, 0, 0];
+      gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+      for (let n = 0; n < width * height; n++) {
+        if (pixels[4 * n] || pixels[4 * n + 1] !== 255 || pixels[4 * n + 2]) continue;
+        green[0] += n % width + 0.5, green[1] += Math.floor(n / width) + 0.5, green[2]++;
+      }
+      const view = viewer.flatView(), uv = viewer.values.uv.subarray(2 * viewer.marked);
+      const wanted = [width, height].map((size, k) => ((view[5 * k] * uv[k] + view[12 + k] + 1) * size) / 2);
+      document.body.dataset.off = Math.hypot(...wanted.map((value, k) => green[k] / green[2] - value));
+    }, 4000);</script>"""
+    page = tmp_path / "page.html"
+    page.write_text(text.replace("</body>", f"{click}</body>"))
+    said, drawn = console_of(page, "--window-size=1280,900")
+    assert said == []
+    shown = [float(part) for part in re.search(r"<output>Vertex \d+, at \((.*?)\) mm", drawn)[1].split(",")]
+    np.testing.assert_allclose(shown, worst.places[0].point, atol=3)  # pages have fewer points
+    assert float(re.search(r'data-towards="(.*?)"', drawn)[1]) == pytest.approx(1, abs=1e-3)
+    assert float(re.search(r'data-off="(.*?)"', drawn)[1]) < 1.5  # pixels from the mark on the map to its point

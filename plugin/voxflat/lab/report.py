@@ -10,6 +10,7 @@ from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
+from voxflat.maps.worst_places import worst_places
 
 __all__ = ["REFERENCES", "citation", "subject_page"]
 
@@ -70,6 +71,7 @@ def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, s
                 "scene": scene(one.flat_map, layers, one.cuts),
                 "cuts": list(one.cuts),
                 "figures": _figures(one.record, hemi),
+                "worst": worst_places(one.flat_map),
                 "references": list(REFERENCES.get(one.record["map"]["cuts_by"], {})),
             }
         )

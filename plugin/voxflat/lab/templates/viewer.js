@@ -194,6 +194,8 @@ class Viewer {
         const mark = new Float32Array(this.colours.length);
         for (let n = 0; n < mark.length; n += 3) mark[n + 1] = 1;
         gl.disable(gl.DEPTH_TEST);
+        canvas.attribute("place", places); // cuts were drawn since
+        canvas.attribute("normal", normals);
         canvas.attribute("colour", mark);
         canvas.draw(gl.POINTS, new Uint32Array([this.marked]), 0);
         gl.enable(gl.DEPTH_TEST);
@@ -269,6 +271,19 @@ class Viewer {
       output.textContent = (id === undefined ? "" : `Vertex ${id}, `) + `at (${place})${this.content.unit && " " + this.content.unit}. ` + told.join(" · ");
     }
     this.draw();
+  }
+
+  goTo(place) {
+    // the point of the surface that is nearest to a place, turned to the eye
+    const { folded } = this.values;
+    let best = 0, least = Infinity;
+    for (let n = 0; n < this.content.points; n++) {
+      const apart = Math.hypot(...place.map((value, k) => folded[3 * n + k] - value));
+      if (apart < least) [best, least] = [n, apart];
+    }
+    const out = [...this.normals.subarray(3 * best, 3 * best + 3)], length = Math.hypot(...out) || 1;
+    this.turn = [Math.atan2(out[0], -out[1]), Math.asin(out[2] / length)];
+    this.show(best);
   }
 
   listen() {
