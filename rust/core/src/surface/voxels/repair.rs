@@ -23,16 +23,18 @@
 
 mod distances;
 mod grid;
+mod runs;
 mod simple;
 
 use std::collections::BinaryHeap;
 
 use self::distances::distances;
 use self::grid::{BATCH, Grid, look};
+use self::runs::{EDGES, FACES, Runs};
 use self::simple::{AROUND, is_simple, neighbourhood};
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::surface::voxels::{DIRECT, neighbours};
+use crate::surface::voxels::neighbours;
 use crate::volume::Mask;
 
 /// How many voxels of depth it is worth to be certainly on one side, or to have only neighbours there.
@@ -204,18 +206,19 @@ impl Solid {
             look(count, control)?;
             inside[whole.cell(voxel).expect("the box was drawn around the foreground")] = true;
         }
-        let components = whole.pieces(&DIRECT, |cell| inside[cell], control)?;
-        let largest = components.into_iter().rev().max_by_key(Vec::len).expect("a mask has foreground");
-        let grid = Grid::around(largest.iter().map(|&cell| whole.voxel(cell)), control)?;
+        let runs = Runs::of(&whole, |cell| inside[cell], FACES, control)?;
+        let largest = runs.largest().expect("a mask has foreground");
+        let ends = runs.component(largest).flat_map(|run| [run.start, run.end - 1]);
+        let grid = Grid::around(ends.map(|cell| whole.voxel(cell)), control)?;
         let mut cells = vec![false; grid.len()];
-        for (count, &cell) in largest.iter().enumerate() {
-            look(count, control)?;
-            cells[grid.cell(whole.voxel(cell)).expect("the box was drawn around the component")] = true;
+        for run in runs.component(largest) {
+            let start = grid.cell(whole.voxel(run.start)).expect("the box was drawn around the component");
+            cells[start..start + run.len()].fill(true);
         }
-        let through_edges: Vec<_> = neighbours().filter(|offset| offset.contains(&0)).collect();
-        let mut outside = vec![false; cells.len()];
-        grid.flood(0, &through_edges, |cell| !cells[cell], &mut outside, control)?;
-        Ok(Self { grid, cells: outside.into_iter().map(|is_outside| !is_outside).collect() })
+        let background = Runs::of(&grid, |cell| !cells[cell], EDGES, control)?;
+        let mut filled = vec![true; cells.len()];
+        background.component(0).for_each(|run| filled[run].fill(false)); // the rim's
+        Ok(Self { grid, cells: filled })
     }
 
     /// Number of handles: what the Euler characteristic lacks to that of a ball.

@@ -1,5 +1,6 @@
 use super::*;
 use crate::surface::VoxelSurface;
+use crate::surface::voxels::DIRECT;
 use crate::surface::voxels::surfels::{Surfels, Touching};
 use crate::volume::Affine;
 use proptest::prelude::*;
@@ -296,6 +297,24 @@ proptest! {
         let voxels = foreground(&mask);
         if repaired.dropped.is_empty() && repaired.cavities.is_empty() {
             prop_assert_eq!(repaired.handles as i64, 1 - euler(&voxels));
+        }
+    }
+
+    #[test]
+    fn runs_hang_together_as_their_cells_do(mask in volume(7)) {
+        let control = Control::default();
+        let grid = Grid::around(mask.foreground(), &control).unwrap();
+        let edges: Vec<_> = neighbours().filter(|offset| offset.contains(&0)).collect();
+        for (touch, offsets) in [(FACES, DIRECT.to_vec()), (EDGES, edges)] {
+            let is_in = |cell: usize| mask.is_inside(grid.voxel(cell));
+            let runs = Runs::of(&grid, is_in, touch, &control).unwrap();
+            let mut pieces = grid.pieces(&offsets, is_in, &control).unwrap();
+            pieces.iter_mut().for_each(|piece| piece.sort_unstable());
+            let cells = |run| runs.component(run).flatten().collect::<Vec<_>>();
+            let largest = cells(runs.largest().unwrap());
+            prop_assert_eq!(Some(&largest), pieces.iter().rev().max_by_key(|piece| piece.len()));
+            let components: Vec<_> = (0..grid.len() as u32).map(cells).filter(|piece| !piece.is_empty()).collect();
+            prop_assert_eq!(components, pieces);
         }
     }
 

@@ -1,0 +1,87 @@
+//! What hangs together, by runs of cells: there are a hundred times fewer of them than cells.
+
+use super::grid::{Grid, look};
+use crate::control::Control;
+use crate::error::Result;
+use crate::surface::topology::homology::Sets;
+
+/// Rows before a row, and by how many cells two runs may miss each other there and still touch.
+pub(super) type Touch = &'static [([i64; 2], u32)];
+
+/// Cells touch through faces.
+pub(super) const FACES: Touch = &[([-1, 0], 0), ([0, -1], 0)];
+
+/// Cells touch through faces and edges.
+pub(super) const EDGES: Touch = &[([-1, -1], 0), ([-1, 0], 1), ([-1, 1], 0), ([0, -1], 1)];
+
+/// The runs of a set of cells along the last axis, in order, and which of them hang together.
+#[derive(Debug)]
+pub(super) struct Runs {
+    /// First cell, and the one after the last.
+    runs: Vec<[u32; 2]>,
+    /// For each run the first one of its component.
+    component: Vec<u32>,
+}
+
+impl Runs {
+    pub(super) fn of(grid: &Grid, is_in: impl Fn(usize) -> bool, touch: Touch, control: &Control) -> Result<Self> {
+        let [ni, nj, nk] = grid.shape;
+        let mut runs: Vec<[u32; 2]> = Vec::new();
+        let mut rows = vec![0];
+        for row in 0..ni * nj {
+            look(row, control)?;
+            let mut inside = false;
+            for cell in row * nk..(row + 1) * nk {
+                if is_in(cell) != inside {
+                    inside = !inside;
+                    match runs.last_mut() {
+                        Some(run) if !inside => run[1] = cell as u32,
+                        _ => runs.push([cell as u32, ((row + 1) * nk) as u32]),
+                    }
+                }
+            }
+            rows.push(runs.len());
+        }
+        let mut sets = Sets::new(runs.len());
+        for row in 0..ni * nj {
+            look(row, control)?;
+            for &([di, dj], reach) in touch {
+                let (i, j) = ((row / nj) as i64 + di, (row % nj) as i64 + dj);
+                if i < 0 || !(0..nj as i64).contains(&j) {
+                    continue;
+                }
+                let before = i as usize * nj + j as usize;
+                let apart = ((row - before) * nk) as u32;
+                let (mut one, mut other) = (rows[before], rows[row]);
+                while one < rows[before + 1] && other < rows[row + 1] {
+                    let ([a, b], [c, d]) = (runs[one].map(|cell| cell + apart), runs[other]);
+                    if a < d + reach && c < b + reach {
+                        sets.join(one as u32, other as u32);
+                    }
+                    if b <= d {
+                        one += 1;
+                    } else {
+                        other += 1;
+                    }
+                }
+            }
+        }
+        let component = (0..runs.len() as u32).map(|run| sets.find(run)).collect();
+        Ok(Self { runs, component })
+    }
+
+    /// The runs of the component that has the run `first` as its first one.
+    pub(super) fn component(&self, first: u32) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let own = self.runs.iter().zip(&self.component).filter(move |&(_, &component)| component == first);
+        own.map(|(&[from, to], _)| from as usize..to as usize)
+    }
+
+    /// The first run of the component that has most cells, the first of equals.
+    pub(super) fn largest(&self) -> Option<u32> {
+        let mut cells = vec![0u64; self.runs.len()];
+        for (&[from, to], &component) in self.runs.iter().zip(&self.component) {
+            cells[component as usize] += u64::from(to - from);
+        }
+        (0..self.runs.len() as u32).rev().max_by_key(|&run| cells[run as usize])
+    }
+}
