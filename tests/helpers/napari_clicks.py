@@ -46,6 +46,14 @@ class Hand:
         self._qtbot.mouseClick(view.viewport(), Qt.MouseButton.LeftButton, pos=place)
         self._qtbot.waitUntil(lambda: box.currentIndex() == row)
 
+    def type(self, field, text):
+        """Type a text in place of what a field holds, and press Return."""
+        assert field.isVisible()
+        edit = field.findChild(QLineEdit)
+        edit.selectAll()
+        self._qtbot.keyClicks(edit, text)
+        self._qtbot.keyClick(edit, Qt.Key.Key_Return)
+
     def answer(self, path, kind=None):
         """Name a file, and its kind by how that begins, in the dialog that the next step opens."""
 

@@ -6,15 +6,14 @@ import pytest
 from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
 
 
-@pytest.fixture(autouse=True, scope="module")
+@pytest.fixture(autouse=True)
 def what_is_imported_is_no_garbage():
     """Whenever layers are taken away napari collects garbage, through half a million objects of modules each time."""
     import matplotlib.pyplot  # noqa: F401
     import napari  # noqa: F401
     from napari._qt.qt_main_window import Window  # noqa: F401
 
-    gc.collect()
-    gc.freeze()
+    gc.freeze()  # before each test: much is imported when it is first used
 
 
 @pytest.fixture

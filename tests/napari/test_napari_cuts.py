@@ -194,6 +194,34 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
         assert_array_equal(one.ids, other)
 
 
+def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
+    """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
+    _, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
+
+    def wait():
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+
+    def gains():
+        return [dock.cuts.item(row, 2).text() for row in range(dock.cuts.rowCount())]
+
+    dock.begin.click()
+    wait()
+    for stop in (5, None, 0, 20):  # the first cut is but a stop
+        dock._do(lambda drawing, stop=stop: drawing.end_cut() if stop is None else drawing.add_stop(stop))
+    dock.weigh.click()
+    wait()
+    assert gains() == ["", "unknown"]
+    assert "too small" in dock.status.text()
+    dock._on_weighed((0.1, [0.02]))
+    assert gains() == ["", "+2.0 %"]
+    assert "10.0 % off" in dock.status.text()
+    dock.weigh.click()
+    dock._do(lambda drawing: drawing.add_stop(30))  # as a click on the surface meanwhile
+    wait()
+    assert gains() == ["", ""]
+    assert "weigh them again" in dock.status.text()
+
+
 def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monkeypatch):
     viewer, dock = open_widget(Surface(sphere(150), name="ball"), name="Draw cuts")
     dock.begin.click()

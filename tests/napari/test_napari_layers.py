@@ -129,6 +129,18 @@ def test_units_of_meshes_become_millimetres():
         LayerMesh.of(Surface((points, faces), units=("second", "mm", "mm")))
 
 
+def test_what_a_file_says_of_its_side_and_space_is_known_of_the_layer(tmp_path):
+    """So that maps have their marks, and files of the other side are refused."""
+    points, faces, _ = bumps(4)
+    named = {"units": "mm", "metadata": {"surface_file": str(tmp_path / "rh.white")}}
+    read = LayerMesh.of(Surface((points, faces), **named)).read()
+    assert (read.structure, read.space.name) == ("CortexRight", "scanner")
+    told = LayerMesh.of(Surface((points, faces), units="mm", metadata={"structure": "CortexLeft"})).read()
+    assert told.structure == "CortexLeft"
+    unknown = LayerMesh.of(Surface((points, faces), metadata={"structure": 7})).read()  # pixels
+    assert (unknown.structure, unknown.space.name) == (None, "unknown")
+
+
 def test_kept_are_vertices_with_a_value():
     points, faces, values = bumps(4)
     values[:] = 0

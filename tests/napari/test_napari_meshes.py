@@ -18,7 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import voxflat
 from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
-from voxflat.io.meshes import read_mesh
+from voxflat.io import Mesh, Space, read_mesh
 
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Surface  # noqa: E402
@@ -35,7 +35,7 @@ def test_mesh_result_is_that_of_the_library(open_widget, qtbot):
     viewer, widget = open_widget(layer)
     choose_whole(widget)
     run(widget, qtbot)
-    expected = voxflat.flatten((points, faces))
+    expected = voxflat.flatten(Mesh(points, faces, space=Space("scanner")))  # as the layer's unit is a length
     picture, heat = expected.image(values), expected.heat_map()
     assert [layer.name for layer in viewer.layers] == ["bumps", "bumps flattened", "bumps distortion"]
     image, distortion = viewer.layers[1:]
@@ -86,7 +86,8 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     widget.form.radius.setValue(7)
     run(widget, qtbot)
     placed = points * [0.25, -0.5, 0.5] + [1, 2, 3]
-    expected = voxflat.flatten((placed, faces[:, ::-1]), seed_point=312, radius=7)  # mirrored: outside stays outside
+    turned = Mesh(placed, faces[:, ::-1], space=Space("scanner"))  # mirrored: outside stays outside
+    expected = voxflat.flatten(turned, seed_point=312, radius=7)
     same_map(viewer.layers["bumps distortion"], expected)
     assert "bumps flattened" not in viewer.layers  # it has no values
     assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7

@@ -3,6 +3,8 @@
 With ``--pictures FOLDER`` (``make pictures``) the pictures of docs/napari.md are kept, and the demo's cortex runs, too.
 """
 
+from itertools import product
+
 import nibabel as nib
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from scipy.spatial import ConvexHull
 import voxflat
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
 from voxflat._napari.workbench import Workbench
+from voxflat.io import Mesh, Space, VolumeGeometry, write_mesh
 
 napari = pytest.importorskip("napari")
 from napari_clicks import Hand  # noqa: E402
@@ -24,6 +27,7 @@ pytestmark = pytest.mark.slow  # a window
 
 FSAVERAGE4, FSAVERAGE3 = 2562, 642  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
+THEMES = ("dark", "light")
 
 
 @pytest.fixture
@@ -45,6 +49,35 @@ def window(make_napari_viewer, qtbot):
 
     yield opened
     wait_for_threads(qtbot)
+
+
+@pytest.fixture
+def look(request, tmp_path):
+    """A function that sees that all of what is used is in the window, in another of its looks each time.
+
+    Small and dark, large and light; with pictures in all four, and back.
+    """
+    in_all = request.config.getoption("pictures") is not None
+    seen = []
+
+    def looked(hand, viewer, name, *parts):
+        window = viewer.window._qt_window
+        before = window.size(), viewer.theme
+        looks = product((SMALL, LARGE), THEMES) if in_all else [((SMALL, "dark"), (LARGE, "light"))[len(seen) % 2]]
+        for size, theme in looks:
+            window.resize(*size)
+            viewer.theme = theme
+            hand.wait(lambda size=size: (window.width(), window.height()) == size)
+            for part in parts:
+                hand.wait(lambda part=part: part.visibleRegion().boundingRect() == part.rect())
+            hand.picture(tmp_path / f"{name}_{size[0]}_{theme}.png")
+        seen.append(name)
+        if in_all:
+            window.resize(before[0])
+            viewer.theme = before[1]
+            hand.wait(lambda: window.size() == before[0])
+
+    return looked
 
 
 @pytest.fixture
@@ -70,9 +103,10 @@ def subject(tmp_path, hemisphere):
     """A left hemisphere in a folder as FreeSurfer makes it."""
     surf = tmp_path / "subject" / "surf"
     surf.mkdir(parents=True)
+    space = Space("tkRAS", VolumeGeometry.conformed())
     for name, ours in (("white", "white"), ("pial", "pial"), ("infl", "inflated"), ("sphere", "sphere.reg")):
         points, faces = hemisphere(name)
-        nib.freesurfer.write_geometry(surf / f"lh.{ours}", points, faces)
+        write_mesh(surf / f"lh.{ours}", Mesh(points, faces, space=space))
     between = np.linalg.norm(hemisphere("pial")[0] - hemisphere("white")[0], axis=1)
     nib.freesurfer.write_morph_data(surf / "lh.thickness", between.astype(np.float32))
     return surf
@@ -112,7 +146,12 @@ def point_at(hand, flat, row):
     hand.wait(told)
 
 
-def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
+def parts_of(flat):
+    """What of the dock *Flat map* is always to be seen."""
+    return flat.canvas, flat.strip, flat.text, flat.contents, flat.on_surface, flat.outlined, flat.whole, flat.keep
+
+
+def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     viewer, hand = window(SMALL, "dark")
     open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
@@ -121,13 +160,16 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     assert widget.form.pial.currentText() == "lh.pial"
     assert "standard cuts, by lh.sphere.reg" in widget.form.plan.text()
     hand.picture(pictures / "napari_form.png")
+    look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
     flat = flatten(hand, viewer)
     flat_map = Workbench.of(viewer).current.flat_map
     assert flat_map.metadata["cuts_by"] == "standard"
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
     point_at(hand, flat, len(flat_map) // 2)
+    assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
+    look(hand, viewer, "map", *parts_of(flat))
     hand.choose(flat.contents, "lh.thickness")
     hand.wait(lambda: flat.is_drawn)
     hand.picture(pictures / "napari_thickness.png")
@@ -153,6 +195,7 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     hand.wait(cuts.begin.isEnabled)
     assert all("%" in cuts.cuts.item(row, 2).text() for row in range(found))
     hand.picture(pictures / "napari_cuts.png")
+    look(hand, viewer, "cuts", cuts.begin, cuts.cuts, cuts.use, cuts.status)
     hand.press(cuts.undo)
     hand.press(cuts.undo)
     assert len(cuts.drawing.cuts) == found
@@ -181,11 +224,11 @@ def test_a_freesurfer_directory(window, subject, pictures, tmp_path):
     hand.wait(lambda: again.is_drawn)
 
 
-def test_a_gifti_surface(window, hemisphere, tmp_path):
+def test_a_gifti_surface(window, hemisphere, look, tmp_path):
     viewer, hand = window(LARGE, "light")
     points, faces = hemisphere("white", FSAVERAGE3)
     path = tmp_path / "lh.midthickness.surf.gii"
-    voxflat.io.write_mesh(path, voxflat.io.Mesh(points, faces))
+    write_mesh(path, Mesh(points, faces))
     open_files(hand, viewer, path)
     hand.menu("Layers", "Measure", "Check surface (voxflat)")
     checking = dock(viewer, "Check surface")
@@ -198,14 +241,12 @@ def test_a_gifti_surface(window, hemisphere, tmp_path):
     assert "automatic cuts" in widget.form.plan.text()
     flat = flatten(hand, viewer)
     point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
-    hand.picture(tmp_path / "napari_light.png")
+    look(hand, viewer, "surface", *parts_of(flat))
     hand.menu("Layers", "Measure", "Measure map (voxflat)")
     hand.picture(tmp_path / "napari_measure.png")
 
 
-def test_the_demo_cortex(window, pictures, request):
-    if request.config.getoption("pictures") is None:
-        pytest.skip("a hemisphere takes a minute and a half: make pictures runs it")
+def test_the_demo_cortex(window, pictures, look, request):
     viewer, hand = window(LARGE, "dark")
     hand.menu("File", "Open Sample", "Demo cortex (MNI152) (voxflat)")
     hand.wait(lambda: len(viewer.layers) == 3)
@@ -213,6 +254,11 @@ def test_the_demo_cortex(window, pictures, request):
     widget = dock(viewer, "Flatten surface")
     hand.wait(lambda: "points" in widget.form.plan.text())
     assert widget.form.sampled.currentText() == "T1"
+    if request.config.getoption("pictures") is None:  # a hemisphere takes a minute and a half
+        hand.choose(widget.form.patch, "disk")
+        hand.type(widget.form.radius, "15")
     flat = flatten(hand, viewer)
+    assert flat.contents.currentText() == "T1"
     point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
+    look(hand, viewer, "demo", *parts_of(flat))

@@ -69,7 +69,10 @@ def test_the_same_bits(tmp_path):
     subprocess.run([sys.executable, "again.py"], cwd=tmp_path, check=True)
     for name, flat_map in expected.items():
         load = voxflat.load_atlas if name == "parts" else voxflat.load
-        assert_array_equal(load(tmp_path / f"{name}.voxflat").uv, flat_map.uv)
+        again = load(tmp_path / f"{name}.voxflat")
+        assert_array_equal(again.uv, flat_map.uv)
+        for known in ("space", "structure"):
+            assert again.metadata.get(known) == flat_map.metadata.get(known)
     assert (tmp_path / "T1_flattened.png").is_file()
 
 

@@ -224,14 +224,22 @@ class _Script:
             self._readers.add("read_mesh")
             self._lines.append(f"{variable} = read_mesh({str(mesh.path)!r})")
             points = f"{variable}.space.to_scanner({variable}.points)"
-            self._lines.append(f"{variable} = Mesh({points}, {variable}.faces, {variable}.path)")
+            self._lines.append(f"{variable} = Mesh({points}, {variable}.faces, {variable}.path{self._known(mesh)})")
             return
         path = ""
         if mesh.path is not None:  # beside it its sphere may lie
             self._imports.add(_PATH)
             path = f", Path({str(mesh.path)!r})"
         saved = self._load(name, points=mesh.points, faces=mesh.faces)
-        self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path})')
+        self._lines.append(f'{variable} = Mesh({saved}["points"], {saved}["faces"]{path}{self._known(mesh)})')
+
+    def _known(self, mesh: Mesh) -> str:
+        """Return what else is known of a mesh, as arguments."""
+        known = "" if mesh.structure is None else f", structure={mesh.structure!r}"
+        if mesh.space.name != "scanner":
+            return known
+        self._readers.add("Space")
+        return f'{known}, space=Space("scanner")'
 
     def _array(self, values: NDArray[Any], name: str) -> str:
         """Return an expression for an array: as it is if it is short."""

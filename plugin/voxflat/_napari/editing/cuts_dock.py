@@ -25,7 +25,7 @@ from qtpy.QtWidgets import (
 )
 
 from voxflat._napari.editing.cuts_form import CutsForm
-from voxflat._napari.editing.drawing import Drawing
+from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.editing.scene import Scene, places_in_world
 from voxflat._napari.editing.works import FindCuts, MakeSurface, SaveTemplate, WeighCuts
 from voxflat._napari.keys import Keys, key_text
@@ -67,6 +67,7 @@ class DrawCuts(QWidget):
         self._layer: Layer | None = None  # what is cut
         self.drawing: Drawing | None = None
         self._scene: Scene | None = None
+        self._weighed: tuple[Drawn, ...] = ()
         self.form = CutsForm(napari_viewer)
         self.begin = self._button("Begin", "Show the surface in 3D, and draw cuts on it", self._on_begin)
         self.draw = self._button("Draw", "Click on the surface: a cut takes the shortest way from stop to stop", None)
@@ -244,13 +245,25 @@ class DrawCuts(QWidget):
     def _on_weigh(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
             work = WeighCuts(self.drawing.surface, paths, self.drawing.left_out)
+            self._weighed = self.drawing.cuts
             self._work(work, "weighing the cuts", self._on_weighed)
 
     def _on_weighed(self, weighed: tuple[float, list[float]]) -> None:
+        """Tell what cuts are worth, unless they are others by now."""
+        if self.drawing is None or self.drawing.cuts != self._weighed:
+            self.status.setText("The cuts were changed meanwhile: weigh them again.")
+            return
         error, gains = weighed
-        for row, gain in enumerate(gains):
-            self.cuts.setItem(row, 2, _cell(f"{100 * gain:+.1f} %"))
-        self.status.setText(f"Distances of a sketch of the map are {100 * error:.1f} % off with all cuts.")
+        rows = [row for row, cut in enumerate(self._weighed) if cut.is_complete]
+        for row, gain in zip(rows, gains, strict=True):
+            self.cuts.setItem(row, 2, _cell(f"{100 * gain:+.1f} %" if np.isfinite(gain) else "unknown"))
+        if np.isfinite(error):
+            told = f"Distances of a sketch of the map are {100 * error:.1f} % off with all cuts."
+        else:
+            told = "With all cuts the surface is too small for a sketch of its map: what they gain is unknown."
+        if np.isfinite(error) and not np.isfinite(gains).all():
+            told += " Without some of them it is too small for one: what these gain is unknown."
+        self.status.setText(told)
 
     # -------------------------------------------------------------------------------------------- using
 
@@ -268,7 +281,7 @@ class DrawCuts(QWidget):
         path, drawing = self._asked_file("Save a template of the cuts", "template.json"), self.drawing
         if path is None or drawing is None:
             return
-        names = [cut.name for cut in drawing.cuts if len(cut.stops) > 1]
+        names = [cut.name for cut in drawing.cuts if cut.is_complete]
         work = SaveTemplate(drawing.surface, drawing.paths(), names, drawing.left_out, path)
         self._work(work, "making the template", self._on_template)
 

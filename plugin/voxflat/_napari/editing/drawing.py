@@ -33,6 +33,11 @@ class Drawn:
     stops: Stops
     name: str
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether it leads somewhere: a single stop is no cut yet."""
+        return len(self.stops) > 1
+
 
 @dataclass(frozen=True)
 class _State:
@@ -182,7 +187,7 @@ class Drawing:
 
     def paths(self) -> list[NDArray[np.int64]]:
         """Return the cuts as `cuts` of `voxflat.flatten` takes them; a single stop is no cut yet."""
-        return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if len(cut.stops) > 1]
+        return [self.surface.ids[self.vertices(cut)] for cut in self.cuts if cut.is_complete]
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:

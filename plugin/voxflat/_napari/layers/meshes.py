@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.world import LayerPlace, moved
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
+from voxflat.io.spaces import UNKNOWN, Space
+from voxflat.io.structures import named_structure
 
 if TYPE_CHECKING:
     from napari.layers import Surface
@@ -32,12 +34,15 @@ class LayerMesh:
         One a vertex; napari gives each 1 where there are none.
     place : LayerPlace
         Where data coordinates lie.
+    structure : str or None
+        What it is, as in `Mesh`: told by its file, or by that file's name.
     """
 
     vertices: NDArray[Any] = field(repr=False)
     faces: NDArray[Any] = field(repr=False)
     values: NDArray[Any] = field(repr=False)
     place: LayerPlace
+    structure: str | None = None
 
     @classmethod
     def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
@@ -71,7 +76,10 @@ class LayerMesh:
             raise InputError(f"the faces of layer '{layer.name}' have {corners} instead of 3: triangulate it first")
         if len(values) != len(vertices):
             raise InputError(f"layer '{layer.name}' has {len(values)} values at {len(vertices)} vertices")
-        return cls(vertices, faces, values, place)
+        told = layer.metadata.get("structure")
+        named = None if place.path is None else named_structure(place.path)
+        structure = told if isinstance(told, str) else named
+        return cls(vertices, faces, values, place, structure)
 
     @property
     def origin(self) -> dict[str, str]:
@@ -81,7 +89,8 @@ class LayerMesh:
     def read(self) -> Mesh:
         """Carry the vertices to RAS+ mm.
 
-        A layer that is mirrored on its way has its triangles turned over, so that outside stays outside.
+        A layer that is mirrored on its way has its triangles turned over, so that outside stays outside. Of one in
+        pixels nobody knows the space.
 
         Returns
         -------
@@ -95,7 +104,8 @@ class LayerMesh:
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
         faces = self.faces[:, ::-1] if is_mirrored else self.faces
-        return Mesh(moved(self.vertices, affine), faces, self.place.path)
+        space = UNKNOWN if self.place.is_in_pixels else Space("scanner")
+        return Mesh(moved(self.vertices, affine), faces, self.place.path, self.structure, space=space)
 
     def kept(self) -> NDArray[np.bool_]:
         """Return which vertices have a value: neither 0 nor NaN.

@@ -79,6 +79,11 @@ class LayerPlace:
             origin={"layer": layer.name, "world_axes": world, "unit": unit},
         )
 
+    @property
+    def is_in_pixels(self) -> bool:
+        """Whether its unit is no length, and taken as mm."""
+        return self.origin["unit"].startswith("pixel")
+
 
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
     """Return a layer's affine, its scale, rotation, shear, translation and affine in one.

@@ -197,7 +197,7 @@ def _along(line: NDArray[np.float64], sheet: Sheet) -> NDArray[np.float64]:
     found = []
     for a, b in pairwise(line):
         along = b - a
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # along some axes it hardly leads, or not
             ends = np.sort([(low - a) / along, (high - a) / along], axis=0)
         inside = (low <= a) & (a <= high)  # of axes along which it does not lead
         start = max(0.0, np.max(np.where(along == 0, np.where(inside, -np.inf, np.inf), ends[0])))

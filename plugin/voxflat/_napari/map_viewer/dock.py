@@ -304,7 +304,7 @@ class FlatMapDock(QWidget):
     def is_drawn(self) -> bool:
         """Whether the canvas shows what is chosen, and the viewer what was drawn."""
         threads = (self._painter, self._carrier, self._annotator, self.annotations, self.outline)
-        return not (self._soon.isActive() or any(one.is_busy for one in threads))
+        return not (self._soon.isActive() or self.painted.is_coming or any(one.is_busy for one in threads))
 
     def _on_content(self) -> None:
         for event in self._looks:

@@ -181,7 +181,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
     @property
     def is_busy(self) -> bool:
         """Whether what is shown is about to change."""
-        return self._finder.is_busy
+        return self._finder.is_busy or self.is_coming
 
     def show(self, sheet: Sheet) -> None:
         """Show where the part lies that is on a map.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from napari.layers import Layer
-from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
+from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
-from voxflat._napari.results.listed import insert
+from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -36,11 +36,21 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
         super().__init__(parent)
         self._viewer = viewer
         self.layer: OfLayer | None = None
+        self._coming = QTimer(self)
+        self._coming.setSingleShot(True)
+        self._coming.setInterval(BREATH)
+        self._coming.timeout.connect(self._arrive)
 
     @property
     def there(self) -> OfLayer | None:
-        """The layer, if it is in the list."""
-        return self.layer if self.layer is not None and self.layer in self._viewer.layers else None
+        """The layer, if it is in the list, or about to be."""
+        is_there = self.layer is not None and (self.is_coming or self.layer in self._viewer.layers)
+        return self.layer if is_there else None
+
+    @property
+    def is_coming(self) -> bool:
+        """Whether it is about to be put into the list."""
+        return bool(self._coming.isActive())
 
     def hide(self) -> None:
         """Hide the layer."""
@@ -49,14 +59,24 @@ class SwitchedLayer(QObject, Generic[OfLayer]):
 
     def remove(self) -> None:
         """Take the layer out of the viewer."""
-        if self.there is not None:
+        if self.is_coming:
+            assert self.layer is not None
+            self._coming.stop()
+            drop_controls(self._viewer, self.layer)
+        elif self.there is not None:
             self._viewer.layers.remove(self.layer)
         self.layer = None
 
     def _insert(self, layer: OfLayer) -> None:
+        """Make the layer's controls, and put it into the list when the window has lived in between."""
         self.layer = layer
-        insert(self._viewer, layer)
-        layer.events.visible.connect(self._on_visible)
+        make_controls(self._viewer, layer)
+        self._coming.start()
+
+    def _arrive(self) -> None:
+        assert self.layer is not None
+        insert(self._viewer, self.layer)
+        self.layer.events.visible.connect(self._on_visible)
 
     def _set_visible(self, visible: bool) -> None:
         assert self.layer is not None

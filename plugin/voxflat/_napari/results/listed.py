@@ -133,6 +133,7 @@ class ListedLayers:
 
 def _controls(viewer: Viewer) -> Any:
     """Return what holds the controls of a viewer's layers, where this napari has it."""
+    viewer = getattr(viewer, "__wrapped__", viewer)  # which napari gives widgets, and whose parts are private
     found = getattr(getattr(getattr(viewer, "window", None), "_qt_viewer", None), "controls", None)
     return found if all(hasattr(found, name) for name in ("_add", "_remove", "widgets")) else None
 
@@ -194,7 +195,7 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
     index : int, optional
         Where; by default on top.
     """
-    viewer = getattr(viewer, "__wrapped__", viewer)  # which napari gives widgets, and whose switch is private
+    viewer = getattr(viewer, "__wrapped__", viewer)  # as above
     layers, before = viewer.layers, set(viewer.layers.selection)
     layers._activate_on_insert = False
     try:
