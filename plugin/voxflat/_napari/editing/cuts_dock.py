@@ -30,7 +30,8 @@ from voxflat._napari.editing.scene import Scene, places_in_world
 from voxflat._napari.editing.works import FindCuts, MakeSurface, SaveTemplate, WeighCuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
-from voxflat._napari.layers.world import in_units_of
+from voxflat._napari.layers.world import in_units_of, unit_ratio
+from voxflat._napari.map_viewer.viewer_parts import canvas_widget, fill
 from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat._napari.worker import JobWorker
@@ -168,6 +169,10 @@ class DrawCuts(QWidget):
             unit = None if unit == "pixel" else unit
         self.drawing = drawing
         self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world)
+        canvas, units = canvas_widget(self), self._viewer.layers.units
+        if canvas is not None:
+            ratio = 1.0 if units is None else unit_ratio(self._scene.surface.units, units[-3:])
+            fill(self._viewer, ratio * places, (canvas.width(), canvas.height()), world)
         self.draw.setChecked(True)
         self._update("Click on the surface where a cut begins, then where it leads.")
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from qtpy.QtWidgets import QComboBox, QFormLayout, QSizePolicy, QWidget
 
+_BESIDE = 32  # pixels of a list, beside its texts
+
 
 def spin(box: Any, least: float, most: float, tip: str, suffix: str = "") -> Any:
     """Set a box for numbers up."""
@@ -23,6 +25,9 @@ def choice(texts: Mapping[Any, str], tip: str) -> QComboBox:
     for key, text in texts.items():
         box.addItem(text, key)
     box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # long texts do not widen the window
+    listed, metrics = box.view(), box.fontMetrics()
+    assert listed is not None
+    listed.setMinimumWidth(max(map(metrics.horizontalAdvance, texts.values()), default=0) + _BESIDE)  # but are read
     box.setToolTip(tip)
     return box
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from napari import Viewer
 
 _CANVAS = "CanvasBackendDesktop"  # vispy's
+_FILLED = 0.9  # of the canvas
 
 
 def camera(viewer: Viewer) -> Any:
@@ -38,6 +39,25 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
     camera(viewer).set_view_direction(inwards, up)
+
+
+def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
+    """Zoom until what is seen in 3D from the side fills the canvas.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer, after `look_from_side`.
+    places : ndarray, shape (N, 3)
+        What is to be seen, in the world's units.
+    size : tuple of 2 ints
+        Width and height of the canvas, pixels.
+    world : str, optional
+        What the viewer's axes mean.
+    """
+    across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
+    if across > 0 and up > 0:
+        camera(viewer).zoom = _FILLED * min(size[0] / across, size[1] / up)
 
 
 def in_grid(viewer: Viewer) -> bool:
