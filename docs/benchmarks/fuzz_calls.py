@@ -122,6 +122,7 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
         "scale": ["best"],
         "link_lengths": ["euclidean"],
         "neighbourhood": [4, 20.0],
+        "start": [made["map"], made["of_mesh_map"], points, folder / "map.npz"],
         "starts": [1],
         "bound": [1.5],
         "seed": [0, 7],

@@ -280,6 +280,8 @@ class Surface:
         threads: int | None = None,
         progress: _Progress | None = None,
         store: tuple[str | PathLike[str], str] | None = None,
+        start: NDArray[np.float64] | None = None,
+        patience: int = 1,
     ) -> dict[str, Any]: ...
 
 @final

@@ -135,7 +135,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
     )
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
-    options += " --store rows --scale areas --adapt 7.5"
+    options += " --store rows --scale areas --adapt 7.5 --start map.npz"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
     assert [given.pop(name) for name in ("cuts", "polygon", "relax", "sphere")] == [None] * 4
     assert given.pop("mirror") is False
@@ -157,6 +157,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         "geodesic": "exact",
         "weighting": 0.7,
         "scale": "areas",
+        "start": Path("map.npz"),
         "adapt": 7.5,
         "seed": 9,
         "threads": 2,

@@ -57,6 +57,7 @@ class FlattenOptions(CutOptions, total=False):
     geodesic: str | None
     weighting: float | None
     scale: str | None
+    start: object | None
     link_lengths: str | None
     neighbourhood: int | str | None
     starts: int | None

@@ -11,7 +11,7 @@ import numpy as np
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import source_of
-from voxflat.cli.options import OUT
+from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.distances.geodesic import SOLVERS
 from voxflat.maps.flat_map import MAP_ENDINGS, FlatMap
@@ -30,6 +30,7 @@ Examples:
   voxflat flatten lh.white --pial lh.pial --drop lh.Medial_wall.label -o lh.flat.surf.gii
   voxflat flatten rh.midthickness.surf.gii --sphere rh.sphere.reg.surf.gii --mirror -o rh.npz
   voxflat flatten lh.midthickness.surf.gii --keep lh.cortex.patch.3d -o lh.cortex.patch.flat
+  voxflat flatten lh.midthickness.surf.gii --start lh.cortex.patch.flat -o lh.better.npz
 """,
 )
 @options.input_
@@ -87,6 +88,13 @@ Examples:
     "--scale",
     type=click.Choice(SCALES),
     help=options.telling_default("scale", "voxflat: what the map's mm are right for; both are told."),
+)
+@click.option(
+    "--start",
+    type=FILE,
+    metavar="MAP",
+    help="voxflat: a flat map of the surface to go on from, of any tool; unless you say otherwise what it covers is "
+    "flattened, cut as it is.",
 )
 @options.link_lengths("grossmann2002")
 @click.option(

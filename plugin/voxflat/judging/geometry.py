@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.judging.matching import Matched, vertices_of
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.matching import Matched, vertices_of
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["Geometry", "geometry_of"]

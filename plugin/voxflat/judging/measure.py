@@ -26,7 +26,7 @@ from voxflat.distortion.distortion import Distortion, table_of_several
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.judging.geometry import Geometry, geometry_of
-from voxflat.judging.matching import Matched, loaded, match
+from voxflat.maps.matching import Matched, loaded, match
 from voxflat.surfaces.making import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]

@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike
 from voxflat.arguments import Progress, checked_seed, checked_switch, checked_threads
 from voxflat.io.provenance import telling
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.matching import match
 from voxflat.methods import grossmann2002, options, saucan2006, schwartz1989, voxflat, zigelman2002
 from voxflat.methods.common import How
+from voxflat.methods.start import cut_as
 from voxflat.surfaces.making import surface as _surface
 from voxflat.surfaces.region import cut_out
 from voxflat.surfaces.voxel_graph import voxel_graph
@@ -55,6 +57,7 @@ def flatten(
     geodesic: str | None = None,
     weighting: float | None = None,
     scale: str | None = None,
+    start: object | None = None,
     link_lengths: str | None = None,
     neighbourhood: int | str | None = None,
     starts: int | None = None,
@@ -154,6 +157,14 @@ def flatten(
         error is the least of any scale. With "areas" the map has the surface's area.
         ``distortion.triangles.equal_area_scale`` is the factor from a map to the one with the surface's area,
         ``distortion.best_scale.scale`` to the one with the best distances.
+    start : map, optional
+        "voxflat" only. A flat map of the surface, of whatever tool, as `voxflat.measure` takes it: descent goes on from
+        there, instead of from nothing, and ends in the map of least energy near it. From the last map that takes a part
+        of the time. It may lie anywhere, at any scale, mirrored or not; the map then lies as it does, not mirrored
+        (``mirror=True`` for that). Where nothing says what to flatten and where to cut (`keep`, `drop`, `seed_point`,
+        `polygon`, `cuts`, `sphere`, `relax`, `adapt`), it is what the start covers, cut as the start is. Otherwise the
+        start needs a place for every triangle, and may lack cuts, whose lips are drawn apart. A few folds are mended;
+        what cannot be mended is refused.
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
@@ -206,6 +217,7 @@ def flatten(
         geodesic=geodesic,
         weighting=weighting,
         scale=scale,
+        start=start,
         link_lengths=link_lengths,
         neighbourhood=neighbourhood,
         starts=starts,
@@ -234,6 +246,11 @@ def flatten(
     own = way.checked(**{name: taken[name] for name in _OWN if name in taken})
     whole = _surface(surface, **place, threads=how.threads, **common)
     patch |= {name: taken[name] for name in ("drop", "polygon", "cuts", "sphere", "relax", "adapt")}
-    cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
+    if taken.get("start") is not None:
+        own["start"] = match(whole, taken["start"])
+    if "start" in own and all(value is None for value in patch.values()):
+        cut = cut_as(whole, own["start"], how.threads, progress)
+    else:
+        cut = cut_out(whole, **patch, threads=how.threads, progress=progress)
     flat: FlatMap = way.flatten(cut, how, **own)
     return flat

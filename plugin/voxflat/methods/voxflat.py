@@ -11,8 +11,10 @@ from voxflat.distances.sources import source_choice
 from voxflat.distances.store import prepare_store
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.matching import Matched
 from voxflat.methods.common import MUCH, How, error_of_distances, map_over_triangles
 from voxflat.methods.options import default
+from voxflat.methods.start import places_of
 from voxflat.surfaces.region import Cutout
 from voxflat.surfaces.surface import Surface
 
@@ -32,9 +34,12 @@ def checked(geodesic: str | None, weighting: float, scale: str) -> dict[str, Any
     return {"geodesic": geodesic, "weighting": float(weighting), "scale": scale}
 
 
-def flatten(cut: Cutout, how: How, *, geodesic: str | None, weighting: float, scale: str) -> FlatMap:
-    """Flatten a disk of triangles."""
+def flatten(
+    cut: Cutout, how: How, *, geodesic: str | None, weighting: float, scale: str, start: Matched | None = None
+) -> FlatMap:
+    """Flatten a disk of triangles, from nothing or from a map."""
     part = cut.part
+    places = None if start is None else places_of(cut, start)
     choice = source_choice(part, how.sources, how.sampling, how.seed, fewest=3, usual=default("sources", "voxflat"))
     kept = "stored" if how.store is not None else "kept" if how.keep_rows else "dropped"
     need = how.check_memory(part.core.memory_need(choice.count, how.workers, kept))
@@ -46,11 +51,13 @@ def flatten(cut: Cutout, how: How, *, geodesic: str | None, weighting: float, sc
         store = prepare_store(how.store, part.core, part.ids, chosen, geodesic=solver, progress=how.progress)
     key = None if store is None else store.key
     result = part.core.voxflat(
-        chosen, how.seed, solver, weighting, scale, how.keep_rows, how.threads, how.progress, key
+        chosen, how.seed, solver, weighting, scale, how.keep_rows, how.threads, how.progress, key, places
     )
     if store is not None:
         store.tell(result["found"])
     told: dict[str, Any] = {"geodesic": solver, "distance_error": error, "weighting": weighting, "scale": scale}
+    if start is not None:
+        told["start"] = True
     rows = result["rows"]
     if store is not None:
         told["store"], rows = str(store.path), open_rows(store.path).rows

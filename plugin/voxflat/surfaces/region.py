@@ -163,6 +163,47 @@ def cut_out(
     return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
 
 
+def cut_out_as(whole: Surface, part: Surface, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
+    """Take a part of a surface whose triangles and cuts are known.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface.
+    part : Surface
+        Some of its triangles.
+    cuts : sequence of ndarray of int64
+        Paths of vertices of the part.
+    by : str
+        What said where to cut.
+
+    Returns
+    -------
+    Cutout
+        As `cut_out` returns it with ``to_disk=False``.
+    """
+    remarks = list(whole.remarks)
+    is_all = len(part.faces) == len(whole.faces)
+    named = [part.ids[path] for path in cuts]
+    length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
+    if cuts:
+        part = part.with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
+    part, told = _one_piece(part, not is_all)
+    metadata = {
+        **whole.metadata,
+        **dict.fromkeys(("seed_point", "seed_found", "radius", "polygon", "sphere")),
+        "keep": not is_all,
+        "drop": False,
+        "cuts": [path.tolist() for path in named],
+        "cut_names": [None] * len(named),
+        "cuts_by": by,
+        "automatic_cuts": [],
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
+    }
+    return Cutout(whole, part, part.faces, metadata, (*remarks, *told), length, True, is_all)
+
+
 def opened_to_disk(
     cut: Cutout,
     relax: float | bool | None,

@@ -29,6 +29,24 @@ pub enum Error {
     )]
     Folded { triangles: usize },
 
+    #[error("the start has {places} places, the surface {points} vertices; give one place a vertex")]
+    StartMismatch { places: usize, points: usize },
+
+    #[error("the start has no finite place for vertex {vertex}; give one for every vertex that is flattened")]
+    StartNotFinite { vertex: usize },
+
+    #[error(
+        "the start turns {triangles} triangles over in places that cannot be mended: give a map with fewer folds, or leave the \
+         start out"
+    )]
+    StartFolded { triangles: usize },
+
+    #[error(
+        "the start lies on itself (its boundary crosses or touches itself {crossings} times): give a map that does not, or leave \
+         the start out"
+    )]
+    StartCrosses { crossings: usize },
+
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 

@@ -47,7 +47,7 @@
 //! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
 //! let levels = Levels::new(&surface, &sources, &control)?;
 //! let rows = levels.measure(&graph, &control)?;
-//! let map = flatten::voxflat(levels, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
+//! let map = flatten::voxflat(levels, rows, 0.5, None, Scale::Distances, &graph, 0, &control)?;
 //! assert_eq!(map.uv.len(), surface.len());
 //! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
 //! # Ok::<(), voxflat::Error>(())

@@ -7,11 +7,11 @@ use crate::distortion::best_scale;
 use crate::distortion::faces::equal_area_scale;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
-use crate::embed::stress::levels::{self, Levels};
+use crate::embed::stress::levels::{self, Levels, Start};
 use crate::error::{Error, Result};
 use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::graph::GeodesicGraph;
-use crate::orient::{map_area, orient};
+use crate::orient::{map_area, orient, turn_onto};
 use crate::rows::{DistanceRows, Rows};
 use crate::sources::FEWEST_SOURCES;
 use crate::store;
@@ -19,11 +19,11 @@ use crate::surface::Surface;
 
 /// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
-/// shapes count most, to 1, where far distances do. In the end the map is brought to `scale`, and judged by the graph's
-/// distances; levels and rows are dropped before.
+/// shapes count most, to 1, where far distances do. Descent may go on from a map that is known instead (`start`); the map is then turned
+/// as that one lies. In the end the map is brought to `scale`, and judged by the graph's distances; levels and rows are dropped before.
 ///
 /// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages.
+/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`levels::flatten_from`] among them.
 ///
 /// # Examples
 /// ```
@@ -41,14 +41,16 @@ use crate::surface::Surface;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
 /// let levels = Levels::new(&sheet, &sources, &control)?;
 /// let rows = levels.measure(&graph, &control)?;
-/// let map = flatten::voxflat(levels, rows, 0.5, Scale::Distances, &graph, 0, &control)?;
+/// let map = flatten::voxflat(levels, rows, 0.5, None, Scale::Distances, &graph, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
+#[expect(clippy::too_many_arguments)]
 pub fn voxflat(
     levels: Levels,
     rows: DistanceRows,
     weighting: f64,
+    start: Option<Start>,
     scale: Scale,
     graph: &GeodesicGraph,
     seed: u64,
@@ -65,7 +67,10 @@ pub fn voxflat(
     let scaling = classical_scaling(&among)?;
     control.check()?;
     drop(among);
-    let (mut uv, convergence) = levels::flatten(&levels, &rows, &scaling.places, weighting, control)?;
+    let (mut uv, convergence) = match start {
+        Some(start) => levels::flatten_from(&levels, &rows, start, weighting, control)?,
+        None => levels::flatten(&levels, &rows, &scaling.places, weighting, control)?,
+    };
     let convergence = Some(convergence);
     let factor = match scale {
         Scale::Distances => {
@@ -78,7 +83,14 @@ pub fn voxflat(
         uv.iter_mut().flatten().for_each(|coordinate| *coordinate *= factor);
     }
     drop((levels, rows));
-    orient(surface.points(), map_area(surface.faces(), &uv), &mut uv);
+    match start {
+        Some(Start { places, .. }) => {
+            let hand = map_area(surface.faces(), places).signum();
+            let onto: Vec<[f64; 2]> = places.iter().map(|&[x, y]| [hand * x, y]).collect();
+            turn_onto(&uv.clone(), &onto, &mut uv);
+        }
+        None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
+    }
     let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })

@@ -122,18 +122,32 @@ fn sees(ring: &[Place], is_closed: bool, at: Place) -> bool {
 
 /// The polygon of all places that see the ring, within a box around it; none if it has no inside.
 fn kernel(ring: &[Place], is_closed: bool) -> Option<Vec<Place>> {
-    let low = ring.iter().fold(ring[0], |low, p| low.inf(p));
-    let high = ring.iter().fold(ring[0], |high, p| high.sup(p));
+    kernel_of(&sides(ring, is_closed).collect::<Vec<_>>(), is_closed)
+}
+
+/// The same of the sides of a ring in any order.
+fn kernel_of(sides: &[[Place; 2]], is_closed: bool) -> Option<Vec<Place>> {
+    let corners = || sides.iter().flatten();
+    let start = *corners().next()?;
+    let low = corners().fold(start, |low, p| low.inf(p));
+    let high = corners().fold(start, |high, p| high.sup(p));
     let margin = if is_closed { 0.0 } else { MARGIN * (high - low).norm() };
     let (low, high) = (low.add_scalar(-margin), high.add_scalar(margin));
     let mut polygon = vec![low, Place::new(high.x, low.y), high, Place::new(low.x, high.y)];
-    for side in sides(ring, is_closed) {
+    for &side in sides {
         polygon = clip(&polygon, side);
         if polygon.len() < 3 {
             return None;
         }
     }
-    sees(ring, is_closed, middle(&polygon)).then_some(polygon)
+    let middle = middle(&polygon);
+    sides.iter().all(|&side| area(middle, side) > 0.0).then_some(polygon)
+}
+
+/// The place nearest to a vertex' own, about, from which all sides opposite to it are seen; none if there is none. The sides of a ring
+/// that is closed go all around the vertex.
+pub(crate) fn seeing(sides: &[[Place; 2]], is_closed: bool, at: Place) -> Option<Place> {
+    kernel_of(sides, is_closed).map(|kernel| inside(&kernel, at))
 }
 
 /// The part of a convex polygon from which a side is seen.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use voxflat::embed::stress::levels::Levels;
+use voxflat::embed::stress::levels::{Levels, Start};
 use voxflat::flatten;
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
@@ -37,8 +37,9 @@ impl Surface {
     }
 
     /// Flattens from sources (vertices), by rows of a solver in memory, which may be kept, or in a store: its directory and
-    /// identity. `scale` is what the map's mm are right for: "distances" or "areas".
-    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None))]
+    /// identity. `scale` is what the map's mm are right for: "distances" or "areas". Descent may go on from a place for each vertex
+    /// (`start`), for `patience` times as many steps as usual.
+    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1))]
     #[allow(clippy::too_many_arguments)] // Python's, by name
     fn voxflat<'py>(
         &self,
@@ -52,7 +53,13 @@ impl Surface {
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
         store: Option<(PathBuf, String)>,
+        start: Option<PyReadonlyArray2<'py, f64>>,
+        patience: u32,
     ) -> PyResult<Bound<'py, PyDict>> {
+        if patience == 0 {
+            return Err(InputError::new_err("patience is 0; give at least 1"));
+        }
+        let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
         let scale = match scale {
             "distances" => Scale::Distances,
@@ -78,7 +85,8 @@ impl Surface {
                     (levels.measure(solver, control)?, None, None)
                 }
             });
-            let mut map = flatten::voxflat(levels, rows, weighting, scale, graph, seed, control)?;
+            let start = start.as_ref().map(|places| Start { places, patience });
+            let mut map = flatten::voxflat(levels, rows, weighting, start, scale, graph, seed, control)?;
             map.rows = kept;
             Ok((map, found))
         })?;

@@ -1,13 +1,15 @@
 //! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
 //!
 //! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
-//! one level to the next: no map on the way has a fold.
+//! one level to the next: no map on the way has a fold. A map that is known already is where descent begins on the finest level on
+//! which it can be mended (`mend`).
 
 use nalgebra::Vector2;
 
 use super::MapEnergy;
-use super::descent::{Descended, Until, descend};
+use super::descent::{Descended, Objective, Until, descend};
 use super::local::ease;
+use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
@@ -67,6 +69,7 @@ const FIRST: Dials = Dials {
     shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
     stiffness: 0.1,
     rough: false,
+    patience: 1,
 };
 const FIRST_LANDMARKS: usize = 96;
 
@@ -76,6 +79,7 @@ pub(crate) const FINAL: Dials = Dials {
     shape: Shape { barrier: 0.02, area: 3.0, outlier: 0.2 },
     stiffness: 0.25,
     rough: false,
+    patience: 1,
 };
 
 /// How much more near distances and shapes count in a map that is all for them, and how much less in one that is not at all.
@@ -89,7 +93,7 @@ fn weighted(weighting: f64) -> Dials {
     Dials { bands, stiffness: near * FINAL.stiffness, ..FINAL }
 }
 
-/// What counts how much.
+/// What counts how much, and how long descent goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Dials {
     pub bands: Bands,
@@ -98,6 +102,8 @@ pub(crate) struct Dials {
     pub stiffness: f64,
     /// Springs are of a stiffness that is guessed: what the search for relaxation cuts was judged with.
     pub rough: bool,
+    /// How many times as many steps there may be, and how many times as little five of them may gain.
+    pub patience: u32,
 }
 
 /// How descent on the finest level went.
@@ -164,29 +170,110 @@ pub(crate) fn unfold(
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.judged(), control)?;
-    let mut uv = Vec::new();
-    let mut convergence = Convergence { energies: Vec::new(), converged: true };
-    for depth in (0..=levels.coarser.len()).rev() {
+    let depth = levels.coarser.len();
+    let mut uv;
+    let convergence;
+    {
         let level = levels.prepare(depth, &pairs, control)?;
-        if depth == levels.coarser.len() {
-            control.begin("unfolding", 1);
-            let coarsest = levels.surface(depth);
-            let places = level.pairs.landmark_places(places, coarsest.len());
-            uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
-        } else {
-            uv = levels.refine(depth, &uv, &level.outline, control)?;
-        }
+        control.begin("unfolding", 1);
+        let coarsest = levels.surface(depth);
+        let places = level.pairs.landmark_places(places, coarsest.len());
+        uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
         level.check_unfolded(&uv)?;
-        convergence = level.settle(&mut uv, depth == levels.coarser.len(), dials, STAGES[depth.min(1)], control)?;
+        convergence = level.settle_first(&mut uv, dials, stage(depth), control)?;
     }
-    Ok((uv.into_iter().map(Into::into).collect(), convergence))
+    levels.refined(depth, uv, convergence, &pairs, dials, control)
+}
+
+/// A map that is known already.
+#[derive(Debug, Clone, Copy)]
+pub struct Start<'a> {
+    /// The place of each vertex of the finest level, in any unit, at any place, mirrored or not.
+    pub places: &'a [[f64; 2]],
+    /// How many times as many steps as usual there may be, and how many times as little five of them may gain; 1 is usual.
+    pub patience: u32,
+}
+
+/// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`]. It begins at the
+/// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
+/// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
+///
+/// # Errors
+/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`] and [`Error::StartCrosses`] if the start cannot be
+/// mended on any level, and those of [`flatten`].
+///
+/// # Panics
+/// As [`flatten`].
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::embed::stress::levels::{Levels, Start, flatten_from};
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::orient::map_area;
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let rows = levels.measure(&graph, &control)?;
+/// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
+/// let (uv, found) = flatten_from(&levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
+/// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
+/// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn flatten_from(
+    levels: &Levels,
+    rows: &DistanceRows,
+    start: Start,
+    weighting: f64,
+    control: &Control,
+) -> Result<(Vec<[f64; 2]>, Convergence)> {
+    let places = levels.counterclockwise(start.places)?;
+    let dials = Dials { patience: start.patience, ..weighted(weighting) };
+    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let mut first = None;
+    for depth in 0..=levels.coarser.len() {
+        let level = levels.prepare(depth, &pairs, control)?;
+        let mut uv: Vec<_> = levels.vertices[depth].iter().map(|&vertex| places[vertex as usize]).collect();
+        level.triangles.fit_area(&mut uv);
+        match mend(&level.triangles, &level.outline, &mut uv, control)? {
+            Some(fault) => {
+                first.get_or_insert(fault);
+            }
+            None => {
+                let convergence = level.settle_again(&mut uv, dials, stage(depth), control)?;
+                drop(level);
+                return levels.refined(depth, uv, convergence, &pairs, dials, control);
+            }
+        }
+    }
+    Err(match first {
+        Some(Fault::Crossing(crossings)) => Error::StartCrosses { crossings },
+        Some(Fault::Folded(triangles)) => Error::StartFolded { triangles },
+        None => unreachable!("there is a level"),
+    })
 }
 
 /// What the user is told, on the finest level and on coarser ones.
-const STAGES: [&str; 2] = ["keeping distances and shapes", "keeping distances and shapes, coarsely"];
+fn stage(depth: usize) -> &'static str {
+    if depth == 0 { "keeping distances and shapes" } else { "keeping distances and shapes, coarsely" }
+}
 
 /// How far vertices of the boundary may come out of a coarser map, if the boundary crosses itself by the one before.
 const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
+
+/// Triangles of a start with less than this part of their area are eased before descent, which they would hold back.
+const TINY: f64 = 0.02;
+
+/// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
+/// narrowed.
+const WIDEST_SCALE: f64 = 2.0;
+const NARROWINGS: usize = 26;
 
 /// What the gaps of the outline count beside the stress, where it is kept from running into itself.
 const APART: f64 = 1e-3;
@@ -292,6 +379,43 @@ impl<'a> Levels<'a> {
         Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
     }
 
+    /// A start's places, counterclockwise and around the origin.
+    fn counterclockwise(&self, start: &[[f64; 2]]) -> Result<Vec<Vector2<f64>>> {
+        if start.len() != self.finest.len() {
+            return Err(Error::StartMismatch { places: start.len(), points: self.finest.len() });
+        }
+        if let Some(vertex) = start.iter().position(|place| place.iter().any(|x| !x.is_finite())) {
+            return Err(Error::StartNotFinite { vertex });
+        }
+        let places: Vec<Vector2<f64>> = start.iter().map(|&place| place.into()).collect();
+        let centre = places.iter().map(|place| place / places.len() as f64).sum::<Vector2<f64>>();
+        let double = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|vertex| places[vertex as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let hand = self.finest.faces().iter().map(double).sum::<f64>().signum();
+        Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
+    }
+
+    /// The map of the finest level from that of another one, and how descent went there.
+    fn refined(
+        &self,
+        depth: usize,
+        mut uv: Vec<Vector2<f64>>,
+        mut convergence: Convergence,
+        pairs: &Pairs,
+        dials: Dials,
+        control: &Control,
+    ) -> Result<(Vec<[f64; 2]>, Convergence)> {
+        for depth in (0..depth).rev() {
+            let level = self.prepare(depth, pairs, control)?;
+            uv = self.refine(depth, &uv, &level.outline, control)?;
+            level.check_unfolded(&uv)?;
+            convergence = level.settle(&mut uv, dials, stage(depth), control)?;
+        }
+        Ok((uv.into_iter().map(Into::into).collect(), convergence))
+    }
+
     /// The map of a level from that of the next coarser one; its outline crosses itself nowhere if that one's does not, unless
     /// parts of the map lie nearer to each other than vertices can be placed.
     fn refine(
@@ -321,31 +445,99 @@ impl Level {
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
 
-    /// Descent to the map of least energy, its outline kept from running into itself. On the way from the first map, where all
-    /// still moves far, parts may pass through each other; only if the outline runs into itself in the end, this descent is made
-    /// again without.
-    fn settle(
+    /// Descent to the map of least energy from the first map, where all still moves far: parts may pass through each other, and only if
+    /// the outline runs into itself in the end, this descent is made again with the outline kept apart.
+    fn settle_first(
         &self,
         uv: &mut Vec<Vector2<f64>>,
-        is_coarsest: bool,
         dials: Dials,
         stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
-        let apart = Some((&self.outline, APART));
-        let inside = self.inside(uv.len());
-        if !is_coarsest {
-            ease(&self.triangles, dials.shape, &inside, uv, control)?;
-            let is_apart = self.outline.crossings(uv, control)? == 0;
-            return self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart.filter(|_| is_apart), stage, control);
-        }
         let start = uv.clone();
         let free = self.descend(uv, &vec![true; start.len()], dials, None, stage, control)?;
         if self.outline.crossings(uv, control)? == 0 {
             return Ok(free);
         }
         *uv = start;
-        self.descend(uv, &inside, dials, apart, stage, control)
+        self.descend(uv, &self.inside(uv.len()), dials, Some((&self.outline, APART)), stage, control)
+    }
+
+    /// The same from a coarser map, its outline kept from running into itself.
+    fn settle(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        dials: Dials,
+        stage: &'static str,
+        control: &Control,
+    ) -> Result<Convergence> {
+        ease(&self.triangles, dials.shape, &self.inside(uv.len()), uv, control)?;
+        let is_apart = self.outline.crossings(uv, control)? == 0;
+        let apart = Some((&self.outline, APART)).filter(|_| is_apart);
+        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+    }
+
+    /// The same from a map that is known and lies nowhere on itself.
+    fn settle_again(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        dials: Dials,
+        stage: &'static str,
+        control: &Control,
+    ) -> Result<Convergence> {
+        let apart = Some((&self.outline, APART));
+        self.scale(uv, dials, apart, control)?;
+        let mut is_held = vec![true; uv.len()];
+        for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
+            if growth < TINY {
+                corners.iter().for_each(|&vertex| is_held[vertex as usize] = false);
+            }
+        }
+        let inside = self.inside(uv.len());
+        let may_move: Vec<bool> = is_held.iter().zip(inside).map(|(held, inside)| !held && inside).collect();
+        ease(&self.triangles, dials.shape, &may_move, uv, control)?;
+        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+    }
+
+    /// Brings a map to the scale at which its energy is least, by golden sections.
+    fn scale(
+        &self,
+        uv: &mut [Vector2<f64>],
+        dials: Dials,
+        outline: Option<(&Outline, f64)>,
+        control: &Control,
+    ) -> Result<()> {
+        let energy = self.energy(&self.pairs, dials, outline);
+        let at = |log: f64| {
+            control.check()?;
+            let scaled: Vec<_> = uv.iter().map(|place| place * log.exp()).collect();
+            Ok(energy.evaluate(&scaled, control)?.0)
+        };
+        let golden = 0.5 * (5f64.sqrt() - 1.0);
+        let (mut low, mut high) = (-WIDEST_SCALE.ln(), WIDEST_SCALE.ln());
+        let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];
+        let [mut a, mut b] = inner(low, high);
+        let (mut of_a, mut of_b) = (at(a)?, at(b)?);
+        for _ in 0..NARROWINGS {
+            if of_a <= of_b {
+                (high, b, of_b) = (b, a, of_a);
+                a = inner(low, high)[0];
+                of_a = at(a)?;
+            } else {
+                (low, a, of_a) = (a, b, of_b);
+                b = inner(low, high)[1];
+                of_b = at(b)?;
+            }
+        }
+        let best = (0.5 * (low + high)).exp();
+        uv.iter_mut().for_each(|place| *place *= best);
+        Ok(())
+    }
+
+    fn energy<'a>(&'a self, pairs: &'a Pairs, dials: Dials, outline: Option<(&'a Outline, f64)>) -> MapEnergy<'a> {
+        let Self { triangles, springs, .. } = self;
+        let Dials { bands, shape, stiffness, rough, .. } = dials;
+        MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline }
     }
 
     /// Of each vertex, is it inside?
@@ -383,15 +575,14 @@ impl Level {
         stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
+        let (rounds, patience) = (rounds * dials.patience as usize, f64::from(dials.patience));
         control.begin(stage, (rounds * ROUND) as u64);
-        let Self { triangles, springs, .. } = self;
+        let energy = self.energy(pairs, dials, outline);
         let mut curve: Vec<f64> = Vec::new();
         for _ in 0..rounds {
-            let Dials { bands, shape, stiffness, rough } = dials;
-            let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline };
             let before = outline.map(|_| uv.clone());
-            let Descended { energies, converged } =
-                descend(&energy, uv, Until { steps: ROUND, gain: GAIN, enough: f64::NEG_INFINITY }, control)?;
+            let until = Until { steps: ROUND, gain: GAIN / patience, enough: f64::NEG_INFINITY };
+            let Descended { energies, converged } = descend(&energy, uv, until, control)?;
             if let Some(before) = before
                 && self.outline.crossings(uv, control)? > 0
             {
@@ -401,7 +592,7 @@ impl Level {
             }
             let [first, last] = [energies[0], energies[energies.len() - 1]];
             curve.extend(energies);
-            if converged || first - last < ROUND_GAIN * first {
+            if converged || first - last < ROUND_GAIN / patience * first {
                 return Ok(Convergence { energies: curve, converged: true });
             }
         }

@@ -3,6 +3,7 @@
 pub(crate) mod descent;
 pub mod levels;
 pub(crate) mod local;
+mod mend;
 pub(crate) mod outline;
 pub(crate) mod pairs;
 mod past;

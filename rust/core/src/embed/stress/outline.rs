@@ -125,6 +125,36 @@ impl Outline {
         farthest
     }
 
+    /// For each vertex of the boundary that shares its place with another one, a way into its own triangles that is half as long as its
+    /// gap: along the bisector of its angle, so that both of its edges go inwards. Zero for all others.
+    pub fn inwards(&self, uv: &[Place]) -> Vec<Place> {
+        let mut ways = vec![Place::zeros(); uv.len()];
+        let key = |vertex: u32| uv[vertex as usize].map(|x| (x + 0.0).to_bits()); // + 0.0, so that −0 is 0
+        let mut places: Vec<[u64; 2]> = self.vertices().map(|vertex| key(vertex).into()).collect();
+        places.sort_unstable();
+        let is_shared = |vertex: u32| {
+            let place: [u64; 2] = key(vertex).into();
+            let first = places.partition_point(|other| *other < place);
+            places.get(first + 1) == Some(&place)
+        };
+        let mut before: Vec<[u32; 2]> = self.edges.iter().map(|&[from, to]| [to, from]).collect();
+        before.sort_unstable();
+        for (edge, &[vertex, after]) in self.edges.iter().enumerate().filter(|(_, edge)| is_shared(edge[0])) {
+            let n = before.partition_point(|other| other[0] < vertex);
+            let at = uv[vertex as usize];
+            let (onwards, back) = (uv[after as usize] - at, uv[before[n][1] as usize] - at);
+            let angle = onwards.perp(&back).atan2(onwards.dot(&back)).rem_euclid(std::f64::consts::TAU);
+            let way = nalgebra::Rotation2::new(0.5 * angle) * onwards;
+            ways[vertex as usize] = way.try_normalize(0.0).unwrap_or_default() * (0.5 * self.gaps[edge]);
+        }
+        ways
+    }
+
+    /// Number of boundary vertices that lie on an edge of others, or on another vertex.
+    pub fn touches(&self, uv: &[Place]) -> usize {
+        self.contacts(uv).iter().filter(|contact| !contact.push()[0].is_finite()).count()
+    }
+
     /// Number of times that the boundary crosses itself.
     ///
     /// # Errors

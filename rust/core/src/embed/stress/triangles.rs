@@ -282,6 +282,15 @@ impl TriangleEnergy {
         self.rests.iter().map(|rest| signed_area(rest.corners, uv) / rest.area).collect()
     }
 
+    /// Brings a map to the area of the surface, if it has one.
+    pub fn fit_area(&self, uv: &mut [Vector2<f64>]) {
+        let area: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
+        let factor = (self.area / area).sqrt();
+        if factor.is_finite() {
+            uv.iter_mut().for_each(|place| *place *= factor);
+        }
+    }
+
     /// Number of triangles that are folded or have no area in a map.
     pub fn folded(&self, uv: &[Vector2<f64>]) -> usize {
         self.rests.par_iter().with_min_len(BATCH).filter(|rest| signed_area(rest.corners, uv) <= 0.0).count()
@@ -301,7 +310,7 @@ impl TriangleEnergy {
 }
 
 /// The signed area of a flat triangle, mm².
-fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
+pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
     let [a, b, c] = [a, b, c].map(|vertex| uv[vertex as usize]);
     0.5 * (b - a).perp(&(c - a))
 }

@@ -30,6 +30,7 @@ const WORTH: Dials = Dials {
     shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY },
     stiffness: 0.08,
     rough: true,
+    patience: 1,
 };
 
 /// How far a map descends when a cut is tried: most of what it gains by opening the cut it gains at once.
@@ -113,7 +114,7 @@ impl Sketch {
         let triangles = TriangleEnergy::new(&self.surface);
         let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
         let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
-        let Dials { bands, shape, stiffness, rough } = WORTH;
+        let Dials { bands, shape, stiffness, rough, .. } = WORTH;
         let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline };
         let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
         self.energy = energies[energies.len() - 1];

@@ -1,0 +1,142 @@
+"""A flat map to start from: what it covers, as it is cut, and the place of each vertex that is flattened."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.maps.matching import Matched
+from voxflat.surfaces.region import Cutout, cut_out_as, opened_to_disk
+from voxflat.surfaces.surface import Surface, triangle_keys
+
+__all__ = ["cut_as", "places_of"]
+
+
+def cut_as(whole: Surface, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
+    """Cut out what a map covers, along its own cuts.
+
+    Parameters
+    ----------
+    whole : Surface
+        The surface that the map is of.
+    start : Matched
+        The map.
+    threads, progress
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Cutout
+
+    Raises
+    ------
+    InputError
+        If the map has triangles that the surface does not have.
+    """
+    kept = whole.has_triangles(start.vertices[start.core.faces])
+    if kept is None:
+        raise InputError("the start has triangles that the surface does not have: give a map of this surface")
+    part = whole.with_core(whole.core.part_of_faces(kept))
+    places, _ = _at_corners(part.vertices, part.faces, start)
+    cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
+    return opened_to_disk(cut, False, threads, progress)
+
+
+def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
+    """Find where a map puts the vertices of what is flattened.
+
+    Parameters
+    ----------
+    cut : Cutout
+        What is flattened. It may be cut where the map is not: the lips then share their places.
+    start : Matched
+        The map.
+
+    Returns
+    -------
+    ndarray of float64, shape (N, 2)
+
+    Raises
+    ------
+    InputError
+        If the map lacks triangles, or is cut where the surface is not.
+    """
+    vertices = cut.part.vertices
+    found, is_there = _at_corners(vertices, cut.faces, start)
+    if not is_there.all():
+        lacking = vertices[cut.faces[np.flatnonzero(~is_there)[0]]].tolist()
+        raise InputError(
+            f"the start has no place for {int((~is_there).sum())} of the {len(is_there)} triangles that are flattened, "
+            f"such as that of vertices {lacking}: give a map of all of them, or leave the start out"
+        )
+    places = np.full((len(vertices), 2), np.nan)
+    places[cut.faces] = found
+    torn = np.argwhere((places[cut.faces] != found).any(axis=2))
+    if len(torn):
+        vertex = int(vertices[cut.faces[tuple(torn[0])]])
+        raise InputError(
+            f"the start is cut at vertex {vertex}, and the surface is not: give the start's cuts, too, or leave out "
+            "what says where to cut"
+        )
+    return places
+
+
+def _at_corners(
+    vertices: NDArray[np.int64], faces: NDArray[np.uint32], start: Matched
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the places of the corners of triangles in a map, (F, 3, 2), and which triangles the map has."""
+    wanted, known = vertices[faces], start.vertices[start.core.faces]
+    keys = triangle_keys(known)
+    order = np.argsort(keys)
+    at = np.minimum(np.searchsorted(keys, triangle_keys(wanted), sorter=order), len(order) - 1)
+    found = order[at]
+    is_there = keys[found] == triangle_keys(wanted)
+    sorted_known = np.take_along_axis(
+        start.core.faces[found].astype(np.int64), np.argsort(known[found], axis=1), axis=1
+    )
+    places = np.empty((*faces.shape, 2))
+    np.put_along_axis(places, np.argsort(wanted, axis=1)[:, :, None], start.uv[sorted_known], axis=1)
+    return places, is_there
+
+
+def _seams(faces: NDArray[np.uint32], places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the edges, (k, 2), whose ends have other places in one of their triangles than in the other."""
+    corners = np.stack([[0, 1], [1, 2], [2, 0]])
+    ends = faces[:, corners].reshape(-1, 2).astype(np.int64)
+    at = places[:, corners].reshape(-1, 2, 2)
+    order = np.argsort(ends, axis=1)
+    ends = np.take_along_axis(ends, order, axis=1)
+    at = np.take_along_axis(at, order[:, :, None], axis=1)
+    by_edge = np.lexsort(ends.T)
+    ends, at = ends[by_edge], at[by_edge]
+    is_same = (ends[1:] == ends[:-1]).all(axis=1)
+    is_torn = (at[1:] != at[:-1]).any(axis=(1, 2))
+    return np.asarray(ends[1:][is_same & is_torn])
+
+
+def _chains(edges: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Join edges to paths, which end where other than two of them meet."""
+    beside: defaultdict[int, list[int]] = defaultdict(list)
+    for a, b in edges.tolist():
+        beside[a].append(b)
+        beside[b].append(a)
+    left = {(min(edge), max(edge)) for edge in edges.tolist()}
+    paths = []
+    ends = [vertex for vertex in sorted(beside) if len(beside[vertex]) != 2]
+    for first in [*ends, *sorted(beside)]:  # what has no end is a ring
+        for second in beside[first]:
+            path = [first]
+            step = second
+            while (min(path[-1], step), max(path[-1], step)) in left:
+                left.remove((min(path[-1], step), max(path[-1], step)))
+                path.append(step)
+                if len(beside[step]) != 2:
+                    break
+                step = next((other for other in beside[step] if other != path[-2]), path[-2])
+            if len(path) > 1:
+                paths.append(np.array(path, dtype=np.int64))
+    return paths

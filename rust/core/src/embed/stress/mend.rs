@@ -1,0 +1,77 @@
+//! A map that was made elsewhere, mended so that descent can begin: no triangle is turned over, and the boundary meets itself nowhere.
+//!
+//! Most folds are of a few vertices, which have a place from where all of their triangles are the right way round: the kernel of
+//! their ring. Where a map was made before a cut, the lips of the cut lie on each other; each boundary vertex that shares its place with
+//! another one goes a little into its own triangles, along the bisector of its angle, so that both of its edges do.
+
+use nalgebra::Vector2;
+
+use super::descent::SAFE;
+use super::outline::Outline;
+use super::triangles::{TriangleEnergy, signed_area};
+use crate::control::Control;
+use crate::error::Result;
+use crate::place::reinsertion::seeing;
+
+/// Rounds in which vertices of folded triangles are put elsewhere.
+const ROUNDS: usize = 40;
+
+/// Why descent cannot begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fault {
+    /// So many triangles are turned over, or have no area.
+    Folded(usize),
+    /// The boundary crosses or touches itself so many times.
+    Crossing(usize),
+}
+
+/// Mends a map; if that cannot be done, says what is wrong with it as it was given.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub(super) fn mend(
+    triangles: &TriangleEnergy,
+    outline: &Outline,
+    uv: &mut Vec<Vector2<f64>>,
+    control: &Control,
+) -> Result<Option<Fault>> {
+    let folded = triangles.folded(uv);
+    if folded > 0 && !unfold(triangles, outline, uv, control)? {
+        return Ok(Some(Fault::Folded(folded)));
+    }
+    let inwards = outline.inwards(uv);
+    if inwards.iter().any(|by| *by != Vector2::zeros()) {
+        let length = (SAFE * triangles.farthest_step(uv, &inwards)).min(1.0);
+        uv.iter_mut().zip(&inwards).for_each(|(place, by)| *place += by * length);
+    }
+    let crossings = outline.crossings(uv, control)?;
+    let touches = outline.touches(uv);
+    Ok((crossings + touches > 0).then_some(Fault::Crossing(crossings + touches)))
+}
+
+/// Puts vertices of folded triangles, one after the other, where none of their own is; is none left?
+fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Vector2<f64>], control: &Control) -> Result<bool> {
+    let mut is_inside = vec![true; uv.len()];
+    outline.vertices().for_each(|vertex| is_inside[vertex as usize] = false);
+    for _ in 0..ROUNDS {
+        control.check()?;
+        let is_folded = |corners: &[u32; 3]| !(signed_area(*corners, uv) > 0.0);
+        let mut vertices: Vec<u32> = triangles.corners().filter(is_folded).flatten().collect();
+        if vertices.is_empty() {
+            return Ok(true);
+        }
+        vertices.sort_unstable();
+        vertices.dedup();
+        for vertex in vertices {
+            let n = vertex as usize;
+            let opposite = triangles.around(n).map(|(rest, corner)| {
+                [1, 2].map(|next| uv[rest.corners[(corner + next) % 3] as usize] - uv[n]) // around 0: no digits are lost
+            });
+            let sides: Vec<_> = opposite.collect();
+            if let Some(to) = seeing(&sides, is_inside[n], Vector2::zeros()) {
+                uv[n] += to;
+            }
+        }
+    }
+    Ok(triangles.folded(uv) == 0)
+}

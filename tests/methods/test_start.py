@@ -1,0 +1,200 @@
+"""A flat map to start from: what is known already is gone on with, and nothing else than that."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import voxflat
+
+COLUMNS = 41
+
+
+def grid(columns, rows, around=False):
+    """Numbers of the vertices of a grid, and its triangles; closed around its columns."""
+    number = np.arange(columns * rows).reshape(columns, rows)
+    closed = np.concatenate([number, number[:1]]) if around else number
+    a, b, c, d = (n.ravel() for n in (closed[:-1, :-1], closed[1:, :-1], closed[1:, 1:], closed[:-1, 1:]))
+    return number, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def hill(columns=COLUMNS):
+    """A hump on a square with edges of 1 mm, a disk."""
+    u, v = np.meshgrid(np.arange(columns, dtype=float), np.arange(columns, dtype=float), indexing="ij")
+    height = 14 * np.exp(-((u - 18) ** 2 + (v - 22) ** 2) / 90)
+    return np.stack([u, v, height], -1).reshape(-1, 3), grid(columns, columns)[1]
+
+
+def tube():
+    """A tube of 24 times 31 vertices, open at both ends."""
+    number, faces = grid(24, 31, around=True)
+    angle, height = (n.astype(float) for n in np.divmod(number.ravel(), 31))
+    angle *= 2 * np.pi / 24
+    return (np.stack([4 * np.cos(angle), 4 * np.sin(angle), height], 1), faces), number
+
+
+SURFACE = hill()
+
+
+@pytest.fixture(scope="module")
+def known():
+    return voxflat.flatten(SURFACE, sources=60)
+
+
+def energy(flat):
+    return flat.metadata["descent"]["energies"][-1]
+
+
+def begun(start, **options):
+    return voxflat.flatten(SURFACE, start=start, sources=60, **options)
+
+
+def areas(uv, faces):
+    (ax, ay), (bx, by) = ((uv[faces[:, n]] - uv[faces[:, 0]]).T for n in (1, 2))
+    return ax * by - ay * bx
+
+
+def is_good(flat):
+    triangles = flat.distortion.triangles
+    return (areas(flat.uv, flat.faces) > 0).all() and (triangles.flipped, triangles.covering, triangles.crossings) == (
+        0,
+        0,
+        0,
+    )
+
+
+def test_a_map_that_is_done_ends_at_once_where_it_is(known):
+    again = begun(known)
+    assert energy(again) == pytest.approx(energy(known), rel=1e-4)
+    assert len(again.metadata["descent"]["energies"]) <= 8 < len(known.metadata["descent"]["energies"])
+    assert again.metadata["start"] is True
+    assert "start" not in known.metadata
+    assert np.abs(again.uv - known.uv).max() < 0.2  # it lies as the start does
+
+
+@pytest.mark.parametrize(
+    ("moved", "hand"),
+    [(lambda uv: 17 - 3.5 * uv, 1), (lambda uv: uv[:, ::-1] * [1, 40], -1), (lambda uv: uv * [-1e-3, 1e-3], -1)],
+)
+def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
+    again = begun(moved(known.uv))
+    assert energy(again) == pytest.approx(energy(known), rel=1e-3)
+    assert is_good(again)
+    mirrored = begun(moved(known.uv), mirror=True)
+    np.testing.assert_array_equal(mirrored.uv, again.uv * [-1, 1])
+
+
+def test_a_shaken_map_comes_back(known):
+    shaken = known.uv + np.random.default_rng(3).uniform(-0.2, 0.2, known.uv.shape)
+    assert (areas(shaken, known.faces) > 0).all()
+    again = begun(shaken)
+    assert again.metadata["descent"]["energies"][0] > 1.05 * energy(known)
+    assert energy(again) == pytest.approx(energy(known), rel=1e-3)
+    assert is_good(again)
+
+
+def test_folds_are_mended(known):
+    inside = np.zeros((COLUMNS, COLUMNS, 1))
+    inside[1:-1, 1:-1] = 1
+    shaken = known.uv + inside.reshape(-1, 1) * np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
+    assert (areas(shaken, known.faces) < 0).sum() > 100
+    again = begun(shaken)
+    assert energy(again) == pytest.approx(energy(known), rel=1e-3)
+    assert is_good(again)
+
+
+@pytest.mark.slow
+def test_where_the_finest_level_cannot_be_mended_a_coarser_one_is():
+    surface = hill(75)
+    known = voxflat.flatten(surface, sources=60)
+    shaken = known.uv + np.random.default_rng(1).uniform(-0.9, 0.9, known.uv.shape)
+    stages = []
+    again = voxflat.flatten(surface, start=shaken, sources=60, progress=lambda stage, *_: stages.append(stage))
+    assert "keeping distances and shapes, coarsely" in stages
+    assert "unfolding" not in stages
+    assert energy(again) == pytest.approx(energy(known), rel=1e-3)
+    assert is_good(again)
+
+
+def test_what_cannot_be_mended_is_refused(known):
+    rolled = np.stack([np.cos(known.uv[:, 0]), known.uv[:, 1]], 1)
+    with pytest.raises(voxflat.InputError, match=r"the start turns \d+ triangles over in places that cannot be mended"):
+        begun(rolled)
+    angle = np.ptp(known.uv[:, 0]) ** -1 * 7.5 * (known.uv[:, 0] - known.uv[:, 0].min())  # more than once around
+    radius = 60 - known.uv[:, 1]
+    with pytest.raises(
+        voxflat.InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
+    ):
+        begun(np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1))
+
+
+def test_a_start_of_another_surface_is_refused_by_name(known):
+    with pytest.raises(voxflat.InputError, match="the map has 1600 points, the surface 1681 vertices"):
+        begun(known.uv[:1600])
+    other = known.uv.copy()
+    other[7] = np.nan
+    with pytest.raises(
+        voxflat.InputError,
+        match=r"no place for 3 of the 3200 triangles that are flattened, such as that of vertices \[\d",
+    ):
+        begun(other, relax=False)
+    with pytest.raises(voxflat.InputError, match="start is given, but the method 'zigelman2002' knows no start"):
+        begun(known, method="zigelman2002")
+
+
+def pairs(paths):
+    return {frozenset(pair) for path in paths for pair in itertools.pairwise(path)}
+
+
+def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
+    surface, number = tube()
+    first = voxflat.flatten(surface, sources=60)
+    cuts = [cut["ids"] for cut in first.metadata["automatic_cuts"]]
+    first.save(tmp_path / "map.npz")
+    for start in (first, tmp_path / "map.npz"):
+        again = voxflat.flatten(surface, start=start, sources=60)
+        assert (again.metadata["cuts_by"], again.metadata["automatic_cuts"]) == ("start", [])
+        assert pairs(again.metadata["cuts"]) == pairs(cuts)
+        assert len(again) == len(first)
+        assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
+    line = number[5] if cuts[0][0] not in number[5] else number[15]
+    with pytest.raises(voxflat.InputError, match=r"the start is cut at vertex \d+, and the surface is not"):
+        voxflat.flatten(surface, start=first, cuts=[line.tolist()], relax=False)
+
+
+def test_a_start_may_be_of_a_part(known):
+    kept = np.ones(len(SURFACE[0]), dtype=bool)
+    kept[: 3 * COLUMNS] = False
+    part = voxflat.flatten(SURFACE, keep=kept, sources=60)
+    again = voxflat.flatten(SURFACE, start=part, sources=60)
+    assert np.array_equal(again.ids, part.ids)
+    assert energy(again) == pytest.approx(energy(part), rel=1e-3)
+    smaller = voxflat.flatten(SURFACE, start=known, keep=kept, sources=60)
+    assert energy(smaller) == pytest.approx(energy(part), rel=1e-3)
+
+
+def test_voxels_have_starts_too():
+    solid = np.zeros((24, 20, 6), np.uint8)
+    solid[2:22, 2:18, 2:4] = 1
+    first = voxflat.flatten(solid, seed_point=(12, 10, 3), radius=9.0, sources=40)
+    again = voxflat.flatten(solid, start=first, sources=40)
+    assert np.array_equal(again.ids, first.ids)
+    assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
+
+
+def test_the_lips_of_a_new_cut_open(known):
+    path = [COLUMNS * 18 + n for n in range(23)]  # from the border to the top
+    cut = begun(known, cuts=[path])
+    fresh = voxflat.flatten(SURFACE, cuts=[path], sources=60)
+    assert len(cut) == len(SURFACE[0]) + 22
+    assert is_good(cut)
+    assert energy(cut) == pytest.approx(energy(fresh), rel=5e-3)
+    apart = replace(known, uv=known.uv * 1.5)
+    assert energy(begun(apart, cuts=[path])) == pytest.approx(energy(cut), rel=1e-3)
+
+
+def test_the_same_start_gives_the_same_bits(known):
+    shaken = known.uv + np.random.default_rng(5).uniform(-0.5, 0.5, known.uv.shape)
+    one, two = (begun(shaken, threads=threads).uv for threads in (1, 3))
+    np.testing.assert_array_equal(one, two)
