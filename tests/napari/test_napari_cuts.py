@@ -16,7 +16,7 @@ import voxflat
 napari = pytest.importorskip("napari")
 from napari.layers import Surface  # noqa: E402
 from qtpy.QtCore import QPoint, Qt  # noqa: E402
-from qtpy.QtWidgets import QFileDialog  # noqa: E402
+from qtpy.QtWidgets import QApplication, QFileDialog  # noqa: E402
 
 from voxflat._napari.editing.drawing import Drawing  # noqa: E402
 from voxflat._napari.workbench import Workbench  # noqa: E402
@@ -192,6 +192,63 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
     assert_array_equal(asked["drop"], left_out)
     for one, other in zip(expected.cuts, asked["cuts"], strict=True):
         assert_array_equal(one.ids, other)
+
+
+def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch):
+    points, faces = sphere(200)
+    viewer, widget = open_widget(Surface((points, faces), name="ball"))
+    bench = Workbench.of(viewer)
+    assert not widget.form.go_on.isVisibleTo(widget)
+    run(widget, qtbot)
+    first = bench.current.flat_map
+    assert widget.form.go_on.isVisibleTo(widget)
+    _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Draw cuts")
+    for button in (dock.begin, dock.of_map):
+        assert button.isEnabled()
+        button.click()
+        qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
+    told = first.metadata
+    own = [*told["cuts"], *(cut["ids"] for cut in told["automatic_cuts"])]
+    assert [path.tolist() for path in dock.drawing.paths()] == own
+    assert len(dock.drawing.left_out) == 0
+    assert [cut.name for cut in dock.drawing.cuts] == [f"cut {n}" for n in range(1, len(own) + 1)]
+
+    on_a_cut = own[0][len(own[0]) // 2]
+    uncut = np.setdiff1d(np.arange(len(points)), np.concatenate(own))
+    apart = np.linalg.norm(points[uncut, None] - points[np.concatenate(own)], axis=2).min(axis=1)
+    beside = int(uncut[apart.argmax()])
+    for stop in (on_a_cut, beside):
+        dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
+    assert len(dock.drawing.cuts) == len(own) + 1
+    dock.again.click()
+    qtbot.waitUntil(lambda: bench.current.flat_map is not first and bench.is_settled, timeout=PATIENCE)
+    second = bench.current.flat_map
+    paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
+    expected = voxflat.flatten((points, faces), cuts=paths, start=first)
+    assert_array_equal(second.uv, expected.uv)
+    assert second.metadata["start"] is True
+    assert len(second) > len(first)  # both sides of the new cut
+    assert widget.form.go_on.isChecked()
+
+    # the script goes on from the same map
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
+    widget.results.copy.click()
+    script = QApplication.clipboard().text()
+    assert "start=start" in script
+    exec(compile(script.replace("ball.voxflat", str(tmp_path / "again.voxflat")), "script", "exec"), {})
+    assert_array_equal(voxflat.load(tmp_path / "again.voxflat").uv, second.uv)
+
+    # what cannot be gone on from is said, and the map stays
+    dock.undo.click()
+    dock.remove.setEnabled(True)
+    dock.cuts.setCurrentCell(0, 0)
+    dock.remove.click()
+    dock.again.click()
+    qtbot.waitUntil(lambda: widget.start.isEnabled(), timeout=PATIENCE)
+    assert "start" in widget.status.text()
+    assert bench.current.flat_map is second
+    viewer.layers.remove("ball")
+    assert not widget.form.go_on.isChecked()
 
 
 def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):

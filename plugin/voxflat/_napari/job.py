@@ -49,6 +49,8 @@ class Job:
         What the map shows.
     values : Overlay or None
         A mesh's own values, which its flat surface has too.
+    start : FlatMap or None
+        The map to go on from, as in `voxflat.flatten`.
     """
 
     surface: LayerVolume | LayerMesh
@@ -64,6 +66,7 @@ class Job:
     pixel_size: float | None = None
     shown: Shown | None = None
     values: Overlay | None = None
+    start: FlatMap | None = None
 
     def run(self, progress: Progress) -> FlatLayers:
         """Flatten.
@@ -99,6 +102,8 @@ class Job:
         if self.polygon is not None:
             _, nearest = cKDTree(source.points).query(self.polygon)
             place["polygon"] = source.ids[nearest]
+        if self.start is not None:
+            place["start"] = self.start
         return flatten(source, method=self.method, **foreground, **place, **self.options, progress=progress)
 
 

@@ -23,6 +23,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.volumes import Volume, read_volume
+from voxflat.maps.flat_map import FlatMap
 
 __all__ = ["Recipe"]
 
@@ -147,6 +148,8 @@ class _Script:
             corners = self._array(job.polygon, "polygon")
             self._lines.append(f"_, nearest = cKDTree(whole.points).query({corners})")
             place["polygon"] = _Code("whole.ids[nearest]")
+        if job.start is not None:
+            place["start"] = _Code(self._map(job.start))
         method = None if job.method == "voxflat" else job.method
         self._call("flat_map", "voxflat.flatten", source, {"method": method, **given, **place, **job.options})
         self._result("flat_map", job.shown, job.pixel_size)
@@ -247,6 +250,16 @@ class _Script:
             self._imports.add(_NUMPY)
             return f"np.array({values.tolist()!r}, dtype=np.{values.dtype.name})"
         return f'{self._load(name, values=values)}["values"]'
+
+    def _map(self, flat_map: FlatMap) -> str:
+        """Save a map, and load it in the script."""
+        self.unsaved.append("the map to go on from")
+        file = Path(f"{_file_name(self._title)}_start.voxflat")
+        if self._folder is not None:
+            file = self._folder.resolve() / file
+            flat_map.save(file, overwrite=True)
+        self._lines += ["# the map that it goes on from was saved", f"start = voxflat.load({str(file)!r})"]
+        return "start"
 
     def _load(self, name: str, **arrays: NDArray[Any]) -> str:
         """Save arrays, and load them in the script."""

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from napari.layers import Surface
 from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
@@ -15,6 +16,7 @@ from qtpy.QtCore import QTimer
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.listed import ListedLayers
 from voxflat._napari.results.run import Run
+from voxflat.maps.flat_map import FlatMap
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -53,6 +55,9 @@ class Workbench:
 
     cuts_drawn = Signal()
     """Someone drew cuts for a layer."""
+
+    asked_again = Signal(object)
+    """Someone wants a layer flattened again along the cuts that were drawn, from the map that is shown."""
 
     _of: ClassVar[dict[int, Workbench]] = {}
 
@@ -169,6 +174,26 @@ class Workbench:
             self._runs[run].take(event.value)
             QTimer.singleShot(0, partial(setattr, event.value, "visible", False))  # what came in colours is not yet
             self.changed.emit()
+
+    def map_of(self, layer: Layer | None) -> FlatMap | None:
+        """Return the map that the docks show, if it may be one of a layer's surface.
+
+        Parameters
+        ----------
+        layer : Layer or None
+            Image, Labels or Surface.
+
+        Returns
+        -------
+        FlatMap or None
+            Of a mesh its vertices are as many; of a volume it is a map of voxels.
+        """
+        flat_map = None if self._current is None else self._current.flat_map
+        if layer is None or not isinstance(flat_map, FlatMap):
+            return None
+        told = flat_map.metadata
+        count = len(layer.vertices) if isinstance(layer, Surface) else None
+        return flat_map if (None if flat_map.is_voxels else told["vertices"]) == count else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         """Keep cuts that were drawn on a layer's surface.

@@ -27,7 +27,7 @@ from qtpy.QtWidgets import (
 from voxflat._napari.editing.cuts_form import CutsForm
 from voxflat._napari.editing.drawing import Drawing, Drawn
 from voxflat._napari.editing.scene import Scene, places_in_world
-from voxflat._napari.editing.works import FindCuts, MakeSurface, SaveTemplate, WeighCuts
+from voxflat._napari.editing.works import CutsOfMap, FindCuts, Found, MakeSurface, SaveTemplate, WeighCuts
 from voxflat._napari.keys import Keys, key_text
 from voxflat._napari.layers.seed import first_vertex
 from voxflat._napari.layers.world import in_units_of, unit_ratio
@@ -82,6 +82,7 @@ class DrawCuts(QWidget):
         self.remove = self._button("Remove", "Take the chosen cut away", self._on_remove)
         self.standard = self._button("Standard", "Begin with cuts that are the same for every brain", self._standard)
         self.automatic = self._button("Automatic", "Begin with cuts that suit this surface best", self._automatic)
+        self.of_map = self._button("Of the map", "Begin with the cuts of the map that is shown", self._of_map)
         self.weigh = self._button("Weigh", f"{_GAIN}: some seconds a cut", self._on_weigh)
         self.save = self._button("Save…", "As a file that cuts= and --cuts take", self._on_save)
         self.load = self._button("Load…", "A file of cuts, or a template", self._on_load)
@@ -91,6 +92,12 @@ class DrawCuts(QWidget):
             self._on_save_template,
         )
         self.use = self._button("Use for Flatten surface", "Choose these cuts in the form", self._on_use)
+        self.again = self._button(
+            "Flatten again",
+            "With these cuts, from the map that is shown, so that the new one lies as it does; all of its cuts must be "
+            "among these",
+            self._on_again,
+        )
         self.cuts = QTableWidget(0, len(_COLUMNS))
         self.cuts.setHorizontalHeaderLabels(_COLUMNS)
         self.cuts.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
@@ -105,6 +112,7 @@ class DrawCuts(QWidget):
         self.status.setWordWrap(True)
         self._lay_out()
         buttons = {_UNDO: self.undo, _REDO: self.redo, _END_CUT: self.end_cut}
+        Workbench.of(napari_viewer).changed.connect(self._enable)
         self._keys = Keys(napari_viewer, self, {key: button.click for key, button in buttons.items()})
         self._update()
 
@@ -118,7 +126,7 @@ class DrawCuts(QWidget):
     def _lay_out(self) -> None:
         rows = (
             (self.draw, self.end_cut, self.undo, self.redo),
-            (self.standard, self.automatic, self.load, self.save),
+            (self.standard, self.automatic, self.of_map, self.load),
         )
         grid = QGridLayout()
         for row, buttons in enumerate(rows):
@@ -127,8 +135,10 @@ class DrawCuts(QWidget):
         below = QGridLayout()
         below.addWidget(self.remove, 0, 0)
         below.addWidget(self.weigh, 0, 1)
-        below.addWidget(self.template, 1, 0)
-        below.addWidget(self.use, 1, 1)
+        below.addWidget(self.save, 1, 0)
+        below.addWidget(self.template, 1, 1)
+        below.addWidget(self.use, 2, 0)
+        below.addWidget(self.again, 2, 1)
         layout = QVBoxLayout(self)
         layout.addWidget(self.form)
         layout.addWidget(self.begin)
@@ -243,9 +253,13 @@ class DrawCuts(QWidget):
         if self.drawing is not None:
             self._work(FindCuts(self.drawing.surface, by), "finding cuts", self._on_found)
 
-    def _on_found(self, found: CutSurface) -> None:
-        names = [cut.name or f"cut {number}" for number, cut in enumerate(found.cuts, 1)]
-        self._do(lambda drawing: drawing.set_cuts([cut.ids for cut in found.cuts], names, found.left_out))
+    def _of_map(self) -> None:
+        flat_map = Workbench.of(self._viewer).map_of(self._layer)
+        if self.drawing is not None and flat_map is not None:
+            self._work(CutsOfMap(self.drawing.surface, flat_map), "finding cuts", self._on_found)
+
+    def _on_found(self, found: Found) -> None:
+        self._do(lambda drawing: drawing.set_cuts(*found))
 
     def _on_weigh(self) -> None:
         if self.drawing is not None and (paths := self.drawing.paths()):
@@ -307,6 +321,11 @@ class DrawCuts(QWidget):
             Workbench.of(self._viewer).set_cuts(self._layer, DrawnCuts(self.drawing.paths(), self.drawing.left_out))
             self.status.setText(f"Flatten surface will cut '{self._layer.name}' so.")
 
+    def _on_again(self) -> None:
+        self._on_use()
+        self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # unless it is open
+        Workbench.of(self._viewer).asked_again.emit(self._layer)
+
     # ------------------------------------------------------------------------------------------- working
 
     def _work(self, work: Any, what: str, returned: Callable[[Any], None]) -> None:
@@ -354,6 +373,9 @@ class DrawCuts(QWidget):
         self.begin.setEnabled(idle)
         for button in (self.draw, self.standard, self.automatic, self.load):
             button.setEnabled(idle and drawing is not None)
+        is_mapped = Workbench.of(self._viewer).map_of(self._layer) is not None
+        self.of_map.setEnabled(idle and drawing is not None and is_mapped)
+        self.again.setEnabled(idle and drawing is not None and bool(drawing.cuts) and is_mapped)
         self.end_cut.setEnabled(idle and drawing is not None and drawing.is_open)
         self.undo.setEnabled(idle and drawing is not None and drawing.can_undo)
         self.redo.setEnabled(idle and drawing is not None and drawing.can_redo)
@@ -375,6 +397,7 @@ class DrawCuts(QWidget):
             if self._worker is not None:
                 self._worker.quit()
             self._keys.release()
+            Workbench.of(self._viewer).changed.disconnect(self._enable, missing_ok=True)
             self.form.release()
             self._end()
         return bool(super().event(event))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
-from voxflat.surfaces.cut import CutSurface, cut
+from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.cut import cut
 from voxflat.surfaces.making import surface
 from voxflat.surfaces.region import cut_out, sketch_error
 from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import sphere_beside
 from voxflat.surfaces.surface import Surface
+
+Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
+"""Cuts, by what their vertices are in the input, their names, and what is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +68,39 @@ class FindCuts:
     surface: Surface
     by: str
 
-    def run(self, progress: Progress) -> CutSurface:
+    def run(self, progress: Progress) -> Found:
         """Find them."""
-        return cut(self.surface, cuts=self.by, progress=progress)
+        found = cut(self.surface, cuts=self.by, progress=progress)
+        names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
+        return [one.ids for one in found.cuts], names, found.left_out
+
+
+@dataclass(frozen=True, eq=False)
+class CutsOfMap:
+    """Finds the cuts that a map was made with, and what it leaves out.
+
+    Parameters
+    ----------
+    surface : Surface
+        The whole surface.
+    flat_map : FlatMap
+        A map of it.
+    """
+
+    surface: Surface
+    flat_map: FlatMap
+
+    def run(self, progress: Progress) -> Found:
+        """Find them."""
+        told = self.flat_map.metadata
+        paths = [np.asarray(path, dtype=np.int64) for path in told.get("cuts") or []]
+        names = [name or f"cut {number}" for number, name in enumerate(told.get("cut_names") or [None] * len(paths), 1)]
+        further = told.get("automatic_cuts") or []
+        names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
+        paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
+        shown, every = self.flat_map.ids[np.unique(self.flat_map.faces)], self.surface.ids
+        _, row = np.unique(np.concatenate([shown, every]), axis=0, return_inverse=True)
+        return paths, names, every[~np.isin(row.ravel()[len(shown) :], row.ravel()[: len(shown)])]
 
 
 @dataclass(frozen=True, eq=False)

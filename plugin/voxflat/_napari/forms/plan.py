@@ -42,6 +42,7 @@ class _Asked:
     cuts: str | None
     radius: float
     has_pial: bool
+    goes_on: bool
     label: int | None = None
     threshold: float | None = None
 
@@ -132,12 +133,16 @@ def _steps(asked: _Asked) -> list[str]:
     sentences = [f"{', '.join(told)}."]
     if not isinstance(asked.layer, Surface):
         sentences.append("Handles are closed where that changes at most 1\u00a0% of the voxels.")
+    if asked.goes_on:
+        sentences.append("It goes on from the map that is shown.")
     if asked.part == "whole":
         sentences.append(_cutting(asked))
     return sentences
 
 
 def _cutting(asked: _Asked) -> str:
+    if asked.goes_on and asked.cuts is None:
+        return "What that covers is flattened, cut as it is."
     if asked.cuts == "drawn":
         return "It is cut as drawn, and further only if that does not open it."
     if asked.cuts == "standard":

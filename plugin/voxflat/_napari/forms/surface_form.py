@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.layers import Labels, Points, Shapes, Surface
 from numpy.typing import NDArray
-from qtpy.QtWidgets import QDoubleSpinBox, QWidget
+from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox, QWidget
 
 from voxflat._napari.forms.fields import choice, offer, spin
 from voxflat._napari.forms.layer_choice import LayerChoice
@@ -22,7 +22,8 @@ from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.workbench import Workbench
 from voxflat.errors import InputError
-from voxflat.methods.options import METHODS
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.options import METHODS, OPTIONS
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -69,6 +70,7 @@ class SurfaceForm(LayerForm):
                 ("Show on map", self.sampled),
                 ("at depth", self.sample_depth),
                 ("Method", self.method),
+                ("Go on", self.go_on),
                 ("World axes", self.world),
             ),
             advanced=self.options,
@@ -82,7 +84,9 @@ class SurfaceForm(LayerForm):
             followed.chosen.connect(self._tell_plan)
         self.threshold.box.valueChanged.connect(self._tell_plan)
         self.radius.valueChanged.connect(self._tell_plan)
+        self.go_on.toggled.connect(self._tell_plan)
         self._workbench.cuts_drawn.connect(self._on_cuts_drawn)
+        self._workbench.changed.connect(self._offer_to_go_on)
         self._on_surface()
         self._on_patch()
         self._on_method()
@@ -111,6 +115,11 @@ class SurfaceForm(LayerForm):
         self.masked_by = LayerChoice(viewer, self._mask_rank)
         self.masked_by.setPlaceholderText("open a Labels layer of the same voxels")
         self.masked_by.setToolTip("What of the volume is flattened: where this Labels layer of the same shape is not 0")
+        self.go_on = QCheckBox("from the map that is shown")
+        self.go_on.setToolTip(
+            "After another cut, or with another option, the new map then lies as that one does. It needs a place for "
+            "all that is flattened, and all of its cuts; where no cuts are chosen it is cut as it is"
+        )
         self.options = OptionsForm()
         self.options.rows.addRow("Pixel size", self.pixel_size)
         self.plan = Plan()
@@ -129,6 +138,7 @@ class SurfaceForm(LayerForm):
         self._show_row(self.pial, is_mesh and self.pial.count() > 1)
         self.seed.set_surface(layer)
         self.options.offer_drawn(self._workbench.cuts_of(layer))
+        self._offer_to_go_on()
         self._tell_plan()
 
     def _on_cuts_drawn(self) -> None:
@@ -144,7 +154,32 @@ class SurfaceForm(LayerForm):
 
     def _on_method(self) -> None:
         self.options.set_method(self.method.currentData())
+        self._offer_to_go_on()
         self._tell_plan()
+
+    def _offer_to_go_on(self) -> None:
+        is_there = self._map_to_go_on_from() is not None
+        if not is_there:
+            self.go_on.setChecked(False)
+        self._show_row(self.go_on, is_there)
+
+    def _map_to_go_on_from(self) -> FlatMap | None:
+        is_known = self.method.currentData() in OPTIONS["start"]
+        return self._workbench.map_of(self.surface.layer) if is_known else None
+
+    def ask_again(self, layer: Layer) -> None:
+        """Ask for a layer's surface along the cuts that were drawn, from the map that is shown.
+
+        Parameters
+        ----------
+        layer : Layer
+            One of those that can be chosen.
+        """
+        self.surface.choose(layer)
+        self.method.setCurrentIndex(self.method.findData("voxflat"))
+        self.patch.setCurrentIndex(self.patch.findData("whole"))
+        self.options.offer_drawn(self._workbench.cuts_of(layer), chosen=True)
+        self.go_on.setChecked(True)
 
     def _tell_plan(self) -> None:
         layer = self.surface.layer
@@ -159,6 +194,7 @@ class SurfaceForm(LayerForm):
             cuts=self.options.cuts,
             radius=self.radius.value(),
             has_pial=is_mesh and self.pial.layer is not None,
+            goes_on=self.go_on.isChecked(),
             **({} if is_mesh else self._foreground(layer)),
         )
 
@@ -212,6 +248,7 @@ class SurfaceForm(LayerForm):
             pixel_size=self.pixel_size.value() or None,
             shown=self._shown(layer, world),
             options=self.options.options(method),
+            start=self._map_to_go_on_from() if self.go_on.isChecked() else None,
             **self._part(layer, world),
             **how,
         )
@@ -252,6 +289,7 @@ class SurfaceForm(LayerForm):
         """Stop following the viewer."""
         super().release()
         self._workbench.cuts_drawn.disconnect(self._on_cuts_drawn)
+        self._workbench.changed.disconnect(self._offer_to_go_on)
         self.seed.release()
         self.plan.follow(None)
         for followed in (self.pial, self.polygon, self.masked_by):

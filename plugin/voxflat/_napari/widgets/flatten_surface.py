@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.widgets.flatten_widget import FlattenWidget
+from voxflat._napari.workbench import Workbench
 
 if TYPE_CHECKING:
     from napari import Viewer
+    from napari.layers import Layer
 
 
 class FlattenSurface(FlattenWidget):
@@ -25,3 +27,13 @@ class FlattenSurface(FlattenWidget):
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
+        Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
+
+    def _on_asked_again(self, layer: Layer) -> None:
+        if self.start.isEnabled():
+            self.form.ask_again(layer)
+            self.flatten()
+
+    def _release(self) -> None:
+        super()._release()
+        Workbench.of(self._viewer).asked_again.disconnect(self._on_asked_again, missing_ok=True)
