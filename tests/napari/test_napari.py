@@ -109,6 +109,11 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
     qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
     assert {*viewer.window._qt_viewer.controls.widgets} == {*viewer.layers}
+    camera = getattr(viewer, "scene", viewer).camera
+    qtbot.waitUntil(
+        lambda: viewer.dims.order == (0, 2, 1), timeout=PATIENCE
+    )  # seen from the side, superior above, anterior right
+    assert [str(way).rpartition(".")[2].lower() for way in camera.orientation2d] == ["up", "right"]
     assert_allclose(LayerVolume.of(t1).place.affine, white_matter.affine)
     assert_allclose(LayerVolume.of(labels).place.affine, white_matter.affine)
     assert labels.data[seed_of(seed, labels)] == labels.selected_label

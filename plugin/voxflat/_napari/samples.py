@@ -89,6 +89,7 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
 
+    from voxflat._napari.map_viewer.viewer_parts import show_sagittal
     from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
     from voxflat._napari.worker import JobWorker
 
@@ -128,6 +129,8 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
             shown.layers.selection.active = arrived[-1]
 
     def look(shown: Viewer) -> None:
+        if len(shown.layers) == len(arrived) + 1:  # nothing else is open
+            show_sagittal(shown)
         shown.reset_view()
         shown.dims.set_point(range(3), SEED_POINT)
 

@@ -41,6 +41,18 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     camera(viewer).set_view_direction(inwards, up)
 
 
+def show_sagittal(viewer: Viewer) -> None:
+    """Show slices of a world of RAS from the side, as atlases do: what is superior is above, what is anterior right.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer, which shows three axes.
+    """
+    viewer.dims.order = (0, 2, 1)
+    camera(viewer).orientation2d = ("up", "right")
+
+
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
     """Zoom until what is seen in 3D from the side fills the canvas.
 
