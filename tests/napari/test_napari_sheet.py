@@ -10,6 +10,10 @@ from numpy.testing import assert_allclose
 import voxflat
 
 pytest.importorskip("napari")
+from napari.layers import Image
+
+from voxflat._napari.layers.sampled import shown
+from voxflat._napari.map_viewer.contents import drawing
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.run import Run
@@ -69,3 +73,36 @@ def test_angles_of_a_plane_that_is_stretched():
     # of six angles two are right and stay so; 45 degrees become atan 2 or atan 1/2
     expected = 4 * (np.degrees(np.arctan(2)) - 45) / 6
     assert_allclose(found[inside], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["dask", "zarr"])
+def test_microscopes_channels_are_read_where_the_surface_is(kind):
+    """Two channels, two scales, µm, chunks: of the finest scale the chunks of one channel at the surface are read."""
+    da = pytest.importorskip("dask.array")
+    zarr = pytest.importorskip("zarr")
+    along = np.indices((40, 40, 40))[0].astype(np.float32)
+    channels, read = np.stack([along, 100 + 2 * along]), []
+
+    def block(values, block_info=None):
+        if block_info:
+            read.append(block_info[0]["chunk-location"])
+        return values
+
+    levels = [channels, channels[:, ::2, ::2, ::2]]
+    if kind == "dask":
+        levels = [da.from_array(level, chunks=(1, 8, 8, 8)).map_blocks(block, dtype=np.float32) for level in levels]
+    else:
+        levels = [zarr.array(level, chunks=(1, 8, 8, 8)) for level in levels]
+    layer = Image(levels, multiscale=True, units=("pixel", *("um",) * 3), scale=(1, 250, 250, 250), name="microscope")
+    points, faces = grid(21, side=5.0)  # mm: voxels 2 to 22 of 0.25 mm
+    sheet = sheet_of(points + np.array([0.5, 0.5, 3.1]), faces)
+    read.clear()
+    picture = drawing(shown(layer, "RAS", depth=0.0, step=(1,)))(sheet)
+    flat_map = sheet.run.flat_map
+    x = flat_map.raster(sheet.pixel_size).interpolate(flat_map.points[:, :1])[..., 0]
+    assert_allclose(picture.data, 100 + 2 * x / 0.25, atol=1e-3)
+    assert picture.scale.title == "microscope"
+    if kind == "dask":
+        assert {place[0] for place in read} == {1}
+        assert {place[1] for place in read} | {place[2] for place in read} <= {0, 1, 2}  # of five
+        assert {place[3] for place in read} == {1}

@@ -117,7 +117,7 @@ class Plan(QLabel):
         self._fit()
 
     def _fit(self) -> None:
-        self.setMinimumHeight(self.heightForWidth(self.width()))
+        self.setMinimumHeight(max(0, self.heightForWidth(self.width())))  # while it is hidden there is none
 
 
 def _steps(asked: _Asked) -> list[str]:
