@@ -207,7 +207,7 @@ def test_what_the_map_shows(flattened, qtbot):
 
 
 def test_depths_are_sampled_and_only_the_latest_is_shown(flattened, qtbot):
-    points, faces = sphere(600)
+    points, faces = sphere(250)
     along = np.linalg.norm(np.indices((60, 60, 60)) - 29.5, axis=0).astype(np.float32)
     layer = Image(along, name="r", translate=(-29.5, -29.5, -29.5))
     viewer, _, dock = flattened(layer, Surface((points, faces), name="ball"))
@@ -225,7 +225,7 @@ def widgets_in(viewer):
 
 
 def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
-    points, faces, values = bumps()
+    points, faces, values = bumps(13)
     viewer, widget, dock = flattened(Surface((points, faces, values), name="bumps"))
     layers = list(viewer.layers)
     workbench = Workbench.of(viewer)

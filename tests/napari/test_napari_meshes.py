@@ -105,7 +105,7 @@ def test_a_region_is_relaxed_as_the_library_does(open_widget, qtbot):
 
 
 def test_closed_surface_is_cut_open_and_says_so(open_widget, qtbot):
-    points, faces = sphere()
+    points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
     choose_whole(widget)
     run(widget, qtbot)

@@ -25,7 +25,7 @@ from qtpy.QtWidgets import QApplication  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
-FSAVERAGE4, FSAVERAGE3 = 2562, 642  # whose vertices are the first of fsaverage5's
+FSAVERAGE3 = 642  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
 THEMES = ("dark", "light")
 
@@ -84,16 +84,16 @@ def look(request, tmp_path):
 def hemisphere(request):
     """A function that reads points and triangles of fsaverage5's left hemisphere, without pictures of a coarser one."""
 
-    def read(name, count=FSAVERAGE4):
+    def read(name):
         points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
         if request.config.getoption("pictures") is not None:
             return points, faces
-        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:count]
+        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:FSAVERAGE3]
         faces = ConvexHull(sphere).simplices
         a, b, c = np.moveaxis(sphere[faces], 1, 0)
         turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
         faces[turned] = faces[turned, ::-1]
-        return points[:count], faces
+        return points[:FSAVERAGE3], faces
 
     return read
 
@@ -226,7 +226,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
 
 def test_a_gifti_surface(window, hemisphere, look, tmp_path):
     viewer, hand = window(LARGE, "light")
-    points, faces = hemisphere("white", FSAVERAGE3)
+    points, faces = hemisphere("white")
     path = tmp_path / "lh.midthickness.surf.gii"
     write_mesh(path, Mesh(points, faces))
     open_files(hand, viewer, path)

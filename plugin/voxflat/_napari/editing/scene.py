@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
+from voxflat._napari.results.listed import insert
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -95,7 +96,7 @@ class Scene:
         for layer in self._hidden:
             layer.visible = False
         for layer in self.layers:
-            viewer.add_layer(layer)
+            insert(viewer, layer)  # selects none: controls of points would make a small window higher
         viewer.layers.selection = {self.surface}
         viewer.dims.ndisplay = 3
         whole = drawing.surface

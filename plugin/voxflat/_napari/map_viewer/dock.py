@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _DEEPEST, _HIGHEST = -3.0, 5.0  # mm outside the surface
 _MM, _CORTEX = "mm outside", "of cortex"
-_SHARE = 0.48  # of the window: as wide is the dock at first
+_SHARE = 0.43  # of the window: as wide is the dock at first; as much is left for the viewer
 _CLEAR = 0.85  # the folds show through a little
 
 _Drawn: TypeAlias = tuple[Sheet, Picture | None, NDArray[np.uint8] | None]
@@ -137,8 +137,8 @@ class FlatMapDock(QWidget):
         self.runs = QComboBox()
         self.runs.setToolTip("Which map is shown")
         self.runs.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        self.keep = QCheckBox("Keep earlier maps")
-        self.keep.setToolTip("Else a new map takes the place of the one before")
+        self.keep = QCheckBox("Keep maps")
+        self.keep.setToolTip("Keep earlier maps: else a new one takes the place of the one before")
         self.keep.setChecked(self._workbench.keeps_earlier)
         self.contents = ContentChoice(self._viewer)
         self.contents.setToolTip(
