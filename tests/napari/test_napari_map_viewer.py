@@ -290,12 +290,14 @@ def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_v
 def test_docks_open_as_tabs_and_stay_where_one_puts_them(make_napari_viewer, qtbot):
     viewer = make_napari_viewer(show=True)
     window = viewer.window._qt_window
+    window.resize(1366, 768)
     docks = []
     for name in ("Flatten surface", "Check surface", "Draw cuts", "Flat map"):
         dock, widget = viewer.window.add_plugin_dock_widget("voxflat", name)
         qtbot.waitUntil(lambda dock=dock: set(window.tabifiedDockWidgets(dock)) == {*docks})
         qtbot.waitUntil(lambda widget=widget: not widget.visibleRegion().isEmpty())  # in front
         docks.append(dock)
+    assert (window.width(), window.height()) == (1366, 768)  # it does not grow beyond a small screen
     moved = docks[1]
     window.addDockWidget(Qt.DockWidgetArea.LeftDockWidgetArea, moved)
     moved.hide()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from qtpy.QtCore import QEvent, QObject, QTimer
-from qtpy.QtWidgets import QDockWidget, QMainWindow, QWidget
+from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
 
 
 class Tab(QObject):
@@ -20,6 +20,8 @@ class Tab(QObject):
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
         self._widget = widget
+        windows = [one for one in QApplication.topLevelWidgets() if isinstance(one, QMainWindow)]
+        self._sizes = {id(window): window.size() for window in windows}
         self._soon = QTimer(self)  # when napari has put the dock somewhere
         self._soon.setSingleShot(True)
         self._soon.setInterval(0)
@@ -54,3 +56,7 @@ class Tab(QObject):
         if ours:
             window.tabifyDockWidget(ours[-1], dock)
             dock.raise_()
+            before, layout = self._sizes.get(id(window)), window.layout()
+            if before is not None and layout is not None and not (window.isMaximized() or window.isFullScreen()):
+                layout.activate()  # for a moment they lay above each other, which made a small window higher
+                window.resize(before)
