@@ -56,8 +56,8 @@ class Workbench:
     cuts_drawn = Signal()
     """Someone drew cuts for a layer."""
 
-    asked_again = Signal(object)
-    """Someone wants a layer flattened again along the cuts that were drawn, from the map that is shown."""
+    asked_again = Signal(object, object)
+    """Someone wants a layer, and what of it is foreground, flattened again along the cuts that were drawn."""
 
     _of: ClassVar[dict[int, Workbench]] = {}
 

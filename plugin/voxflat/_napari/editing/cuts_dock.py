@@ -66,6 +66,7 @@ class DrawCuts(QWidget):
         self._viewer = napari_viewer
         self._worker: JobWorker | None = None
         self._layer: Layer | None = None  # what is cut
+        self._foreground: dict[str, Any] = {}  # and what of a volume is
         self.drawing: Drawing | None = None
         self._scene: Scene | None = None
         self._weighed: tuple[Drawn, ...] = ()
@@ -152,13 +153,13 @@ class DrawCuts(QWidget):
     def _on_begin(self) -> None:
         try:
             layer = self.form.layer()
-            work = MakeSurface(*self.form.source())
+            source, foreground = self.form.source()
         except VoxflatError as error:
             self._fail(error)
             return
         self._end()
-        self._layer = layer
-        self._work(work, "making the surface", self._on_made)
+        self._layer, self._foreground = layer, foreground
+        self._work(MakeSurface(source, foreground), "making the surface", self._on_made)
 
     def _on_made(self, made: tuple[Any, Any]) -> None:
         surface, curvature = made
@@ -324,7 +325,7 @@ class DrawCuts(QWidget):
     def _on_again(self) -> None:
         self._on_use()
         self._viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface", tabify=True)  # unless it is open
-        Workbench.of(self._viewer).asked_again.emit(self._layer)
+        Workbench.of(self._viewer).asked_again.emit(self._layer, self._foreground)
 
     # ------------------------------------------------------------------------------------------- working
 

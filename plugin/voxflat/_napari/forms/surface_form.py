@@ -167,15 +167,21 @@ class SurfaceForm(LayerForm):
         is_known = self.method.currentData() in OPTIONS["start"]
         return self._workbench.map_of(self.surface.layer) if is_known else None
 
-    def ask_again(self, layer: Layer) -> None:
+    def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
         """Ask for a layer's surface along the cuts that were drawn, from the map that is shown.
 
         Parameters
         ----------
         layer : Layer
             One of those that can be chosen.
+        label, threshold
+            What of a volume is foreground.
         """
         self.surface.choose(layer)
+        if label is not None:
+            self.label.choose(label)
+        if threshold is not None:
+            self.threshold.setValue(threshold)
         self.method.setCurrentIndex(self.method.findData("voxflat"))
         self.patch.setCurrentIndex(self.patch.findData("whole"))
         self.options.offer_drawn(self._workbench.cuts_of(layer), chosen=True)

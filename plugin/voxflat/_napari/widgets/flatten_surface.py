@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.results.map_panel import MapPanel
@@ -29,9 +30,9 @@ class FlattenSurface(FlattenWidget):
         super().__init__(napari_viewer, SurfaceForm(napari_viewer), MapPanel(), "Flatten surface")
         Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
 
-    def _on_asked_again(self, layer: Layer) -> None:
+    def _on_asked_again(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
         if self.start.isEnabled():
-            self.form.ask_again(layer)
+            self.form.ask_again(layer, **foreground)
             self.flatten()
 
     def _release(self) -> None:
