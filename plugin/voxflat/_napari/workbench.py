@@ -191,9 +191,10 @@ class Workbench:
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap):
             return None
-        told = flat_map.metadata
-        count = len(layer.vertices) if isinstance(layer, Surface) else None
-        return flat_map if (None if flat_map.is_voxels else told["vertices"]) == count else None
+        if not isinstance(layer, Surface):
+            return flat_map if flat_map.is_voxels else None
+        fits = not flat_map.is_voxels and flat_map.metadata.get("vertices") == len(layer.vertices)
+        return flat_map if fits else None
 
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         """Keep cuts that were drawn on a layer's surface.
