@@ -124,7 +124,7 @@ def test_bad_input_is_one_line(open_widget, qtbot, messages):
 
 
 def test_cancel_is_prompt(open_widget, qtbot):
-    points, faces, _ = bumps(300)
+    points, faces, _ = bumps(200)
     viewer, widget = open_widget(Surface((points, faces), name="bumps"))
     limit(widget, "count", 200)  # many angles are tried
     widget.start.click()
@@ -138,7 +138,7 @@ def test_cancel_is_prompt(open_widget, qtbot):
 
 
 def test_closing_meanwhile_cancels(open_widget, qtbot, endings, messages):
-    points, faces, _ = bumps(300)
+    points, faces, _ = bumps(200)
     viewer, widget = open_widget(Surface((points, faces)))
     limit(widget, "count", 200)
     widget.start.click()

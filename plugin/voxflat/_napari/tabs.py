@@ -7,6 +7,8 @@ from typing import Any
 from qtpy.QtCore import QEvent, QObject, QTimer
 from qtpy.QtWidgets import QApplication, QDockWidget, QMainWindow, QWidget
 
+_LATE = 2000  # ms: a dock that is opened later has been made for something else
+
 
 class Tab(QObject):
     """Opens a widget's dock as a tab beside those of ours that are open; afterwards it stays where one puts it.
@@ -27,6 +29,10 @@ class Tab(QObject):
         self._soon.setInterval(0)
         self._soon.timeout.connect(self._join)
         widget.installEventFilter(self)
+        late = QTimer(self)
+        late.setSingleShot(True)
+        late.timeout.connect(self._sizes.clear)  # until then nobody has resized them
+        late.start(_LATE)
 
     def eventFilter(self, watched: Any, event: Any) -> bool:  # noqa: N802  # Qt's
         """Wait until the widget is shown for the first time."""
