@@ -60,6 +60,7 @@ class Drawing:
     _done: list[_State] = field(default_factory=lambda: [_State()])
     _undone: list[_State] = field(default_factory=list)
     _ways: dict[tuple[int, int], NDArray[np.uint32]] = field(default_factory=dict)
+    _titles: dict[Drawn, str] = field(default_factory=dict)  # which looks at all points
 
     @property
     def cuts(self) -> tuple[Drawn, ...]:
@@ -183,7 +184,10 @@ class Drawing:
 
     def title(self, cut: Drawn) -> str:
         """Return the name of a cut, and where it lies, as `voxflat cut` tells them."""
-        return f"{cut.name}, {whereabouts(self._points[self.vertices(cut)], self._points)}"
+        if cut not in self._titles:
+            where = whereabouts(self._points[self.vertices(cut)], self._points)
+            self._titles[cut] = f"{cut.name}, {where}"
+        return self._titles[cut]
 
     def paths(self) -> list[NDArray[np.int64]]:
         """Return the cuts as `cuts` of `voxflat.flatten` takes them; a single stop is no cut yet."""
