@@ -253,7 +253,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
 
 def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_their_cuts(open_widget, qtbot):
     """A single stop is no cut, and has no gain; cuts that were changed meanwhile are not told those of others."""
-    _, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
+    viewer, dock = open_widget(Surface(sphere(40), name="tiny"), name="Draw cuts")
 
     def wait():
         qtbot.waitUntil(dock.begin.isEnabled, timeout=PATIENCE)
@@ -277,6 +277,14 @@ def test_what_is_too_small_to_weigh_is_said_in_words_and_gains_stand_beside_thei
     wait()
     assert gains() == ["", ""]
     assert "weigh them again" in dock.status.text()
+
+    dock.begin.click()  # and closed while its layers come, one by one
+    qtbot.waitUntil(lambda: dock._scene is not None and "tiny, to be cut" in viewer.layers, timeout=PATIENCE)
+    assert not dock.begin.isEnabled()
+    viewer.window.remove_dock_widget(dock)
+    (tiny,) = viewer.layers
+    assert tiny.visible
+    assert {*viewer.window._qt_viewer.controls.widgets} == {tiny}
 
 
 def test_a_template_needs_a_sphere_or_a_brain(open_widget, qtbot, tmp_path, monkeypatch):

@@ -179,11 +179,18 @@ class DrawCuts(QWidget):
             unit = str(shown_on.units[0])
             unit = None if unit == "pixel" else unit
         self.drawing = drawing
-        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world)
+        self._scene = Scene(self._viewer, drawing, curvature, places, unit, self._layer.name, world, self)
+        self._scene.appeared.connect(self._on_appeared)
+        self._enable()
+
+    def _on_appeared(self) -> None:
+        if self._scene is None:
+            return
         canvas, units = canvas_widget(self), self._viewer.layers.units
         if canvas is not None:
             ratio = 1.0 if units is None else unit_ratio(self._scene.surface.units, units[-3:])
-            fill(self._viewer, ratio * places, (canvas.width(), canvas.height()), world)
+            size = canvas.width(), canvas.height()
+            fill(self._viewer, ratio * self._scene.places, size, self.form.world.currentData())
         self.draw.setChecked(True)
         self._update("Click on the surface where a cut begins, then where it leads.")
 
@@ -370,7 +377,8 @@ class DrawCuts(QWidget):
         self._enable()
 
     def _enable(self) -> None:
-        idle, drawing = self._worker is None, self.drawing
+        drawing = self.drawing
+        idle = self._worker is None and not (self._scene is not None and self._scene.is_coming)
         self.begin.setEnabled(idle)
         for button in (self.draw, self.standard, self.automatic, self.load):
             button.setEnabled(idle and drawing is not None)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import weakref
+from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from napari.layers import Layer, Points, Vectors
 from napari.layers import Surface as SurfaceLayer
 from numpy.typing import NDArray
+from qtpy.QtCore import QObject, QTimer, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
 
 from voxflat._napari.editing.drawing import Drawing
 from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.viewer_parts import look_from_side
-from voxflat._napari.results.listed import insert
+from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -25,8 +29,8 @@ _LEFT_OUT = (0.55, 0.4, 0.35)  # of red, green and blue where no map shows the s
 _WIDTH = 0.006  # of the surface's size
 
 
-class Scene:
-    """Shows a drawing in a viewer.
+class Scene(QObject):
+    """Shows a drawing in a viewer, a step at a time: between them the window lives.
 
     Parameters
     ----------
@@ -44,7 +48,12 @@ class Scene:
         Of what is cut.
     world : str
         What the viewer's axes mean.
+    parent : QObject
+        The parent.
     """
+
+    appeared = Signal()
+    """All of it is in the viewer, which is turned to it."""
 
     def __init__(
         self,
@@ -55,10 +64,13 @@ class Scene:
         unit: str | None,
         name: str,
         world: str,
+        parent: QObject,
     ) -> None:
+        super().__init__(parent)
         self._viewer = weakref.proxy(viewer)
         self._drawing = drawing
-        self._places = places
+        self.places = places
+        """Where the vertices are shown, mm along the world's axes."""
         size = float(np.linalg.norm(np.ptp(places, axis=0)))
         common = {"units": None if unit is None else (unit,) * 3, "metadata": dict(_OURS)}
         gyri, sulci = _GREYS
@@ -92,16 +104,43 @@ class Scene:
             name="stops of cuts",
             **common,
         )
-        self._hidden = [layer for layer in viewer.layers if layer.visible]
+        self._world = world
+        self._hidden: list[Layer] = []
+        self._steps: deque[Callable[[], None]] = deque([self._hide_others])
+        for layer in self.layers:  # selects none: controls of points would make a small window higher
+            self._steps += [partial(make_controls, viewer, layer), partial(insert, viewer, layer)]
+        self._steps += [self._turn, self._look]
+        self._timer = QTimer(self)
+        self._timer.setInterval(BREATH)
+        self._timer.timeout.connect(self._take_step)
+        self._timer.start()
+
+    def _take_step(self) -> None:
+        self._steps.popleft()()
+        if not self._steps:
+            self._timer.stop()
+            self.appeared.emit()
+
+    def _hide_others(self) -> None:
+        self._hidden = [layer for layer in self._viewer.layers if layer.visible]
         for layer in self._hidden:
             layer.visible = False
-        for layer in self.layers:
-            insert(viewer, layer)  # selects none: controls of points would make a small window higher
-        viewer.layers.selection = {self.surface}
-        viewer.dims.ndisplay = 3
-        whole = drawing.surface
-        look_from_side(viewer, right=whole.space.to_scanner(whole.points)[:, 0].mean() > 0, world=world)
+
+    def _turn(self) -> None:
+        self._viewer.dims.ndisplay = 3
+
+    def _look(self) -> None:
+        if self.is_there:
+            self._viewer.layers.selection = {self.surface}
+        whole = self._drawing.surface
+        is_right = whole.space.to_scanner(whole.points)[:, 0].mean() > 0
+        look_from_side(self._viewer, right=is_right, world=self._world)
         self.update()
+
+    @property
+    def is_coming(self) -> bool:
+        """Whether some of it is still to come."""
+        return bool(self._steps)
 
     @property
     def layers(self) -> tuple[Layer, ...]:
@@ -115,7 +154,7 @@ class Scene:
 
     def update(self) -> None:
         """Show the cuts as they are now."""
-        ways = [self._places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
+        ways = [self.places[self._drawing.vertices(cut)] for cut in self._drawing.cuts]
         pieces = [np.stack([way[:-1], np.diff(way, axis=0)], axis=1) for way in ways]
         self.lines.data = np.concatenate([np.empty((0, 2, 3)), *pieces])
         if not np.array_equal(self._drawing.left_out, self._left_out):
@@ -124,17 +163,22 @@ class Scene:
             colours[self._drawing.surface.find(self._left_out), :3] *= _LEFT_OUT
             self.surface.vertex_colors = colours
         last = self._drawing.cuts[-1].stops if self._drawing.is_open else ()
-        self.stops.data = self._places[np.array(last, dtype=np.int64)]
+        self.stops.data = self.places[np.array(last, dtype=np.int64)]
 
     def remove(self) -> None:
         """Take the layers away, and show what was shown before."""
+        self._timer.stop()
+        self._steps.clear()
         for layer in self.layers:
             if layer in self._viewer.layers:
                 self._viewer.layers.remove(layer)
+            else:
+                drop_controls(self._viewer, layer)
         for layer in self._hidden:
             if layer in self._viewer.layers:
                 layer.visible = True
         self._hidden = []
+        self.deleteLater()
 
 
 def places_in_world(drawing: Drawing, world: str) -> NDArray[np.float64]:
