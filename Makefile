@@ -12,7 +12,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -78,6 +78,9 @@ $(PUBLISHED):
 
 bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened, beside SUIT's own map
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
+
+bench-optimum: setup $(PUBLISHED) ## how near the optimum: descent from 20 starts a surface, and what no map can beat (hours)
+	$(RUN) python docs/benchmarks/optimum.py --suit $(PUBLISHED)
 
 REGISTERED := .tools/registered
 
