@@ -11,13 +11,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import voxflat
 from voxflat._napari.files.readers import map_reader, surface_reader
+from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.viewer_parts import camera
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
 
 napari = pytest.importorskip("napari")
 nib = pytest.importorskip("nibabel")
-from napari.layers import Labels  # noqa: E402
+from napari.layers import Image, Labels  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -119,6 +120,58 @@ def test_gifti_of_fsaverage_opens_on_the_same_side(opened):
     assert_array_equal(sulc.vertices, points)
     assert_allclose(sulc.vertex_values, nib.load(fsaverage5("sulc_left")).agg_data())
     assert sulc.contrast_limits[0] == -sulc.contrast_limits[1]
+
+
+def ramp(shape):
+    return np.arange(np.prod(shape)).reshape(shape)
+
+
+# as FreeSurfer's: left, inferior, anterior
+CONFORMED = np.array([[-1.0, 0, 0, 20], [0, 0, 1.5, -30], [0, -2.0, 0, 40], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "kind"),
+    [
+        ("T1.mgz", ramp((5, 6, 7)).astype(np.float32), Image),
+        ("count.nii.gz", ramp((5, 6, 7)).astype(np.int16), Image),
+        ("aseg.mgz", ramp((5, 6, 7)).astype(np.int32), Labels),
+        ("wm.nii", (ramp((5, 6, 7)) % 3).astype(np.uint8), Labels),
+    ],
+)
+def test_volumes_open_where_they_lie(opened, qtbot, messages, tmp_path, name, data, kind):
+    """napari asks who reads NIfTI, which its own reader claims, too, and cannot read."""
+    viewer, last_of = opened
+    make = nib.MGHImage if name.endswith("mgz") else nib.Nifti1Image
+    image = make(data, CONFORMED)
+    nib.save(image, tmp_path / name)
+    layer = last_of(tmp_path / name)
+    assert type(layer) is kind
+    assert layer.name == name.partition(".")[0]
+    assert [str(unit) for unit in layer.units] == ["millimeter"] * 3
+    assert layer.data.shape == (5, 7, 6)  # along x, y and z
+    for voxel in ((0, 0, 0), (4, 5, 6), (1, 3, 2)):
+        place = CONFORMED[:3, :3] @ voxel + CONFORMED[:3, 3]
+        assert layer.data[tuple(np.round(layer.world_to_data(place)).astype(int))] == data[voxel]
+    of = LayerVolume.of(layer)
+    assert_allclose(of.place.affine[:3, :3], np.diag([-1, 1.5, -2]))
+    assert of.place.path == tmp_path / name
+    qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1))  # upright
+    assert not messages
+
+
+def test_a_series_is_read_frame_by_frame(opened, tmp_path, monkeypatch):
+    viewer, last_of = opened
+    data = np.random.default_rng(0).random((5, 6, 7, 4)).astype(np.float32)
+    nib.save(nib.Nifti1Image(data, CONFORMED), tmp_path / "bold.nii")
+    layer = last_of(tmp_path / "bold.nii")
+    assert layer.data.shape == (4, 5, 7, 6)
+    assert hasattr(layer.data, "dask")
+    assert_array_equal(np.asarray(layer.data[2]), data[..., 2].transpose(0, 2, 1))
+    assert_allclose(LayerVolume.of(layer, step=(2,)).place.affine, CONFORMED[:, [0, 2, 1, 3]])
+    (tmp_path / "broken.nii.gz").write_bytes(b"\x1f\x8b no volume")
+    viewer.open(str(tmp_path / "broken.nii.gz"), plugin="voxflat")
+    assert len(viewer.layers) == 1
 
 
 def test_values_without_their_surface_say_what_to_open(subject, opened, messages, tmp_path):
@@ -226,14 +279,15 @@ def test_the_palettes_commands_ask_for_the_file(subject, opened, tmp_path, monke
     points, faces, _ = bumps()
     voxflat.flatten((points, faces)).save(tmp_path / "map.voxflat")
     viewer.layers.selection = {last_of(tmp_path / "map.voxflat")}
-    paths = [tmp_path / "again.voxflat", tmp_path / "again.nii", subject / "surf" / "lh.white"]
+    nib.save(nib.Nifti1Image(np.ones((4, 5, 6), np.uint8), np.eye(4)), tmp_path / "ones.nii")
+    paths = [tmp_path / "again.voxflat", tmp_path / "again.nii", subject / "surf" / "lh.white", tmp_path / "ones.nii"]
     answers = [str(path) for path in paths]
     for way in ("Save", "Open"):
         monkeypatch.setattr(f"qtpy.QtWidgets.QFileDialog.get{way}FileName", lambda *_: (answers.pop(0), ""))
-    for command in ("write_flat_map", "write_flat_image", "read_surface"):
+    for command in ("write_flat_map", "write_flat_image", "read_surface", "read_volume"):
         get_app_model().commands.execute_command(f"voxflat.{command}").result()
     assert all(path.is_file() for path in paths)
-    assert viewer.layers[-1].name == "lh.white"
+    assert [layer.name for layer in viewer.layers[-2:]] == ["lh.white", "ones"]
     assert not answers
 
 

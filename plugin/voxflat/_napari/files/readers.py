@@ -23,6 +23,7 @@ _NOTHING: list[Any] = [(None,)]
 """By this napari knows that there is no layer, and that all is said."""
 
 _MAPS = f"Flat maps and atlases ({' '.join(f'*{ending}' for ending in reversed(SAVED_ENDINGS))})"
+_VOLUMES = "Volumes (*.nii *.nii.gz *.mgz *.mgh *.nrrd *.nhdr *.mha *.mhd)"
 _SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in what they hold
 
 
@@ -72,6 +73,40 @@ def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[
         return None
     read = _reader_of(Path(path))
     return None if read is None else _told(read)
+
+
+def volume_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
+    """Offer to read a file, if it holds a volume of voxels.
+
+    Parameters
+    ----------
+    path : str or list of str, optional
+        As in `map_reader`.
+
+    Returns
+    -------
+    callable or None
+        Takes the path, and returns layers.
+    """
+    if path is None:
+        _ask("Read a volume", _VOLUMES)
+    if not isinstance(path, str) or _holds_points(Path(path)):
+        return None
+    from voxflat._napari.files.volumes import volume_layers
+
+    return _told(volume_layers)
+
+
+def _holds_points(path: Path) -> bool:
+    """Tell whether a file that is called as volumes are holds values at points of a surface."""
+    name = path.name.lower()
+    if not name.endswith(".mgh"):
+        return ".dscalar." in name or ".dtseries." in name or ".dlabel." in name
+    try:
+        with path.open("rb") as file:
+            return _are_points(file.read(64))
+    except OSError:  # that is said when it is read
+        return False
 
 
 def _reader_of(path: Path) -> _Read | None:
@@ -133,6 +168,7 @@ def _told(read: _Read) -> Callable[[str], list[LayerData]]:
 def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     """Let the viewer keep the runs that are opened, and see surfaces, which in 2D are a line at most."""
     from napari.layers import Surface
+    from qtpy.QtCore import QTimer
 
     from voxflat._napari.map_viewer.dock import open_flat_map
     from voxflat._napari.workbench import Workbench
@@ -140,10 +176,21 @@ def _make_ready(viewer: Viewer, layers: list[LayerData]) -> None:
     Workbench.of(viewer)
     if any(keywords.get("metadata", {}).get("voxflat") is not None for _, keywords, _ in layers):
         open_flat_map(viewer)
+    are_volumes = all(kind in ("image", "labels") and np.ndim(data) == 3 for data, _, kind in layers)
+    if are_volumes and not viewer.layers:
+        QTimer.singleShot(0, partial(_show_slices, viewer))  # when the layer is there
     in_space = all(kind == "surface" and np.shape(data[0])[-1] == 3 for data, _, kind in layers)
     if in_space and all(isinstance(layer, Surface) for layer in viewer.layers):
         viewer.dims.ndisplay = 3
         _show_surfaces(viewer, layers)
+
+
+def _show_slices(viewer: Viewer) -> None:
+    from voxflat._napari.map_viewer.viewer_parts import show_sagittal
+
+    if viewer.dims.ndim == 3:
+        show_sagittal(viewer)
+        viewer.reset_view()
 
 
 def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:

@@ -1,0 +1,87 @@
+"""Volumes of scanners, as layers where they lie."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from dask.array import from_delayed, stack
+from dask.delayed import delayed
+from numpy.typing import NDArray
+
+from voxflat._napari.results.flat_layers import LayerData
+from voxflat.io.channels import series_of
+from voxflat.io.volumes import read_volume
+
+__all__ = ["volume_layers"]
+
+_LABELS = {"aseg", "aparc", "dseg", "label", "labels", "mask", "parc", "ribbon", "seg", "segmentation"}
+_FEW = 64  # values: of more a volume is a picture, unless its name says something else
+_SPACE = ("mm",) * 3
+
+
+def volume_layers(path: Path) -> list[LayerData]:
+    """Read a volume, or a series of them.
+
+    Parameters
+    ----------
+    path : Path
+        A file that `voxflat.io.read_volume` reads; of NIfTI and MGH series, too.
+
+    Returns
+    -------
+    list of LayerData
+        A Labels or an Image layer in scanner RAS, mm; of a series time comes first, and frames are read when they are
+        seen.
+        Where the file's axes run along others of the body than its first along x, its second along y, they are
+        exchanged, since napari shows no slices of such.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, or holds no volume.
+    """
+    found = series_of(path)
+    if found is not None:
+        frames, affine = found
+        order = _order(affine)
+        first = frames.read(0)
+        read = delayed(lambda n: np.transpose(frames.read(n), order).astype(first.dtype, copy=False))
+        shape = tuple(first.shape[axis] for axis in order)
+        data = stack([from_delayed(read(n), shape, first.dtype) for n in range(len(frames))])  # type: ignore[no-untyped-call]
+        in_time = np.eye(5)
+        in_time[1:, 1:] = affine[:, [*order, 3]]
+        about: dict[str, Any] = {"affine": in_time, "units": ("pixel", *_SPACE)}
+        return [(data, {"name": _name(path), **about}, "image")]
+    volume = read_volume(path)
+    order = _order(volume.affine)
+    voxels = np.transpose(volume.data, [*order, *range(3, volume.data.ndim)])
+    about = {"name": _name(path), "affine": volume.affine[:, [*order, 3]], "units": _SPACE}
+    if voxels.ndim > 3 or not _are_labels(path, volume.data):
+        return [(voxels, {**about, "rgb": voxels.ndim > 3}, "image")]
+    return [(voxels.astype(np.int32) if voxels.dtype.kind == "b" else voxels, about, "labels")]
+
+
+def _order(affine: NDArray[np.float64]) -> list[int]:
+    """Return which axis of the voxels runs along x, which along y, and which along z."""
+    along = np.abs(affine[:3, :3]) / np.linalg.norm(affine[:3, :3], axis=0)
+    order = [-1, -1, -1]
+    for row, column in sorted(np.ndindex(3, 3), key=lambda at: -along[at]):
+        if order[row] < 0 and column not in order:
+            order[row] = column
+    return order
+
+
+def _are_labels(path: Path, data: NDArray[Any]) -> bool:
+    """Whether values are labels, and not a picture's: whole numbers, and few, or called so."""
+    if data.dtype.kind not in "iub":
+        return False
+    if not _LABELS.isdisjoint(re.split(r"[^a-z]+", path.name.lower())):
+        return True
+    return len(np.unique(data)) <= _FEW
+
+
+def _name(path: Path) -> str:
+    return re.sub(r"\.(nii\.gz|[a-z]+)$", "", path.name, flags=re.IGNORECASE)
