@@ -127,7 +127,7 @@ def check(store, expected):
     """Compare a store with an undisturbed run."""
     rows = voxflat.open_rows(store)
     rows.verify()
-    if rows.rows.tobytes() != expected.rows.tobytes():
+    if np.asarray(rows).tobytes() != expected.rows.tobytes():
         raise SystemExit(f"{store} differs from an uninterrupted run")
 
 

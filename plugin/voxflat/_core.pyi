@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "FARTHEST",
     "KEPT_BYTES",
     "REFERENCE_SOURCES",
+    "SMALLEST",
     "NearestFinder",
     "Surface",
     "TriangleFinder",
@@ -29,8 +31,10 @@ __all__ = [
 ]
 
 __version__: str
+FARTHEST: float
 KEPT_BYTES: int
 REFERENCE_SOURCES: int
+SMALLEST: float
 
 _Progress = Callable[[str, int, int], bool | None]
 

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import hard_shapes
 import numpy as np
 import pytest
 import shapes
@@ -18,12 +19,15 @@ from click.testing import CliRunner
 import voxflat
 from voxflat import cli
 from voxflat.distances import store as _store
+from voxflat.distances.table import Table
 
 fcntl = pytest.importorskip("fcntl")
 
 FILES = ["ids.npy", "journal.jsonl", "lock", "points.npy", "provenance.json", "rows.npy", "sources.npy", "store.json"]
 SOURCES = 40
 SHEET = np.ones((30, 20, 1), dtype=np.uint8)
+INDICES = (3, -1, (4, 5), np.s_[2:30:3, ::-1], np.s_[:, 7], np.s_[[1, 5, 1]], np.s_[..., None], np.s_[[0, 3], [7, 599]])
+INDICES += (np.s_[5:5], np.s_[:, 4:4], np.s_[[True, False] * 20, 3:9], np.s_[2, [8, 8]], np.s_[9:2:-2], np.s_[[], 5])
 
 
 @pytest.fixture(scope="module")
@@ -70,16 +74,18 @@ class TestAStore:
 
     def test_is_opened_without_reading_it(self, stored, expected):
         rows = voxflat.open_rows(str(stored.store))
-        assert isinstance(rows.rows, np.memmap)
+        assert isinstance(rows.rows, Table)
         assert (rows.shape, rows.dtype, rows.ndim, len(rows)) == (expected.shape, np.float32, 2, SOURCES)
         assert rows.chunks == (SOURCES, 600)  # less than 64 MiB
         assert rows.nbytes == expected.nbytes == 4 * 600 * SOURCES
-        for index in (3, (4, 5), np.s_[2:30:3, ::-1], np.s_[:, 7], np.s_[[1, 5, 1]], np.s_[..., None]):
-            np.testing.assert_array_equal(rows[index], expected[index])
-            assert not isinstance(rows[index], np.memmap)
+        for index in INDICES:
+            found = rows[index]
+            np.testing.assert_array_equal(found, expected[index])
+            assert np.shape(found) == np.shape(expected[index])
         assert np.asarray(rows, dtype=float).dtype == np.float64
-        with pytest.raises(ValueError, match="read-only"):
-            rows.rows[0] = 0
+        for beyond in (SOURCES, (0, 600), np.s_[[0, SOURCES]], (0, 0, 0)):
+            with pytest.raises(IndexError):
+                rows[beyond]
 
     def test_is_an_array_of_dask(self, stored, expected):
         array = pytest.importorskip("dask.array").from_array(stored, chunks=stored.chunks)
@@ -139,7 +145,7 @@ class TestFlatten:
         flat = voxflat.flatten(SHEET, **options, keep_rows=True, store=tmp_path / "store")
         np.testing.assert_array_equal(flat.uv, plain.uv)
         np.testing.assert_array_equal(flat.rows, plain.rows)
-        assert isinstance(flat.rows, np.memmap)
+        assert isinstance(flat.rows, Table)
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
         flat = voxflat.flatten(SHEET, sources=SOURCES, store=tmp_path / "store")
@@ -423,8 +429,9 @@ def test_a_store_in_use_is_refused(stored):
 def test_too_little_memory_is_refused_with_numbers(tmp_path):
     with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
         voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", memory_limit=1000)
-    with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 10 bytes is the limit; .* a store"):
-        voxflat.geodesic((np.eye(3), [[0, 1, 2]]), 3, memory_limit=10)
+    mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
+    with pytest.raises(voxflat.InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
+        voxflat.geodesic(mesh, 600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 
 

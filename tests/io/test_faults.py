@@ -1,11 +1,13 @@
 """Faults: too little memory, signals, names as long as the system takes, files that change while they are read."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 
+import hard_shapes
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -152,11 +154,86 @@ def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
         "import os, sys, numpy as np, voxflat\n"
         "rows = voxflat.open_rows('store')\n"
         "os.truncate('store/rows.npy', 4096)\n"
-        "for read in (lambda: rows[-1], lambda: np.asarray(rows), rows.verify):\n"
+        "for read in (lambda: rows[-1], lambda: np.asarray(rows), rows.verify, lambda: rows.rows[3:, 5]):\n"
         "    try: read()\n"
         "    except voxflat.InputError as error: print(error)\n"
     )
     voxflat.geodesic(sheet(), 20, label=1, store=tmp_path / "store")
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1]
+    assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
+
+
+def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():
+    points, faces = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (50, 50), (51, 51))
+    told = re.compile(r"1\.\d+ MiB of memory are needed, 1 MiB is the limit")
+    with pytest.raises(voxflat.InputError, match=told):
+        voxflat.surface((points, faces), memory_limit=1 << 20)
+    found = voxflat.check((points, faces), memory_limit=1 << 20)
+    assert not found.can_flatten
+    assert told.search(found.advice[-1])
+    assert voxflat.check((points, faces), memory_limit=1 << 26).can_flatten
+
+
+FORKS = """
+import os, sys, threading, time
+import hard_shapes, numpy as np, voxflat
+big, small = (hard_shapes.sheet(lambda u, v: (u, v, np.sin(u)), (9, 9), (n, n)) for n in (40, 6))
+over = threading.Event()
+def work():
+    while not over.is_set():
+        voxflat.geodesic(big, 9, threads=2)
+thread = threading.Thread(target=work)
+thread.start()
+for n in range(12):
+    time.sleep(0.01 * n)
+    child = os.fork()
+    if not child:
+        made = voxflat.flatten(small, sources=9, threads=2)
+        os._exit(0 if np.isfinite(made.uv).all() else 3)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+over.set()
+thread.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_a_fork_while_another_thread_links_does_not_hang():
+    paths = os.pathsep.join(sys.path)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", FORKS],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    assert done.stdout.split() == ["0"] * 12
+
+
+def test_ctrl_c_while_the_program_ends_is_no_traceback(tmp_path):
+    """Its work is done then, and what it wrote is there."""
+    code = (
+        "import atexit, os, signal, sys\nfrom voxflat.cli import main\n"
+        "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "main(['--version'], prog_name='voxflat')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_reader_is_not_waited_for_after_ctrl_c(folder):
+    """It may be busy for long; here it sleeps, out of reach of Ctrl-C."""
+    code = (
+        "import os, signal, sys, threading, time\n"
+        "from voxflat.io import apart\n"
+        "apart._PACKAGES['time'] = ('sleep', 'time', 'sleep')\n"
+        "apart._START = 'import sys, time; print(end=\"\"); time.sleep(60)'\n"
+        "threading.Timer(1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
+        "try: apart.apart(time.sleep, 'time', __import__('pathlib').Path('v.nii.gz'))\n"
+        "except KeyboardInterrupt: print(apart._child)\n"
+    )
+    start = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=50)
+    assert (done.stdout, done.stderr, done.returncode) == ("None\n", "", 0)
+    assert time.monotonic() - start < 40

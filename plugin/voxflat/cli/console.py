@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import os
@@ -34,6 +35,15 @@ class Program(click.Group):
     def main(self, args: Sequence[str] | None = None, *further: Any, **more: Any) -> Any:
         """Run the program."""
         arguments = list(sys.argv[1:] if args is None else args)
+        try:
+            status = self._status(arguments, *further, **more)
+        except KeyboardInterrupt:  # while the end was told
+            status = CANCELLED
+        atexit.unregister(_let_it_end)
+        atexit.register(_let_it_end)
+        sys.exit(status)
+
+    def _status(self, arguments: list[str], *further: Any, **more: Any) -> int:
         more["standalone_mode"] = False  # errors are shown here
         _hold_standard_files()
         take_over()
@@ -53,7 +63,7 @@ class Program(click.Group):
             text = told(error)
             _say(f"voxflat: error: {text}")
             status = _failed(arguments, text, 1, getattr(error, "remedy", ""))
-        sys.exit(status if isinstance(status, int) else 0)
+        return status if isinstance(status, int) else 0
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
@@ -61,6 +71,12 @@ class Program(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt as stop:
             raise Cancelled("cancelled") from stop
+
+
+def _let_it_end() -> None:
+    """Take no Ctrl-C any more: all is done, and what Python tidies up would be broken off with a traceback."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _Terminated(KeyboardInterrupt):

@@ -27,7 +27,8 @@ from voxflat.cluster import Cluster, Work, connected
 from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, checksum, open_rows
 from voxflat.distances.sources import SourceChoice
-from voxflat.distances.store import Store, array_hash, mapped, prepare_store, store_path
+from voxflat.distances.store import Store, array_hash, prepare_store, store_path
+from voxflat.distances.table import Table
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
 from voxflat.surfaces.surface import Surface
@@ -194,7 +195,7 @@ def _locked(store: Path) -> Iterator[None]:
 
 def _collect(store: Path) -> None:
     """Take over what parts of an earlier call have finished."""
-    whole, table = read_journal(store), mapped(store / "rows.npy")
+    whole, table = read_journal(store), Table.open(store / "rows.npy")
     known = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
         with suppress(InputError):  # it had not begun
@@ -210,7 +211,7 @@ def _collect(store: Path) -> None:
 
 def _deal(store: Path, missing: list[int], workers: int) -> list[Path]:
     """Make a part for each worker, as each has to join neighbours; the sources of one lie together."""
-    sources = mapped(store / "points.npy")[mapped(store / "sources.npy")[missing]]
+    sources = Table.open(store / "points.npy")[Table.open(store / "sources.npy")[missing]]
     along = np.linalg.svd(sources - sources.mean(axis=0), full_matrices=False)[2][0]
     order = np.array(missing)[np.argsort(sources @ along, kind="stable")]
     places = []
@@ -268,7 +269,7 @@ def _begin(wanted: Wanted, places: tuple[Path, Path], *, threads: int, progress:
         chosen = core.choose_sources(wanted.sampling, wanted.sources, wanted.seed, progress)
     else:
         chosen = wanted.sources
-    ids = np.array(mapped(folder / "ids.npy"))
+    ids = np.asarray(Table.open(folder / "ids.npy"))
     store = prepare_store(path, core, ids, chosen, geodesic=wanted.geodesic, progress=progress)
     core.lay_out_store(*store.key, len(chosen), progress=progress)
     return store
@@ -283,7 +284,7 @@ def _part(
     rows = json.loads((part / "rows.json").read_text())
     need = _core.store_memory_need(len(core), len(rows), threads)
     check_memory(need, memory_limit, "take fewer threads")
-    chosen = mapped(store / "sources.npy").astype(np.uint32)
+    chosen = np.asarray(Table.open(store / "sources.npy")).astype(np.uint32)
     key = (store, part, identity, chosen, np.array(rows, dtype=np.uint32))
     deadline = time.monotonic() + _ENDING
     while True:
@@ -299,7 +300,7 @@ def _surface(key: str, folder: Path) -> _core.Surface:
     """Return the surface of a folder; a worker keeps it as long as it works on it, with what distances need."""
     if key not in _kept:
         _kept.clear()
-        points, faces = np.array(mapped(folder / "points.npy")), np.array(mapped(folder / "faces.npy"))
+        points, faces = (np.asarray(Table.open(folder / f"{name}.npy")) for name in ("points", "faces"))
         core, _ = _core.Surface.from_triangles(points, faces.astype(np.int64))
         if not (np.array_equal(core.points, points) and np.array_equal(core.faces, faces)):
             raise InputError("the surface is not the same in another process; leave dask out")

@@ -23,11 +23,11 @@ from voxflat.distances.store import (
     FINISH,
     OTHER,
     array_hash,
-    mapped,
     read_description,
     read_provenance,
     write_provenance,
 )
+from voxflat.distances.table import Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
@@ -46,7 +46,7 @@ class DistanceRows:
     Parameters
     ----------
     rows : ndarray of float32, shape (m, N)
-        Distances, mm; of a store a read-only memory map.
+        Distances, mm; of a store a `Table`, which is read from disk where it is looked at.
     ids : ndarray of int64, shape (N, 3) or (N,)
         Voxel indices, or vertex numbers, of the points.
     points : ndarray of float64, shape (N, 3)
@@ -59,7 +59,7 @@ class DistanceRows:
         What made them; a store keeps it.
     """
 
-    rows: NDArray[np.float32]
+    rows: NDArray[np.float32] | Table
     ids: NDArray[np.int64]
     points: NDArray[np.float64]
     sources: NDArray[np.int64]
@@ -113,26 +113,14 @@ class DistanceRows:
         return (max(1, min(height, self.shape[0])), self.shape[1])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        self._check_there()
         return np.array(self.rows, dtype=dtype) if copy else np.asarray(self.rows, dtype=dtype)
 
     def __getitem__(self, index: Any) -> Any:
-        self._check_there()
-        part = self.rows[index]
-        return part if self.store is None else np.array(part)[()]
+        return self.rows[index]
 
     def __len__(self) -> int:
         """Return the number of sources."""
         return len(self.rows)
-
-    def _check_there(self) -> None:
-        """Refuse a table that was cut short since it was opened: the system ends who reads what is gone."""
-        if self.store is None:
-            return
-        table = self.store / "rows.npy"
-        there = table.stat().st_size
-        if there < self.nbytes:
-            raise InputError(f"{table} was cut short to {there} of more than {self.nbytes} bytes; {FINISH}")
 
     def verify(self) -> None:
         """Read a whole store and compare it with its checksums; rows in memory have none.
@@ -179,7 +167,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     arrays = {name: _array(path / f"{name}.npy", description[f"{name}_sha256"]) for name in ARRAYS}
     shape = (len(arrays["sources"]), len(arrays["points"]))
     _checksums(path, shape)
-    rows = mapped(path / "rows.npy")
+    rows = Table.open(path / "rows.npy")
     if rows.shape != shape or rows.dtype != np.dtype("<f4"):
         raise InputError(
             f"{path / 'rows.npy'} holds {rows.dtype} of shape {rows.shape}, not float32 of {shape}; {FINISH}"
@@ -188,7 +176,7 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
 
 
 def _array(path: Path, expected: str) -> NDArray[Any]:
-    array = np.array(mapped(path))
+    array = np.asarray(Table.open(path))
     if array_hash(array) != expected:
         raise InputError(f"{path} does not agree with its checksum in store.json; {FINISH}")
     return array

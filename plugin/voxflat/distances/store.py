@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
+from voxflat.distances.table import Table
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, from_json, naming_file, one_line, save_array, temporary_beside
+from voxflat.io.files import atomic_path, from_json, naming_file, save_array, temporary_beside
 from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 2"
@@ -153,14 +154,6 @@ def read_provenance(path: Path) -> Record:
     return {}
 
 
-def mapped(path: Path) -> NDArray[Any]:
-    """Return an array of a store, mapped into memory: what a damaged header says that it has is not taken on trust."""
-    try:
-        return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
-    except Exception as error:  # of damaged headers NumPy's parser raises TokenError, SyntaxError, OverflowError, ...
-        raise InputError(f"{path} is damaged ({one_line(error)}); {FINISH}") from error
-
-
 def array_hash(array: NDArray[Any]) -> str:
     """Return a hash of an array's shape and values, the same on every machine."""
     kind = array.dtype.newbyteorder("<")
@@ -246,7 +239,7 @@ def _compare(path: Path, identity: dict[str, Any]) -> None:
 def _mend(path: Path, array: NDArray[Any], expected: str) -> None:
     """Write an array again that was damaged."""
     with suppress(InputError):
-        if array_hash(mapped(path)) == expected:
+        if array_hash(np.asarray(Table.open(path))) == expected:
             return
     with atomic_path(path) as temporary:
         save_array(temporary, array)

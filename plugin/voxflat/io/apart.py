@@ -36,6 +36,7 @@ from voxflat.io.reading import allowed_memory, check_room, reading
 _SECONDS, _RATE = 5, 1 << 20  # of computing that a file may take, and the bytes of it for which it may take one more
 _WAITING = 10  # times as many may pass: others compute, too, and disks are far away
 _INFLATED = 1032  # bytes that one may stand for, in zlib's format
+_DYING = 1.0  # seconds that a child has to end which no longer answers, for its status
 _OWN = 1 << 28  # bytes of addresses for what a package needs itself
 
 # signals that end a process, also in the middle of C++: which clock sends them, after times how many seconds
@@ -153,7 +154,7 @@ def _answer(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> tuple[dict
 
 def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
     """Say why a child ended."""
-    _stop()
+    _stop(_DYING)
     status, name = child.returncode, _PACKAGES[asked["package"]][0]
     for timer, (_, times) in _TIMES.items():
         if status == -timer:
@@ -162,17 +163,17 @@ def _end_of(child: subprocess.Popen[bytes], asked: dict[str, Any]) -> str:
     return f"{name} ended at it ({how}), within {amount(asked['memory'])}: {AGAIN}, or give it more memory"
 
 
-def _stop() -> None:
-    """End the child, whatever it does."""
+def _stop(patience: float = 0.0) -> None:
+    """End the child, whatever it does: it only reads. After so many seconds in which it may end by itself."""
     global _child
     child, _child = _child, None
     if child is not None:
         _close(child)
-        try:
-            child.wait(1)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
+        if patience:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(patience)
+        child.kill()
+        child.wait()
 
 
 def _close(child: subprocess.Popen[bytes]) -> None:

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from voxflat import _core
 from voxflat.arguments import numbers_of, shown
 from voxflat.errors import InputError
 
@@ -15,9 +16,11 @@ Affine: TypeAlias = NDArray[np.float64]
 
 _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
 
-
-FARTHEST = 1e9
+FARTHEST = _core.FARTHEST
 """mm from the origin: brains in nm have room, and what comes of squares and volumes stays finite."""
+
+SMALLEST = _core.SMALLEST
+"""mm that a voxel has at least, and the longest side of a surface's box."""
 
 
 def check_affine(affine: ArrayLike) -> Affine:
@@ -36,8 +39,8 @@ def check_affine(affine: ArrayLike) -> Affine:
     Raises
     ------
     InputError
-        It has another shape, values that are not finite or beyond 1e9 mm, a voxel size of 0, or axes that are not
-        orthogonal (the cosine between two of them exceeds 1e-3).
+        It has another shape, values that are not finite or beyond 1e9 mm, a voxel size of 0 or below 1e-9 mm, or axes
+        that are not orthogonal (the cosine between two of them exceeds 1e-3).
     """
     try:
         matrix = numbers_of(affine, "affine")
@@ -54,6 +57,10 @@ def check_affine(affine: ArrayLike) -> Affine:
     sizes = np.linalg.norm(matrix[:3, :3], axis=0)
     if not (sizes > 0).all():
         raise InputError(f"affine's voxel size is {sizes.tolist()} mm: each column must have a length above 0")
+    if sizes.min() < SMALLEST:
+        raise InputError(
+            f"affine's voxel size is {sizes.tolist()} mm, below {SMALLEST:g} mm: repair the header, or give it in mm"
+        )
     axes = matrix[:3, :3] / sizes
     shear = np.abs(axes.T @ axes - np.eye(3)).max()
     if not shear <= _MAX_SHEAR:
@@ -78,7 +85,7 @@ def given_affine(spacing: Sequence[float] | None, affine: ArrayLike | None) -> A
         raise InputError(f"spacing {shown(spacing)} must be 3 numbers in mm")
     if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise InputError(f"spacing {sizes.tolist()} must be 3 positive, finite numbers in mm")
-    return np.diag([*sizes, 1.0])
+    return check_affine(np.diag([*sizes, 1.0]))
 
 
 def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import array_of, checked_number, checked_path, checked_switch, log
 from voxflat.distances.store import write_provenance
+from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
@@ -77,7 +78,7 @@ class FlatMap(Planar):
         What flattening did to the distances.
     metadata : dict
         Parameters, affine, versions, checksum of the input, topology.
-    rows : ndarray of float32, shape (m, N), or None
+    rows : ndarray of float32, shape (m, N), or Table, or None
         Geodesic distances from the sources, mm, if they were asked for. Those of a store (``metadata["store"]``) stay
         there: `save` leaves them out, and merged vertices have no column.
     bridges : ndarray of int64, shape (B, 3)
@@ -102,7 +103,7 @@ class FlatMap(Planar):
     eigenvalues: NDArray[np.float64]
     distortion: Distortion
     metadata: dict[str, Any]
-    rows: NDArray[np.float32] | None = None
+    rows: NDArray[np.float32] | Table | None = None
     bridges: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     curvature: NDArray[np.float64] | None = None
     sulcal_depth: NDArray[np.float64] | None = None
@@ -384,7 +385,7 @@ class FlatMap(Planar):
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
         if self.rows is not None and "store" not in self.metadata:
-            arrays["rows"] = self.rows
+            arrays["rows"] = np.asarray(self.rows)
         text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, metadata=np.array(text), **arrays)

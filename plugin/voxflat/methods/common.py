@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, amount, check_memory, is_whole, log, workers
+from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.region import Cutout
@@ -86,7 +87,7 @@ def map_over_triangles(
     how: How,
     result: dict[str, Any],
     need: int,
-    rows: NDArray[np.float32] | None,
+    rows: NDArray[np.float32] | Table | None,
     more: dict[str, Any],
     doubts: Sequence[str] = (),
     links_error: float | None = None,

@@ -182,8 +182,8 @@ def flatten(
     keep_rows : bool
         Keep the distances from all sources to all points in `FlatMap.rows`.
     store : path, optional
-        A directory to keep them in, on disk instead of in memory; `FlatMap.rows` is then a memory map. If the work is
-        interrupted, the same call goes on where it was. `voxflat.open_rows` opens it.
+        A directory to keep them in, on disk instead of in memory; `FlatMap.rows` is then read there where it is looked
+        at. If the work is interrupted, the same call goes on where it was. `voxflat.open_rows` opens it.
     threads : int, optional
         By default one a core.
     memory_limit : int, optional

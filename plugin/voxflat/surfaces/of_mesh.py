@@ -13,11 +13,15 @@ from voxflat import _core
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
+from voxflat.io.reading import check_room
 from voxflat.io.vtk import polydata_triangles
 from voxflat.surfaces.partners import check_pial, in_space_of
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["as_mesh", "of_mesh"]
+
+_A_TRIANGLE, _A_POINT = 200, 100
+"""Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""
 
 
 def as_mesh(source: object) -> Mesh | None:
@@ -81,6 +85,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, []
+    check_room(_A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points))
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         other = as_mesh(pial)

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
+from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.provenance import telling
 from voxflat.surfaces.surface import Surface
 
 __all__ = ["pixels_of", "range_image"]
 
 _JUMP = 8.0  # pixels: a slope of 83 degrees
-_LARGEST = 1e9  # mm; beyond, triangles have no area in floating point
 
 
 @telling
@@ -154,12 +154,12 @@ def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:
         if there.dtype.kind not in "buif" or not np.isin(there, (0, 1)).all():
             raise InputError(f"the mask is {there.dtype} with values other than 0 and 1; give where the surface is")
         heights[there == 0] = np.nan
-    bad = np.abs(heights) > _LARGEST  # NaN is not
+    bad = np.abs(heights) > FARTHEST  # NaN is not
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
         raise InputError(
             f"the depth at row {row}, column {column} is {heights[row, column]:g} mm; give NaN where there is no "
-            f"surface, and depths up to {_LARGEST:g} mm"
+            f"surface, and depths up to {FARTHEST:g} mm"
         )
     return heights
 
@@ -170,8 +170,8 @@ def _steps(spacing: float | Sequence[float]) -> tuple[float, float]:
     if steps.dtype.kind not in "uif" or steps.shape not in ((), (2,)):
         raise InputError(f"the spacing is {shown(spacing)}; give one number, or those of rows and columns, mm")
     rows, columns = (float(step) for step in np.broadcast_to(steps, 2))
-    if not (min(rows, columns) >= 1 / _LARGEST and max(rows, columns) <= _LARGEST):  # NaN is neither
-        raise InputError(f"the spacing is {shown(spacing)} mm; give positive, finite numbers")
+    if not (min(rows, columns) >= SMALLEST and max(rows, columns) <= FARTHEST):  # NaN is neither
+        raise InputError(f"the spacing is {shown(spacing)} mm; give positive numbers, {SMALLEST:g} to {FARTHEST:g} mm")
     return rows, columns
 
 

@@ -3,6 +3,8 @@
 use std::io;
 use std::path::Path;
 
+use crate::scales::{FARTHEST, SHORTEST_EDGE, SMALLEST};
+
 /// The result of everything in this crate that can fail.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -70,6 +72,22 @@ pub enum Error {
 
     #[error("the spacing of axis {axis} is {spacing} mm: give a positive spacing")]
     SpacingNotPositive { axis: usize, spacing: f64 },
+
+    #[error(
+        "the affine is {value} at row {row}, column {column}, beyond {FARTHEST:e} mm: give it in mm, or repair the header"
+    )]
+    AffineTooFar { row: usize, column: usize, value: f64 },
+
+    #[error(
+        "the spacing of axis {axis} is {spacing:e} mm; voxels from {SMALLEST:e} mm on are taken: repair the header, or \
+         give it in mm"
+    )]
+    SpacingTooSmall { axis: usize, spacing: f64 },
+
+    #[error(
+        "voxel {voxel:?} of the volume lies at {at:?} mm, beyond {FARTHEST:e} mm: give the affine in mm, or crop the volume"
+    )]
+    VoxelTooFar { voxel: [usize; 3], at: [f64; 3] },
 
     #[error(
         "the affine is sheared: axes {first} and {second} have cosine {cosine:.4}; resample the volume to an \
@@ -222,6 +240,23 @@ pub enum Error {
         "point {vertex} of the mesh is not finite (NaN or infinite): remove it with its triangles, or give its place"
     )]
     PointNotFinite { vertex: usize },
+
+    #[error(
+        "point {vertex} of the mesh lies at {at:?} mm, beyond {FARTHEST:e} mm: is it right? give coordinates in mm"
+    )]
+    PointTooFar { vertex: usize, at: [f64; 3] },
+
+    #[error(
+        "the surface is {size:e} mm across; from {SMALLEST:e} mm on it can be measured: multiply its coordinates, or give \
+         them in mm"
+    )]
+    SurfaceTooSmall { size: f64 },
+
+    #[error(
+        "the edge of vertices {a} and {b} is {length:e} mm long, and the surface {size:e} mm across: an edge is to have \
+         {SHORTEST_EDGE:e} of that at least; merge its ends, or take a smaller part"
+    )]
+    EdgeTooShort { a: usize, b: usize, length: f64, size: f64 },
 
     #[error("triangle {face} names vertex {corner}, but the mesh has {points} vertices, counted from 0")]
     CornerOutOfRange { face: usize, corner: i64, points: usize },

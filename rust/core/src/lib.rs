@@ -4,6 +4,7 @@
 //!
 //! | module | stage | concept |
 //! |---|---|---|
+//! | [`scales`] | | which sizes are taken |
 //! | [`error`], [`control`] | | what can go wrong; progress and cancelling of long work |
 //! | `turns`, `boxes` | | parallel work whose order is kept; boxes in the plane that meet |
 //! | [`volume`] | label volume | [`Mask`](volume::Mask), [`Affine`](volume::Affine) |
@@ -75,6 +76,7 @@ pub mod place;
 pub mod raster;
 pub mod ribbon;
 pub mod rows;
+pub mod scales;
 pub mod sources;
 pub mod sphere;
 pub mod store;

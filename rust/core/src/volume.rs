@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::error::{Error, Result};
+use crate::scales::{SMALLEST, is_near};
 
 /// Indices of an axis fit into 21 bits, so that three fit into one 64-bit Morton code.
 const LONGEST_AXIS: usize = 1 << 21;
@@ -116,11 +117,16 @@ impl Affine {
     /// From a homogeneous 4 × 4 matrix.
     ///
     /// # Errors
-    /// [`Error::AffineNotFinite`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`], [`Error::AffineSheared`].
+    /// [`Error::AffineNotFinite`], [`Error::AffineTooFar`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`],
+    /// [`Error::SpacingTooSmall`], [`Error::AffineSheared`].
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
         if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
             let (row, column) = (n / 4, n % 4);
             return Err(Error::AffineNotFinite { row, column, value: matrix[row][column] });
+        }
+        if let Some(n) = (0..16).find(|n| !is_near(matrix[n / 4][n % 4])) {
+            let (row, column) = (n / 4, n % 4);
+            return Err(Error::AffineTooFar { row, column, value: matrix[row][column] });
         }
         if matrix[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(Error::AffineNotAffine { row: matrix[3] });
@@ -131,6 +137,9 @@ impl Affine {
         for axis in 0..3 {
             if !(spacing[axis] > 0.0 && spacing[axis].is_finite()) {
                 return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
+            }
+            if spacing[axis] < SMALLEST {
+                return Err(Error::SpacingTooSmall { axis, spacing: spacing[axis] });
             }
         }
         for (first, second) in [(0, 1), (0, 2), (1, 2)] {
@@ -166,6 +175,21 @@ impl Affine {
     /// The 3 × 3 part.
     pub fn linear(&self) -> &Matrix3<f64> {
         &self.linear
+    }
+
+    /// Do all voxels of a volume lie where lengths can be computed with?
+    ///
+    /// # Errors
+    /// [`Error::VoxelTooFar`].
+    pub(crate) fn check_reach(&self, shape: [usize; 3]) -> Result<()> {
+        for corner in 0..8 {
+            let voxel = [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { 0 } else { shape[axis].saturating_sub(1) });
+            let at: [f64; 3] = self.to_mm(voxel.map(|index| index as f64)).into();
+            if !at.into_iter().all(is_near) {
+                return Err(Error::VoxelTooFar { voxel, at });
+            }
+        }
+        Ok(())
     }
 
     /// A voxel's centre in mm.
@@ -205,10 +229,22 @@ mod tests {
     }
 
     #[test]
+    fn voxels_beyond_reach_are_refused() {
+        let affine = Affine::from_spacing([1e8, 1.0, 1.0]).unwrap();
+        assert!(affine.check_reach([11, 5, 5]).is_ok());
+        assert_eq!(
+            affine.check_reach([12, 1, 1]),
+            Err(Error::VoxelTooFar { voxel: [11, 0, 0], at: [1.1e9, 0.0, 0.0] })
+        );
+    }
+
+    #[test]
     fn bad_affines_are_refused() {
         assert!(matches!(Affine::from_spacing([1.0, -2.0, 1.0]), Err(Error::SpacingNotPositive { axis: 1, .. })));
         assert!(matches!(Affine::from_spacing([1.0, 1.0, 0.0]), Err(Error::SpacingNotPositive { axis: 2, .. })));
         assert!(matches!(Affine::from_spacing([f64::NAN, 1.0, 1.0]), Err(Error::AffineNotFinite { .. })));
+        assert!(matches!(Affine::from_spacing([1.0, 1e19, 1.0]), Err(Error::AffineTooFar { row: 1, column: 1, .. })));
+        assert!(matches!(Affine::from_spacing([1.0, 1.0, 1e-10]), Err(Error::SpacingTooSmall { axis: 2, .. })));
         let mut sheared = [[1.0, 0.1, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
         assert!(matches!(Affine::new(sheared), Err(Error::AffineSheared { first: 0, second: 1, .. })));
         sheared[3][3] = 2.0;

@@ -21,8 +21,10 @@ fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("FARTHEST", voxflat::scales::FARTHEST)?;
     module.add("KEPT_BYTES", voxflat::distortion::judge::KEPT_BYTES)?;
     module.add("REFERENCE_SOURCES", voxflat::distortion::judge::REFERENCE_SOURCES)?;
+    module.add("SMALLEST", voxflat::scales::SMALLEST)?;
     module.add_class::<nearest::NearestFinder>()?;
     module.add_class::<raster::TriangleFinder>()?;
     module.add_class::<surface::Surface>()?;

@@ -257,3 +257,74 @@ fn a_map_in_one_place_has_no_best_scale() {
     assert_eq!(found.raw.relative_error, 1.0);
     assert!(found.best_scale.scale.is_nan() && found.best_scale.stress_1.is_nan() && found.pearson_r.is_nan());
 }
+
+#[test]
+fn standard_errors_of_three_sources_are_those_of_all_draws() {
+    // near distances are much further off than far ones, so that no two figures scatter alike
+    let uv = scattered(400);
+    let apart = |a: usize, b: usize| (uv[a][0] - uv[b][0]).hypot(uv[a][1] - uv[b][1]);
+    let wrong = |a: usize, b: usize| {
+        let share = 0.4 * ((a * 37 + 11) as f64).sin();
+        1.0 + share * if apart(a, b) < 10.0 { 1.0 } else { 0.2 + 0.1 * ((b * 7) as f64).sin() }
+    };
+    let sources = [0, 150, 299];
+    let rows = rows_of(&sources, &uv, wrong);
+    let found = judged(&uv, &rows);
+    let of_source = |n: usize, scale: f64| {
+        let mut sums = Sums::default();
+        pairs(&uv, &rows)[399 * n..399 * (n + 1)].iter().for_each(|&(delta, d)| sums.add(delta, scale * d));
+        sums
+    };
+    let scale = found.best_scale.scale;
+    for (errors, scale) in [(found.standard_error.raw, 1.0), (found.standard_error.best_scale, scale)] {
+        let parts: Vec<Sums> = (0..3).map(|n| of_source(n, scale)).collect();
+        let draws: Vec<Figures> = (0..27)
+            .map(|draw| [draw % 3, draw / 3 % 3, draw / 9].iter().map(|&n| &parts[n]).sum::<Sums>().figures(1.0))
+            .collect();
+        // the variance of a mean of three is 3/2 of what such draws have, and is known better among few points
+        let correction = (1.5 * (1.0f64 - 3.0 / 400.0)).sqrt();
+        let exact = |figure: fn(&Figures) -> f64| {
+            let all = mean(draws.iter().map(figure));
+            mean(draws.iter().map(|draw| (figure(draw) - all).powi(2))).sqrt() * correction
+        };
+        let fields: [fn(&Figures) -> f64; 9] = [
+            |of| of.relative_error,
+            |of| of.relative_error_0_5mm,
+            |of| of.relative_error_5_15mm,
+            |of| of.relative_error_15_30mm,
+            |of| of.relative_error_10mm,
+            |of| of.relative_error_30mm,
+            |of| of.absolute_error,
+            |of| of.stress_1,
+            |of| of.sammon_stress,
+        ];
+        let expected = fields.map(exact);
+        // exchanged bands would be seen
+        let bands = &expected[1..6];
+        assert!((0..5).all(|n| (0..n).all(|m| (bands[n] / bands[m] - 1.0).abs() > 0.1)), "{bands:?}");
+        for (n, field) in fields.into_iter().enumerate() {
+            // a thousand draws know it to 2 %
+            assert!((field(&errors) / expected[n] - 1.0).abs() < 0.1, "{n}: {} {}", field(&errors), expected[n]);
+        }
+    }
+}
+
+#[test]
+fn a_distance_at_the_end_of_a_band_belongs_to_it() {
+    for (delta, inside) in [
+        (5.0, [true, false, false, true, true]),
+        (10.0, [false, true, false, true, true]),
+        (15.0, [false, true, false, false, true]),
+        (30.0, [false, false, true, false, true]),
+    ] {
+        let told = |delta: f64| {
+            let mut sums = Sums::default();
+            sums.add(delta, 1.5 * delta);
+            let of = sums.figures(1.0);
+            let bands = [of.relative_error_0_5mm, of.relative_error_5_15mm, of.relative_error_15_30mm];
+            [bands[0], bands[1], bands[2], of.relative_error_10mm, of.relative_error_30mm].map(|error| !error.is_nan())
+        };
+        assert_eq!(told(delta), inside, "{delta}");
+        assert_ne!(told(f64::from((delta as f32).next_up())), inside, "{delta} and more");
+    }
+}

@@ -333,3 +333,25 @@ fn wrong_corners_are_refused_and_cancelling_is_obeyed() {
     control.cancel();
     assert_eq!(measure_faces(&points, &faces, &uv, &control), Err(Error::Cancelled));
 }
+
+#[test]
+fn of_equally_many_the_smaller_are_turned_over_and_of_equal_ones_those_that_run_clockwise() {
+    // two triangles on either side of a line, the second folded onto the side of the first
+    let flat = [[0.0, 0.0], [4.0, 0.0], [2.0, 3.0], [2.0, -3.0]];
+    let faces = [[0, 1, 2], [1, 0, 3]];
+    let folded = [[0.0, 0.0], [4.0, 0.0], [2.0, 3.0], [2.0, 1.0]];
+    for (low, mirror, expected) in [
+        (-3.0, 1.0, [false, true]),
+        (-3.0, -1.0, [true, false]),
+        (-2.0, 1.0, [false, true]),
+        (-2.0, -1.0, [false, true]),
+        (-5.0, 1.0, [true, false]),
+        (-5.0, -1.0, [true, false]),
+    ] {
+        let mut points = in_space(&flat, |_, _| 0.0);
+        points[3].y = low;
+        let uv: Vec<_> = folded.iter().map(|&[x, y]| [mirror * x, y]).collect();
+        let found = measured(&points, &faces, &uv).flipped;
+        assert_eq!((found.count, found.per_face), (1, expected.to_vec()), "{low} {mirror}");
+    }
+}

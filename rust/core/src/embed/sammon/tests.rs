@@ -136,3 +136,15 @@ fn cancelling_ends_it() {
     let found = descend(&pairs, random(surface.len(), 9.0, 3), &control);
     assert_eq!(found, Err(crate::Error::Cancelled));
 }
+
+#[test]
+fn a_step_is_the_magic_factor_of_newtons() {
+    // two points 3 mm apart on the map that are 2 mm apart on the surface: along the line the parabola is exact
+    let pull = Pull::of(0, &[Near { vertex: 1, distance: 2.0 }], &[[3.0, 0.0], [0.0, 0.0]]);
+    let [x, y] = pull.step([3.0, 0.0]);
+    assert!((x - (3.0 - 0.35)).abs() < 1e-12 && y == 0.0);
+    // where it hardly bends a leap is bounded: by a thousandth of how it bends far away
+    let flat = Pull { gradient: [1.0, -1.0], curvature: [0.0, -1e-9], stiffness: 7.0, ..Pull::default() };
+    let [x, y] = flat.step([0.0; 2]);
+    assert!((x + 0.35 / 7e-3).abs() < 1e-9 && (y - 0.35 / 7e-3).abs() < 1e-9);
+}

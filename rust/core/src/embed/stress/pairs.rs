@@ -21,8 +21,12 @@ const BATCH: usize = 256;
 /// Landmarks that are visited together, in the processor's registers.
 const LANES: usize = 16;
 
-/// Nearer pairs have no say, mm: a relative error is nothing there.
+/// Nearer pairs have no say, mm, or as a part of the farthest pair: a relative error is nothing there.
 const NEAREST: f32 = 1e-3;
+const NEAREST_PART: f32 = 1e-5;
+
+/// What keeps flat distances from 0, as a part of the nearest that has a say.
+const APART: f32 = 1e-6;
 
 /// How far the bands reach, mm.
 pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
@@ -46,6 +50,8 @@ pub struct Pairs {
     width: usize,
     /// How many pairs each band has.
     counts: [usize; 3],
+    /// Nearer pairs have no say, mm.
+    nearest: f32,
 }
 
 impl Pairs {
@@ -65,9 +71,11 @@ impl Pairs {
     }
 
     fn of(landmarks: Vec<u32>, vertices: Vec<u32>, table: Vec<f32>, width: usize) -> Self {
-        let within = |reach: f32| table.par_iter().filter(|&&distance| distance > NEAREST && distance <= reach).count();
+        let farthest = table.par_iter().copied().reduce(|| 0.0, f32::max);
+        let nearest = NEAREST.min(NEAREST_PART * farthest);
+        let within = |reach: f32| table.par_iter().filter(|&&distance| distance > nearest && distance <= reach).count();
         let counts = BANDS.map(within);
-        Self { landmarks, vertices, table, width, counts }
+        Self { landmarks, vertices, table, width, counts, nearest }
     }
 
     /// The pairs among some vertices, in ascending order and with all landmarks, by their numbers in this order.
@@ -145,6 +153,7 @@ impl Pairs {
             Ok(Arch::new().dispatch(Kernel {
                 batch,
                 steps: self.steps(bands),
+                nearest: self.nearest,
                 sharp: bands.outliers.map(|outlier| outlier.recip() as f32),
             }))
         };
@@ -166,7 +175,7 @@ impl Pairs {
         let steps = self.steps(bands);
         for (&vertex, row) in self.vertices.iter().zip(self.table.chunks(self.width.max(1))) {
             for (&landmark, &distance) in self.landmarks.iter().zip(row) {
-                if distance > NEAREST {
+                if distance > self.nearest {
                     let pull = 2.0 * f64::from(weight(steps, distance) / (distance * distance));
                     diagonal[vertex as usize] += pull;
                     diagonal[landmark as usize] += pull;
@@ -201,6 +210,7 @@ struct Found {
 struct Kernel<'a> {
     batch: Batch<'a>,
     steps: [f32; 3],
+    nearest: f32,
     sharp: [f32; 2],
 }
 
@@ -213,6 +223,8 @@ impl WithSimd for Kernel<'_> {
         let mut found =
             Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
+        let nearest = self.nearest;
+        let apart = (APART * nearest) * (APART * nearest);
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();
             let mut total = [[0.0f32; LANES]; 3];
@@ -222,9 +234,9 @@ impl WithSimd for Kernel<'_> {
                 for n in 0..LANES {
                     let delta = row[n];
                     let (dx, dy) = (place.x - x[n], place.y - y[n]);
-                    let flat = (dx * dx + dy * dy + 1e-18).sqrt();
-                    let inverse = if delta > NEAREST { delta.recip() } else { 0.0 };
-                    let counts = if delta > NEAREST { weight(self.steps, delta) } else { 0.0 };
+                    let flat = (dx * dx + dy * dy + apart).sqrt();
+                    let inverse = if delta > nearest { delta.recip() } else { 0.0 };
+                    let counts = if delta > nearest { weight(self.steps, delta) } else { 0.0 };
                     let error = flat * inverse - 1.0;
                     let bent = error * if delta > BANDS[1] { self.sharp[0] } else { self.sharp[1] };
                     let root = (1.0 + bent * bent).sqrt();

@@ -144,6 +144,18 @@ mod tests {
     }
 
     #[test]
+    fn an_octahedron_has_the_integral_of_its_edges() {
+        let octahedron = shapes::surface(shapes::sphere(0));
+        let areas = masses(octahedron.points(), octahedron.faces());
+        let expected = 12.0 * 0.5 * (1.0f64 / 3.0).acos() * 2.0f64.sqrt(); // twelve edges, exterior angle arccos(1/3)
+        let smooth = smooth_mean_curvature(&octahedron, 0.3, &Control::default()).unwrap();
+        for found in [mean_curvature(&octahedron, 0), mean_curvature(&octahedron, 2), smooth] {
+            let whole: f64 = found.iter().zip(&areas).map(|(bend, area)| bend * area).sum();
+            assert!((whole / expected - 1.0).abs() < 1e-9, "{whole} {expected}");
+        }
+    }
+
+    #[test]
     fn a_torus_bends_less_where_it_faces_itself() {
         let torus = shapes::surface(shapes::torus(90, 30));
         let exact = |v: usize| {

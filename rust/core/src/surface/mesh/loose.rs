@@ -76,14 +76,17 @@ impl Surface {
     /// A surface from points (mm) and triangles, with what was done: faces may be turned over, and nothing else.
     ///
     /// # Errors
-    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`] and those of
-    /// [`Defects::refuse`].
+    /// [`Error::NoFaces`], [`Error::PointNotFinite`], [`Error::CornerOutOfRange`], [`Error::GraphTooLarge`], those of
+    /// [`Defects::refuse`], and of a surface beyond the [scales](crate::scales) [`Error::PointTooFar`],
+    /// [`Error::SurfaceTooSmall`], [`Error::EdgeTooShort`].
     pub fn from_triangles(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
         let mut faces = checked(points, faces)?;
         let mut defects = Defects::default();
         let twins = join(points, &mut faces, &mut defects);
         defects.refuse()?;
-        Ok(Self::joined(points, &faces, twins, defects, Mending::default()))
+        let (surface, mended) = Self::joined(points, &faces, twins, defects, Mending::default());
+        surface.check_scales()?;
+        Ok((surface, mended))
     }
 
     /// The same, with everything mended that has one right answer. Triangles without area are dropped or flipped away and
@@ -126,7 +129,9 @@ impl Surface {
         [&mut defects.degenerate, &mut defects.duplicate, &mut defects.one_sided].into_iter().for_each(as_given);
         defects.refuse()?;
         defects.pinched = split;
-        Ok(Self::joined(points, &faces, twins, defects, mending))
+        let (surface, mended) = Self::joined(points, &faces, twins, defects, mending);
+        surface.check_scales()?;
+        Ok((surface, mended))
     }
 
     fn joined(

@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 
 use crate::adjacency::Components;
 use crate::error::{Error, Result};
+use crate::scales::{SHORTEST_EDGE, SMALLEST, is_near};
 
 /// No face lies beyond this half-edge.
 pub const BORDER: u32 = u32::MAX;
@@ -163,14 +164,16 @@ impl Surface {
     /// The same vertices elsewhere: distances are measured there.
     ///
     /// # Errors
-    /// [`crate::Error::PointNotFinite`].
+    /// [`Error::PointNotFinite`], [`Error::PointTooFar`], [`Error::SurfaceTooSmall`].
     ///
     /// # Panics
     /// If there is not one point a vertex.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
         assert_eq!(points.len(), self.points.len(), "one point a vertex");
         finite(points.iter().map(|p| (*p).into()))?;
-        Ok(Self { points, ..self.clone() })
+        let moved = Self { points, ..self.clone() };
+        moved.check_size()?;
+        Ok(moved)
     }
 
     /// The same as an input of its own, each vertex with its number as id; faces run the other way if it was mirrored.
@@ -187,6 +190,36 @@ impl Surface {
     /// corners and three twins.
     pub const fn memory_need(vertices: usize) -> u64 {
         (24 + 4 + 2 * (12 + 12)) * vertices as u64
+    }
+
+    /// The longest side of its box, if that is a size to compute with.
+    fn check_size(&self) -> Result<f64> {
+        if let Some(far) = self.points.iter().position(|p| !p.iter().all(|&x| is_near(x))) {
+            return Err(Error::PointTooFar { vertex: self.ids[far] as usize, at: self.points[far].into() });
+        }
+        let ends = self
+            .points
+            .iter()
+            .fold([Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)], |[l, h], p| {
+                [l.inf(p), h.sup(p)]
+            });
+        let size = (ends[1] - ends[0]).max();
+        if size < SMALLEST && !self.is_empty() { Err(Error::SurfaceTooSmall { size }) } else { Ok(size) }
+    }
+
+    /// The same, and the edges beside it: one that is too short for the box has no direction.
+    ///
+    /// # Errors
+    /// [`Error::PointTooFar`], [`Error::SurfaceTooSmall`], [`Error::EdgeTooShort`].
+    fn check_scales(&self) -> Result<()> {
+        let size = self.check_size()?;
+        match self.edges().find(|&edge| self.length(edge) < SHORTEST_EDGE * size) {
+            Some(edge) => {
+                let [a, b] = [self.origin(edge), self.target(edge)].map(|v| self.ids[v as usize] as usize);
+                Err(Error::EdgeTooShort { a, b, length: self.length(edge), size })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Number of vertices.

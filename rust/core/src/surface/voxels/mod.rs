@@ -40,8 +40,9 @@ impl VoxelSurface {
     /// The surface of the mask's foreground, all components of it.
     ///
     /// # Errors
-    /// [`Error::Cancelled`].
+    /// [`Error::VoxelTooFar`], [`Error::Cancelled`].
     pub fn from_mask(mask: &Mask, affine: Affine, control: &Control) -> Result<Self> {
+        affine.check_reach(mask.shape())?;
         let on_surface = |v: [i64; 3]| DIRECT.iter().any(|&d| !mask.is_inside(plus(v, d)));
         let mut coded = Vec::new();
         for (count, voxel) in mask.foreground().enumerate() {

@@ -303,3 +303,22 @@ impl Fit {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_voxel_along_each_axis_is_the_limit() {
+        let spacing = [1.0, 2.0, 0.5];
+        let base = vec![Vector3::new(3.0, -4.0, 5.0); 5];
+        let moved = [[0.4, 0.9, 0.2], [0.8, 0.0, 0.0], [0.1, -3.0, 0.1], [0.3, 0.5, -0.5], [0.0, 0.0, 0.0]];
+        let limited = [[0.4, 0.9, 0.2], [0.5, 0.0, 0.0], [0.1 / 3.0, -1.0, 0.1 / 3.0], [0.15, 0.25, -0.25], [0.0; 3]];
+        let points = base.iter().zip(moved).map(|(base, by)| base + Vector3::from(by)).collect();
+        let mut places = Places { points, normals: Vec::new() };
+        places.within_half_a_voxel(&base, spacing);
+        for ((point, base), expected) in places.points.iter().zip(&base).zip(limited) {
+            assert!((point - base - Vector3::from(expected)).norm() < 1e-12, "{point} {expected:?}");
+        }
+    }
+}

@@ -339,3 +339,21 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #[test]
+    fn a_probability_counts_the_same_whatever_the_unit_of_length(
+        bits in prop::collection::vec(prop::bool::weighted(0.55), 216),
+        likely in prop::collection::vec(prop::sample::select(vec![0.0f32, 0.2, 0.7, 1.0, f32::NAN]), 216),
+    ) {
+        let Ok(mask) = Mask::new([6; 3], bits) else { return Ok(()) };
+        let cut = |unit: f64| {
+            let spacing = [1.0, 1.5, 2.0].map(|length| unit * length);
+            let repaired = to_genus_zero(&mask, spacing, Some(&likely), &Control::default()).unwrap();
+            (repaired.cut, repaired.filled)
+        };
+        let expected = cut(1.0);
+        prop_assert_eq!(&cut(8.0), &expected);
+        prop_assert_eq!(&cut(0.0625), &expected);
+    }
+}

@@ -1,0 +1,153 @@
+"""An array on disk that is read where it is looked at.
+
+A map of memory would be quicker to write, but where the file is cut short while it is mapped the system ends the
+process of whoever looks there (SIGBUS). Here it is an error that names the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.io.files import one_line
+from voxflat.io.reading import check_room
+
+__all__ = ["Table"]
+
+_FINISH = "measure again with the same store to finish or mend it"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A `.npy` file of one or two axes, in C order; converts to an array, which holds all of it in memory.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        Of the array.
+    dtype : dtype
+        Of its values.
+    start : int
+        Where they begin, bytes.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    start: int
+
+    @classmethod
+    def open(cls, path: Path) -> Table:
+        """Open a file without reading its values.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+
+        Returns
+        -------
+        Table
+
+        Raises
+        ------
+        InputError
+            It is damaged, or shorter than its header says.
+        """
+        try:
+            with path.open("rb") as file:
+                major, _ = npy.read_magic(file)
+                header = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
+                shape, is_fortran, dtype = header(file)
+                start = file.tell()
+        except Exception as error:  # of damaged headers NumPy's parser raises TokenError, OverflowError, ...
+            raise InputError(f"{path} is damaged ({one_line(error)}); {_FINISH}") from error
+        if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
+            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {_FINISH}")
+        table = cls(path, tuple(shape), dtype, start)
+        table._check_there()
+        return table
+
+    def __repr__(self) -> str:
+        return f"<Table {self.path}: {self.dtype} of shape {self.shape}>"
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all values, bytes."""
+        return int(np.prod(self.shape, dtype=object)) * self.dtype.itemsize
+
+    def __len__(self) -> int:
+        """Return the length of the first axis."""
+        return self.shape[0]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError(f"{self.path} is on disk: its values are copied")
+        check_room(self.nbytes)
+        return np.asarray(self._rows(np.arange(len(self)), 0, self._width), dtype=dtype).reshape(self.shape)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return what an index of an array returns, from the rows that it names alone."""
+        parts = index if isinstance(index, tuple) else (index,)
+        plain = all(isinstance(part, slice | int | np.integer | np.ndarray | list) for part in parts)
+        if not plain or not 1 <= len(parts) <= self.ndim or any(np.ndim(part) > 1 for part in parts[:1]):
+            return np.asarray(self)[index]
+        numbers = np.arange(len(self))[parts[0]]
+        columns = np.arange(self._width)[parts[1]] if len(parts) > 1 else np.arange(self._width)
+        first, end = (int(columns.min()), int(columns.max()) + 1) if columns.size else (0, 0)
+        wanted = np.atleast_1d(numbers)
+        block = self._rows(wanted, first, end)
+        if self.ndim == 1:
+            return block[0, 0] if np.ndim(numbers) == 0 else block[:, 0]
+        at: Any = 0 if np.ndim(numbers) == 0 else np.arange(len(wanted))
+        if len(parts) == 1:
+            return block[at]
+        if isinstance(parts[0], slice) or isinstance(parts[1], slice):
+            return block[at][..., columns - first]
+        return block[at, columns - first]
+
+    @property
+    def _width(self) -> int:
+        return self.shape[1] if self.ndim == 2 else 1
+
+    def _check_there(self) -> None:
+        there, need = self.path.stat().st_size, self.start + self.nbytes
+        if there < need:
+            raise self._cut_short(there)
+
+    def _cut_short(self, there: int) -> InputError:
+        return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {_FINISH}")
+
+    def _rows(self, numbers: NDArray[np.int64], first: int, end: int) -> NDArray[Any]:
+        """Read the columns from `first` to `end` of some rows."""
+        block = np.empty((len(numbers), end - first), self.dtype)
+        size = self.dtype.itemsize
+        is_whole = end - first == self._width and (np.diff(numbers) == 1).all()
+        with self.path.open("rb", buffering=0) as file:
+            if is_whole and block.size:
+                self._read(file, self.start + int(numbers[0]) * self._width * size, block)
+            elif block.size:
+                for row, number in zip(block, numbers.tolist(), strict=True):
+                    self._read(file, self.start + (number * self._width + first) * size, row)
+        return block
+
+    def _read(self, file: IO[bytes], place: int, to: NDArray[Any]) -> None:
+        file.seek(place)
+        rest = to.reshape(-1).view(np.uint8).data
+        while rest:
+            if not (count := file.readinto(rest)):  # type: ignore[attr-defined]
+                raise self._cut_short(self.path.stat().st_size)
+            rest = rest[count:]

@@ -1,0 +1,106 @@
+"""Sizes: what is too large, too small or too uneven is refused at every door; within the range maps are maps."""
+
+import hard_shapes
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import voxflat
+from voxflat import cli, io
+
+SHEET = np.ones((9, 9, 1), np.uint8)
+BEYOND = [1e19, 1e107, 1e-30, 1e-12]
+
+
+def mesh(size=1.0):
+    points, faces = hard_shapes.sheet(lambda u, v: (u, v, np.sin(u) * np.cos(v)), (6, 5), (7, 6))
+    return size * points, faces
+
+
+def fan(rng, span, largest):
+    """Triangles around a vertex, with edges of lengths that differ by so many orders of magnitude."""
+    count = int(rng.integers(4, 16))
+    radius = largest * 10.0 ** rng.uniform(-span, 0, count)
+    angle = np.sort(rng.uniform(0, 6, count))
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.3 * radius * rng.normal(size=count)])
+    return np.vstack([np.zeros(3), points]), np.array([[0, n, n + 1] for n in range(1, count)])
+
+
+DOORS = {
+    "mesh": lambda size, path: voxflat.flatten(mesh(size), sources=9),
+    "spacing": lambda size, path: voxflat.flatten(SHEET, spacing=(size,) * 3, sources=9),
+    "affine": lambda size, path: voxflat.flatten(SHEET, affine=np.diag([size, size, size, 1]), sources=9),
+    "the paper's": lambda size, path: voxflat.flatten(SHEET, spacing=(size,) * 3, sources=9, method="grossmann2002"),
+    "range image": lambda size, path: voxflat.range_image(np.zeros((5, 5)), size),
+    "rows": lambda size, path: voxflat.geodesic(mesh(size), 3),
+    "patches": lambda size, path: voxflat.patches(mesh(size), bound=1.5),
+    "path": lambda size, path: voxflat.path(mesh(size), 0, 9),
+    "pial": lambda size, path: voxflat.surface(mesh(), pial=mesh(size)),
+    "ply": lambda size, path: voxflat.surface(ply(path, size)),
+}
+
+
+def ply(path, size):
+    points, faces = mesh(size)
+    rows = [" ".join(f"{x:.17g}" for x in point) for point in points] + [f"3 {a} {b} {c}" for a, b, c in faces]
+    kinds = "".join(f"property double {axis}\n" for axis in "xyz")
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{kinds}"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    (path / "m.ply").write_text(head + "\n".join(rows) + "\n")
+    return path / "m.ply"
+
+
+@pytest.mark.parametrize("size", BEYOND)
+@pytest.mark.parametrize("door", DOORS)
+def test_what_is_beyond_the_range_is_refused_at_every_door(tmp_path, door, size):
+    if door == "pial" and size < 1:
+        pytest.skip("midway it is half as large")
+    with pytest.raises(voxflat.InputError, match=r"mm") as refused:
+        DOORS[door](size, tmp_path)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("door", ["mesh", "spacing", "the paper's"])
+@pytest.mark.parametrize("size", [1e-9, 1e-6, 1e7])
+def test_within_the_range_maps_are_maps(tmp_path, door, size):
+    found = DOORS[door](size, tmp_path)
+    assert np.isfinite(found.uv).all()
+    assert found.distortion.raw.relative_error < 0.3
+    usual = DOORS[door](1.0, tmp_path)
+    assert np.ptp(found.uv) == pytest.approx(size * np.ptp(usual.uv), rel=0.1)
+
+
+def test_a_volume_whose_far_corner_lies_beyond_is_refused():
+    with pytest.raises(voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* beyond 1e9 mm"):
+        voxflat.flatten(SHEET, spacing=(2e8, 1e8, 1e8), sources=9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("span", [4, 9, 11])
+@pytest.mark.parametrize("largest", [8e5, 10.0])
+def test_fans_with_edges_of_all_lengths_are_mapped_without_folds_or_refused(span, largest):
+    rng = np.random.default_rng(span)
+    refused = 0
+    for _ in range(25):
+        points, faces = fan(rng, span, largest)
+        try:
+            triangles = voxflat.flatten((points, faces)).distortion.triangles
+        except voxflat.InputError as error:
+            refused += "edge" in str(error)
+            continue
+        assert (triangles.flipped, triangles.collapsed, triangles.covering, triangles.crossings) == (0, 0, 0, 0)
+    assert refused == 0 or span > 9
+
+
+def test_the_edges_that_are_too_short_are_named():
+    points, faces = mesh()
+    points[8] = points[7] + [1e-12, 1e-13, 2e-13]
+    with pytest.raises(voxflat.InputError, match=r"the edge of vertices 7 and 8 is 1\.\d+e-12 mm long"):
+        voxflat.surface((points, faces), repair="none")
+
+
+def test_json_holds_numbers_or_is_refused(tmp_path):
+    io.write_volume(tmp_path / "v.nii.gz", SHEET, np.diag([1e-8, 1e-8, 1e-8, 1]))
+    done = CliRunner().invoke(cli.main, ["check", str(tmp_path / "v.nii.gz"), "--label", "1", "--json"])
+    assert "NaN" not in done.output
+    assert "Infinity" not in done.output
