@@ -1,6 +1,7 @@
 """How time and memory grow with the size of the surface."""
 
 import anatomy
+import numpy as np
 from distances_tables import exponent, judged, table
 from maps_tables import made_by
 
@@ -46,3 +47,66 @@ def growth(options):
         note = f"CPU time grows with the vertices to the power of {power}."
     columns = ("voxels", "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", "steps", "converged")
     table("Growth: fsaverage5 white left, whole, with surface and cuts", columns, rows, note)
+
+
+MOST_OFF = 0.001
+"""Of lengths on the map of a developable sheet."""
+
+
+def sheets(options):
+    """Flatten rolled, waving sheets of irregular triangles, whose flat places are known."""
+    rows, sizes, times = [], [], []
+    for count in options.sheets:
+        true, points, faces = waving_sheet(count)
+        made = made_by(["voxflat"], {"points": points, "faces": faces}, options).get("voxflat")
+        if made is None:
+            continue
+        far = np.random.default_rng(0).integers(len(true), size=(2, 1_000_000))
+        off = lengths(made.places, far) / lengths(true, far) - 1
+        name = f"sheet of {len(true):,} vertices"
+        error = judged(100 * np.nanmean(np.abs(off)), ".4f", 100 * MOST_OFF, f"{name}, error %")
+        rows.append(
+            [
+                f"{len(true):,}",
+                f"{made.wall:.1f}",
+                f"{made.cpu:.1f}",
+                f"{1e6 * made.cpu / len(true):.0f}",
+                f"{made.peak:.2f}",
+                error,
+                str(len(made.descent["energies"])),
+            ]
+        )
+        sizes.append(len(true))
+        times.append(made.cpu)
+    note = ""
+    if len(sizes) > 1:
+        note = f"CPU time grows with the vertices to the power of {exponent(sizes, times):.2f}."
+    columns = ("vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", "error of a million distances, %", "steps")
+    table("Growth: a rolled, waving sheet of irregular triangles", columns, rows, note)
+
+
+def lengths(places, pairs):
+    """Return how far pairs of places lie from each other."""
+    return np.linalg.norm(places[pairs[0]] - places[pairs[1]], axis=1)
+
+
+def waving_sheet(count):
+    """Return about so many places in the plane, mm, where they are on a sheet that is bent one way, and faces."""
+    rng = np.random.default_rng(0)
+    side = round(np.sqrt(count / 1.5))
+    shape = (round(1.5 * side), side)
+    edge = 250.0 / shape[0]  # as long as a hemisphere's map
+    rows, columns = np.indices(shape)
+    true = edge * (np.stack([rows, columns], axis=2) + rng.uniform(-0.25, 0.25, (*shape, 2))).reshape(-1, 2)
+    along = np.linspace(true[:, 0].min(), true[:, 0].max(), 1_000_001)
+    turned = 1.5 * np.sin(along / 9) + along / 60  # the direction in which the sheet goes on
+    step = along[1] - along[0]
+    middle = (turned[1:] + turned[:-1]) / 2
+    x, z = (np.concatenate([[0.0], np.cumsum(step * turn(middle))]) for turn in (np.cos, np.sin))
+    points = np.stack([np.interp(true[:, 0], along, x), true[:, 1], np.interp(true[:, 0], along, z)], axis=1)
+    corner = (rows * side + columns)[:-1, :-1].ravel()
+    a, b, c, d = corner, corner + side, corner + side + 1, corner + 1
+    other = rng.random(len(corner)) < 0.5
+    first = np.stack([a, b, np.where(other, c, d)], axis=1)
+    second = np.stack([np.where(other, a, b), c, d], axis=1)
+    return true, points, np.concatenate([first, second]).astype(np.int64)
