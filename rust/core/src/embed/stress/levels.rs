@@ -34,8 +34,8 @@ const FOR_A_LANDMARK: usize = 3;
 pub const MOST_JUDGED: usize = 15_000;
 
 /// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
-/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces. 1,070 to 1,430 were measured.
-const VERTEX_BYTES: u64 = 1500;
+/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
+const VERTEX_BYTES: u64 = 1050;
 
 /// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
@@ -111,7 +111,7 @@ pub struct Convergence {
 
 /// A map (mm) of a disk that keeps the distances of rows among the vertices that are judged, and the shape of triangles, and folds
 /// nowhere. Where the rows' sources lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
-/// to 1, where far distances do; 0.5 is usual.
+/// to 1, where far distances do; 0.5 is usual. Coarser surfaces are dropped when they have served.
 ///
 /// # Errors
 /// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
@@ -135,15 +135,15 @@ pub struct Convergence {
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let mut levels = Levels::new(&sheet, &sources, &control)?;
 /// let rows = levels.measure(&graph, &control)?;
 /// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&levels, &rows, &start, 0.5, &control)?;
+/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
 /// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn flatten(
-    levels: &Levels,
+    levels: &mut Levels,
     rows: &DistanceRows,
     places: &[[f64; 2]],
     weighting: f64,
@@ -157,27 +157,34 @@ pub fn flatten(
 /// # Errors
 /// As [`flatten`].
 pub(crate) fn unfold(
-    levels: &Levels,
+    levels: &mut Levels,
     rows: &DistanceRows,
     places: &[[f64; 2]],
     dials: Dials,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let coarsest = levels.coarser.len();
+    let mut level = levels.prepare(coarsest, &pairs, control)?;
     let mut uv = Vec::new();
     let mut convergence = Convergence { energies: Vec::new(), converged: true };
-    for depth in (0..=levels.coarser.len()).rev() {
-        let level = levels.prepare(depth, &pairs, control)?;
-        if depth == levels.coarser.len() {
+    for depth in (0..=coarsest).rev() {
+        if depth == coarsest {
             control.begin("unfolding", 1);
-            let coarsest = levels.surface(depth);
-            let places = level.pairs.landmark_places(places, coarsest.len());
-            uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
+            let surface = levels.surface(depth);
+            let places = level.pairs.landmark_places(places, surface.len());
+            uv = tutte::spread(surface, &places, &level.triangles, &level.springs, control)?;
         } else {
             uv = levels.refine(depth, &uv, &level.outline, control)?;
+            levels.coarser.truncate(depth);
         }
         level.check_unfolded(&uv)?;
-        convergence = level.settle(&mut uv, depth == levels.coarser.len(), dials, STAGES[depth.min(1)], control)?;
+        // what the next finer level needs is made beside the descent on this one: much of it is the work of one thread
+        let (settled, finer) = rayon::join(
+            || level.settle(&mut uv, depth == coarsest, dials, STAGES[depth.min(1)], control),
+            || depth.checked_sub(1).map(|finer| levels.prepare(finer, &pairs, control)).transpose(),
+        );
+        (convergence, level) = (settled?, finer?.unwrap_or(level));
     }
     Ok((uv.into_iter().map(Into::into).collect(), convergence))
 }
