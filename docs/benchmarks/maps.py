@@ -27,6 +27,7 @@ SECTIONS = {
     "whole": maps_peers.whole,
     "mni152": maps_peers.mni152,
     "growth": maps_growth.growth,
+    "sheets": maps_growth.sheets,
     "pareto": maps_pareto.pareto,
     "sampling": maps_sampling.sampling,
     "developable": maps_known.developable,
@@ -47,6 +48,8 @@ def main():
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
     parser.add_argument("--whole", type=float, default=0.7, help="voxels of the whole hemisphere, mm")
     parser.add_argument("--whole-sources", type=int, default=100, help="that maps of whole hemispheres are judged from")
+    sheets = [30_000, 300_000, 900_000]
+    parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
     parser.add_argument("--spacings", nargs="+", type=float, default=[2.3, 1.35, 1.0, 0.7, 0.6], help="of growth, mm")
     parser.add_argument("--weightings", type=int, default=9, help="from local to global")
     parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")

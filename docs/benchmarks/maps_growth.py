@@ -1,30 +1,62 @@
 """How time and memory grow with the size of the surface."""
 
 import anatomy
+import numpy as np
 from distances_tables import exponent, judged, table
 from maps_tables import made_by
 
-STEEPEST = 1.2
-"""Of CPU time, as a power of the vertices."""
+STEEPEST = 1.05
+"""Of CPU time and memory, as a power of the vertices."""
 
-BOUNDS = {30_000: (10.0, None), 150_000: (60.0, 2.0)}
+BOUNDS = {30_000: (10.0, None), 150_000: (20.0, 0.7), 890_000: (100.0, 2.5), 3_000_000: (480.0, 8.0)}
 """By the vertices that a surface has about: the most wall time, s, on 2 cores, and memory, GiB."""
 
 NEAR = 0.15
 """A surface has about so many vertices if it has this share more or less."""
 
 
+SAID = "of which taken, and said before"
+"""Memory that a map takes beside packages and input."""
+
+NEAR_SAID = 0.2
+"""Part by which the memory that is said before the start may differ from what is taken."""
+
+
+def said(made, name):
+    """Return the memory that a map took and what was said of it, GiB, and note it if they are not near each other."""
+    off = judged(100 * abs(made.need / made.taken - 1), ".0f", 100 * NEAR_SAID, f"{name}, memory said is off by %")
+    return f"{made.taken:.2f}, {made.need:.2f}, off by % {off}"
+
+
+def bounds(size):
+    """Return the most wall time and memory of a surface of so many vertices, None where nothing is asked."""
+    return next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
+
+
+def powers(sizes, costs):
+    """Say how CPU time and memory, packages and input left out, grow from size to size."""
+    if len(sizes) < 2:
+        return ""
+    names = ("CPU time", "memory")
+    told = [exponent(sizes, cost) for cost in zip(*costs, strict=True)]
+    told = [
+        judged(power, ".2f", STEEPEST, f"growth of the {name}, power of the vertices")
+        for power, name in zip(told, names, strict=True)
+    ]
+    return f"With the vertices, {names[0]} grows to the power of {told[0]}, {names[1]} to that of {told[1]}."
+
+
 def growth(options):
     """Flatten whole hemispheres of voxels, from coarse to fine."""
     hemisphere = anatomy.fsaverage5("left")
-    rows, sizes, times = [], [], []
+    rows, sizes, costs = [], [], []
     for spacing in options.spacings:
         labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
         made = made_by(["voxflat"], {"labels": labels, "affine": affine}, options).get("voxflat")
         if made is None:
             continue
         size = len(made.places)
-        wall, peak = next((most for near, most in BOUNDS.items() if abs(size / near - 1) < NEAR), (None, None))
+        wall, peak = bounds(size)
         named = f"whole hemisphere, {size:,} vertices"
         rows.append(
             [
@@ -34,15 +66,86 @@ def growth(options):
                 f"{made.cpu:.1f}",
                 f"{1e6 * made.cpu / size:.0f}",
                 judged(made.peak, ".2f", peak, f"{named}, GiB"),
+                said(made, named),
                 str(len(made.descent["energies"])),
                 "yes" if made.descent["converged"] else "no",
             ]
         )
         sizes.append(size)
-        times.append(made.cpu)
-    note = ""
-    if len(sizes) > 1:
-        power = judged(exponent(sizes, times), ".2f", STEEPEST, "growth of the CPU time, power of the vertices")
-        note = f"CPU time grows with the vertices to the power of {power}."
-    columns = ("voxels", "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", "steps", "converged")
+        costs.append((made.cpu, made.taken))
+    note = powers(sizes, costs)
+    columns = ("voxels", "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", SAID, "steps", "converged")
     table("Growth: fsaverage5 white left, whole, with surface and cuts", columns, rows, note)
+
+
+MOST_OFF = 0.001
+"""Of lengths on the map of a developable sheet."""
+
+
+def sheets(options):
+    """Flatten rolled, waving sheets of irregular triangles, whose flat places are known."""
+    rows, sizes, costs = [], [], []
+    for count in options.sheets:
+        true, points, faces = waving_sheet(count)
+        made = made_by(["voxflat"], {"points": points, "faces": faces}, options).get("voxflat")
+        if made is None:
+            continue
+        far = np.random.default_rng(0).integers(len(true), size=(2, 1_000_000))
+        far = far[:, far[0] != far[1]]
+        off = lengths(made.places, far) / lengths(true, far) - 1
+        wall, peak = bounds(len(true))
+        name = f"sheet of {len(true):,} vertices"
+        error = judged(100 * np.mean(np.abs(off)), ".4f", 100 * MOST_OFF, f"{name}, error %")
+        rows.append(
+            [
+                f"{len(true):,}",
+                judged(made.wall, ".1f", wall, f"{name}, wall s"),
+                f"{made.cpu:.1f}",
+                f"{1e6 * made.cpu / len(true):.0f}",
+                judged(made.peak, ".2f", peak, f"{name}, GiB"),
+                said(made, name),
+                error,
+                str(len(made.descent["energies"])),
+            ]
+        )
+        sizes.append(len(true))
+        costs.append((made.cpu, made.taken))
+    note = powers(sizes, costs)
+    columns = (
+        "vertices",
+        "wall s",
+        "CPU s",
+        "CPU µs a vertex",
+        "GiB",
+        SAID,
+        "error of a million distances, %",
+        "steps",
+    )
+    table("Growth: a rolled, waving sheet of irregular triangles", columns, rows, note)
+
+
+def lengths(places, pairs):
+    """Return how far pairs of places lie from each other."""
+    return np.linalg.norm(places[pairs[0]] - places[pairs[1]], axis=1)
+
+
+def waving_sheet(count):
+    """Return about so many places in the plane, mm, where they are on a sheet that is bent one way, and faces."""
+    rng = np.random.default_rng(0)
+    side = round(np.sqrt(count / 1.5))
+    shape = (round(1.5 * side), side)
+    edge = 250.0 / shape[0]  # as long as a hemisphere's map
+    rows, columns = np.indices(shape)
+    true = edge * (np.stack([rows, columns], axis=2) + rng.uniform(-0.25, 0.25, (*shape, 2))).reshape(-1, 2)
+    along = np.linspace(true[:, 0].min(), true[:, 0].max(), 1_000_001)
+    turned = 1.5 * np.sin(along / 9) + along / 60  # the direction in which the sheet goes on
+    step = along[1] - along[0]
+    middle = (turned[1:] + turned[:-1]) / 2
+    x, z = (np.concatenate([[0.0], np.cumsum(step * turn(middle))]) for turn in (np.cos, np.sin))
+    points = np.stack([np.interp(true[:, 0], along, x), true[:, 1], np.interp(true[:, 0], along, z)], axis=1)
+    corner = (rows * side + columns)[:-1, :-1].ravel()
+    a, b, c, d = corner, corner + side, corner + side + 1, corner + 1
+    other = rng.random(len(corner)) < 0.5
+    first = np.stack([a, b, np.where(other, c, d)], axis=1)
+    second = np.stack([np.where(other, a, b), c, d], axis=1)
+    return true, points, np.concatenate([first, second]).astype(np.int64)

@@ -42,6 +42,10 @@ class Made:
         Without reading the input and importing packages, s.
     peak : float
         Memory of the process at its peak, packages included, GiB.
+    taken : float
+        The same without what it had before the first step, packages and input, GiB.
+    need : float
+        What voxflat says before the start that it needs at most, GiB.
     descent : dict
         voxflat's ``metadata["descent"]``.
     """
@@ -52,6 +56,8 @@ class Made:
     wall: float = np.nan
     cpu: float = np.nan
     peak: float = np.nan
+    taken: float = np.nan
+    need: float = np.nan
     descent: dict = field(default_factory=dict)
 
 
@@ -97,8 +103,8 @@ def make(maker, job, limit=3600.0, keep=None):
                 raise NoMapError(done.stderr.strip().splitlines()[-1] if done.stderr else f"ended {done.returncode}")
         with np.load(made) as found:
             arrays = {name: found[name] for name in ("places", "points", "faces")}
-            costs = {name: float(found[name]) for name in ("wall", "cpu", "peak")}
-            return Made(**arrays, **costs, descent=json.loads(str(found["descent"])))
+            costs = {name: float(found[name]) for name in ("wall", "cpu", "peak", "taken")}
+            return Made(**arrays, **costs, **json.loads(str(found["told"])))
 
 
 def _key(job):
@@ -113,7 +119,7 @@ def _key(job):
 
 
 def voxflat_map(job, options):
-    """Return a map of the default method, the surface as it was cut, and how descent went."""
+    """Return a map of the default method, the surface as it was cut, the memory that was said, and how descent went."""
     import voxflat
 
     if "labels" in job:
@@ -121,7 +127,8 @@ def voxflat_map(job, options):
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
     made = voxflat.flatten(surface, **{"relax": False, **options})  # the cuts are given
-    return made.uv, made.points, made.faces, made.metadata.get("descent", {})
+    told = {"need": made.metadata["memory_need_bytes"] / GIB, "descent": made.metadata.get("descent", {})}
+    return made.uv, made.points, made.faces, told
 
 
 def arap(job, options):
@@ -240,16 +247,16 @@ def main():
     options = json.loads(str(job.pop("options")))
     for package in IMPORTS[maker]:
         __import__(package)
-    start = time.perf_counter(), _cpu()
+    start, before = (time.perf_counter(), _cpu()), _memory("VmRSS")
     try:
-        places, points, faces, descent = MAKERS[maker](job, options)
+        places, points, faces, told = MAKERS[maker](job, options)
     except NoMapError as error:
         sys.exit(str(error))
     wall, cpu = time.perf_counter() - start[0], _cpu() - start[1]
     if not np.isfinite(places).all():
         sys.exit("places that are not finite")
-    costs = {"wall": wall, "cpu": cpu, "peak": _peak() / GIB, "descent": json.dumps(descent)}
-    np.savez(made, places=places, points=points, faces=faces, **costs)
+    costs = {"wall": wall, "cpu": cpu, "peak": _peak() / GIB, "taken": (_peak() - before) / GIB}
+    np.savez(made, places=places, points=points, faces=faces, told=json.dumps(told), **costs)
 
 
 def _cpu():
@@ -262,12 +269,16 @@ def _peak():
 
     What Linux calls `ru_maxrss` begins with the memory of the process that started this one.
     """
-    own = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return max(_memory("VmHWM"), 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+
+
+def _memory(name):
+    """Return a figure of this process' memory as Linux calls it, bytes; elsewhere the greatest there was."""
     status = Path("/proc/self/status")
-    if status.exists():
-        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        own = 1024 * int(line.split()[1])
-    return max(own, 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+    if not status.exists():
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    (line,) = (line for line in status.read_text().splitlines() if line.startswith(name))
+    return 1024 * int(line.split()[1])
 
 
 if __name__ == "__main__":

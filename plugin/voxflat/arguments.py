@@ -171,7 +171,8 @@ def refuse(method: str, **options: object) -> None:
 # ------------------------------------------------------------------------------------------- memory
 
 
-_ARENA_MAX = -8  # of glibc's malloc.h
+_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of glibc's malloc.h
+_LARGE_ARRAY = 1 << 20
 _THREADS_ADDRESSES = 48 << 20  # that threads to come take for their stacks
 
 _CGROUPS = Path("/sys/fs/cgroup")
@@ -193,6 +194,17 @@ def _free_addresses() -> float:
         return math.inf
     _share_one_heap()
     return limit - process.memory_info().vms - _THREADS_ADDRESSES
+
+
+@lru_cache(maxsize=1)
+def give_back_memory() -> None:
+    """Let what large arrays took go back to the system at once.
+
+    glibc keeps what arrays up to 32 MiB took for the next ones, which are of other sizes: a third of all, in a map of
+    100,000 vertices.
+    """
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE_ARRAY)
 
 
 @lru_cache(maxsize=1)

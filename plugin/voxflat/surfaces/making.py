@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from voxflat.arguments import Progress, checked_threads, shown
+from voxflat.arguments import Progress, checked_threads, give_back_memory, shown
 from voxflat.errors import InputError
 from voxflat.io.provenance import telling
 from voxflat.surfaces.foreground import foreground_of
@@ -87,6 +87,7 @@ def surface(
     """
     _check_repair(repair)
     threads = checked_threads(threads)
+    give_back_memory()
     if isinstance(source, Surface):
         made = source
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)

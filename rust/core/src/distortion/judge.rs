@@ -10,21 +10,21 @@ use crate::sources;
 /// Reference sources from which the distortion is measured.
 pub const REFERENCE_SOURCES: usize = 200;
 
-/// Memory in bytes that rows from the reference sources take at most.
+/// Memory in bytes that rows from reference sources take at most where several maps are judged beside each other.
 pub const KEPT_BYTES: u64 = 256 << 20;
 
 /// The memory in bytes that judging a map of so many points by [`REFERENCE_SOURCES`] needs at most: rows of four bytes a point,
-/// as many as may be kept but no fewer than one, and what is made of them.
+/// and what is made of them.
 ///
 /// # Examples
 /// ```
-/// use voxflat::distortion::judge::{KEPT_BYTES, memory_need};
+/// use voxflat::distortion::judge::memory_need;
 ///
-/// assert!(memory_need(10_000_000) < 2 * KEPT_BYTES); // however large the surface is
+/// assert!(memory_need(1_000_000) > 800_000_000);
 /// ```
 pub fn memory_need(points: usize) -> u64 {
-    let rows = 4 * points as u64 * points.min(REFERENCE_SOURCES) as u64;
-    rows.min(KEPT_BYTES.max(4 * points as u64)) + WORK_BYTES
+    let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
+    (rows + of_points) * points as u64 + WORK_BYTES
 }
 
 /// What a map does to the distances from `count` random reference sources.
@@ -48,7 +48,7 @@ pub fn memory_need(points: usize) -> u64 {
 /// ```
 pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
-    Ok(judge_all(solver, &[uv], &reference, KEPT_BYTES, seed, control)?.remove(0))
+    Ok(judge_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
 }
 
 /// Random reference sources, other ones than a map of the same seed has.

@@ -162,22 +162,22 @@ impl Block<'_> {
         &self.data[n * self.columns..(n + 1) * self.columns]
     }
 
-    /// One value a source, in parallel, in the order of the sources: of the (δ, d) of all its pairs with others.
-    fn each_source<T: Send>(
-        &self,
-        uv: &[[f64; 2]],
-        control: &Control,
-        value: impl Fn(&mut dyn Iterator<Item = (f64, f64)>) -> T + Sync,
-    ) -> Result<Vec<T>> {
-        let of_source = |n| {
-            control.check()?;
-            let source = self.sources[n] as usize;
-            let pairs = self.row(n).iter().zip(uv).enumerate();
-            let pairs = pairs.filter(|&(point, (&delta, _))| point != source && delta != 0.0);
-            let mut pairs = pairs.map(|(_, (&delta, &place))| (f64::from(delta), apart(uv[source], place)));
-            Ok(value(&mut pairs))
-        };
+    /// One value a source, in parallel, in the order of the sources, by its number among these.
+    fn each_source<T: Send>(&self, control: &Control, value: impl Fn(usize) -> T + Sync) -> Result<Vec<T>> {
+        let of_source = |n| control.check().map(|()| value(n));
         (0..self.sources.len()).into_par_iter().map(of_source).collect()
+    }
+
+    /// Visits the (δ, d) of all pairs of the n-th source with others.
+    #[inline]
+    fn pairs(&self, n: usize, uv: &[[f64; 2]], mut visit: impl FnMut(f64, f64)) {
+        let source = self.sources[n] as usize;
+        let from = uv[source];
+        for (point, (&delta, &place)) in self.row(n).iter().zip(uv).enumerate() {
+            if point != source && delta != 0.0 {
+                visit(f64::from(delta), apart(from, place));
+            }
+        }
     }
 }
 
@@ -223,18 +223,20 @@ impl<'a> Judged<'a> {
     /// Begins to count ratios around those of the first source.
     fn begin_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
         if block.first == 0 && !block.sources.is_empty() {
-            let first = Block { sources: &block.sources[..1], ..*block };
-            self.ratios = first.each_source(self.uv, control, |pairs| Ratios::around_median(pairs))?.remove(0);
+            control.check()?;
+            let mut first = Vec::with_capacity(block.columns);
+            block.pairs(0, self.uv, |delta, d| first.push((delta, d)));
+            self.ratios = Ratios::around_median(first.into_iter());
         }
         Ok(())
     }
 
     fn take_raw(&mut self, block: &Block, control: &Control) -> Result<()> {
         self.begin_ratios(block, control)?;
-        let ratios = &self.ratios;
-        let sums = block.each_source(self.uv, control, |pairs| {
+        let (uv, ratios) = (self.uv, &self.ratios);
+        let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
-            pairs.for_each(|(delta, d)| {
+            block.pairs(n, uv, |delta, d| {
                 sums.add(delta, d);
                 ratios.add(delta, d);
             });
@@ -292,16 +294,16 @@ impl<'a> Judged<'a> {
 
     fn take_ratios(&mut self, block: &Block, control: &Control) -> Result<()> {
         if self.scale.is_none() {
-            block.each_source(self.uv, control, |pairs| pairs.for_each(|(delta, d)| self.ratios.add(delta, d)))?;
+            block.each_source(control, |n| block.pairs(n, self.uv, |delta, d| self.ratios.add(delta, d)))?;
         }
         Ok(())
     }
 
     fn take_best(&mut self, block: &Block, control: &Control) -> Result<()> {
-        let scale = self.scale.unwrap_or(f64::NAN);
-        let sums = block.each_source(self.uv, control, |pairs| {
+        let (uv, scale) = (self.uv, self.scale.unwrap_or(f64::NAN));
+        let sums = block.each_source(control, |n| {
             let mut sums = Sums::default();
-            pairs.for_each(|(delta, d)| sums.add(delta, scale * d));
+            block.pairs(n, uv, |delta, d| sums.add(delta, scale * d));
             sums
         })?;
         self.best.extend(sums);

@@ -43,7 +43,7 @@ impl Ratios {
     }
 
     /// An empty histogram around the median of some pairs (δ, d).
-    pub fn around_median(pairs: &mut dyn Iterator<Item = (f64, f64)>) -> Self {
+    pub fn around_median(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
         let mut ratios: Vec<f64> = pairs.filter(|&(_, d)| d > 0.0).map(|(delta, d)| delta / d).collect();
         ratios.sort_unstable_by(f64::total_cmp);
         let half = 0.5 * ratios.iter().map(|ratio| ratio.recip()).sum::<f64>();
@@ -102,7 +102,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn median(pairs: &[(f64, f64)], first: usize) -> f64 {
-        let mut ratios = Ratios::around_median(&mut pairs[..first].iter().copied());
+        let mut ratios = Ratios::around_median(pairs[..first].iter().copied());
         for _ in 0..200 {
             pairs.iter().for_each(|&(delta, d)| ratios.add(delta, d));
             match ratios.median() {

@@ -35,8 +35,7 @@ impl FlatMap {
 }
 
 /// What is needed whatever the size, bytes: threads, buffers, the allocator's reserve.
-pub(super) const BASE_BYTES: u64 = 16 << 20;
+pub(super) const BASE_BYTES: u64 = 24 << 20;
 
-/// What Python makes of a vertex, bytes: its arrays of the surface, whole and as it is cut, and of the map; 450 to 650 were measured
-/// before the first stage.
-pub(super) const PYTHON_BYTES: u64 = 600;
+/// What Python makes of a vertex, bytes: its arrays of the surface, whole and as it is cut, and of the map (docs/decisions/0034).
+pub(super) const PYTHON_BYTES: u64 = 450;

@@ -47,7 +47,7 @@ use crate::surface::Surface;
 /// ```
 #[expect(clippy::too_many_arguments)]
 pub fn voxflat(
-    levels: Levels,
+    mut levels: Levels,
     rows: DistanceRows,
     weighting: f64,
     start: Option<Start>,
@@ -68,8 +68,8 @@ pub fn voxflat(
     control.check()?;
     drop(among);
     let (mut uv, convergence) = match start {
-        Some(start) => levels::flatten_from(&levels, &rows, start, weighting, control)?,
-        None => levels::flatten(&levels, &rows, &scaling.places, weighting, control)?,
+        Some(start) => levels::flatten_from(&mut levels, &rows, start, weighting, control)?,
+        None => levels::flatten(&mut levels, &rows, &scaling.places, weighting, control)?,
     };
     let convergence = Some(convergence);
     let factor = match scale {
@@ -116,7 +116,13 @@ pub enum AfterPlacing {
     Stored,
 }
 
-/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices.
+/// What exact distances from a few sources take of a vertex, bytes: the faces laid flat, and what each thread knows of vertices and
+/// edges. Distances along links are compared with them before the map is made.
+const FLAT_FACES_BYTES: u64 = 260;
+const WAVE_BYTES: u64 = 160;
+
+/// The memory in bytes that [`voxflat`] needs at most beside the surface's input, for a surface of `points` vertices: what stays all the
+/// time, and the most that one of the stages takes, the links' making, the comparison with exact distances, rows, descent, and judging.
 ///
 /// # Examples
 /// ```
@@ -127,18 +133,18 @@ pub enum AfterPlacing {
 /// assert!(dropped < kept && stored < kept);
 /// ```
 pub fn memory_need(points: usize, sources: usize, threads: usize, rows: AfterPlacing) -> u64 {
-    let searches = threads as u64 * BundleScratch::memory_need(points);
-    let rows = match rows {
-        AfterPlacing::Dropped => searches,
-        AfterPlacing::Kept => searches + 4 * points as u64 * sources as u64,
-        AfterPlacing::Stored => searches.max(store::memory_need(points, sources, threads)),
-    };
-    // of what a stage needed the system's allocator keeps about half for the next, which is why stages are summed up
-    let stages =
-        rows + classical::memory_need(sources) + levels::memory_need(points, sources) + judge::memory_need(points) / 2;
+    let (vertices, workers) = (points as u64, threads as u64);
+    let searches = workers * BundleScratch::memory_need(points);
+    let kept = if rows == AfterPlacing::Kept { 4 * vertices * sources as u64 } else { 0 };
+    let storing = if rows == AfterPlacing::Stored { store::memory_need(points, sources, threads) } else { 0 };
+    let comparing = (FLAT_FACES_BYTES + workers * WAVE_BYTES) * vertices;
+    let descent = kept + classical::memory_need(sources) + levels::memory_need(points, sources);
+    let judging = kept + searches + judge::memory_need(points);
+    let measuring = kept + searches.max(storing);
+    let stages = [comparing, measuring, descent, judging].into_iter().max().unwrap_or(0);
     BASE_BYTES
         + Surface::memory_need(points)
         + FlatMap::memory_need(points)
-        + PYTHON_BYTES * points as u64
+        + PYTHON_BYTES * vertices
         + GeodesicGraph::memory_need(points).max(GeodesicGraph::size(points) + stages)
 }

@@ -9,19 +9,31 @@
 mod needed;
 mod view;
 
+use rayon::prelude::*;
+
 use crate::adjacency::{Arc, Links};
 use crate::control::Control;
 use crate::error::Result;
 use crate::surface::mesh::Surface;
+use needed::Needed;
 use view::View;
 pub(super) use view::{Beyond, Outgoing, outgoing, unfold};
 
-/// How many edges a link may cross, and in how many rounds links are found, shorter ones first (docs/decisions/0007). Fewer
-/// edges and more rounds save memory on large surfaces; in each round lines are unfolded anew.
-fn edges_and_rounds(vertices: usize) -> [u32; 2] {
+/// Links that one task measures.
+const BATCH: usize = 1 << 16;
+
+/// Links are judged in so many layers, shorter ones first: what the links of one replace is not judged any more.
+const LAYERS: usize = 8;
+
+/// They are found in two rounds, of so many layers and of the rest; in each, lines are unfolded anew. In one round all lines would be
+/// held, and take twice as much memory as the links.
+const FIRST_LAYERS: usize = 3;
+
+/// How many edges a link may cross (docs/decisions/0007). Fewer save memory and time on large surfaces.
+fn edges_crossed(vertices: usize) -> u32 {
     match vertices {
-        0..=500_000 => [11, 2],
-        _ => [7, 4],
+        0..=500_000 => 11,
+        _ => 7,
     }
 }
 
@@ -52,16 +64,14 @@ pub struct GeodesicGraph {
 
 impl GeodesicGraph {
     /// The memory in bytes that the graph of so many vertices needs at most, which is while its links are found: somewhat more
-    /// than was measured, 1840 a vertex for eleven edges in two rounds, 1350 for seven in four (docs/decisions/0007).
+    /// than was measured (docs/decisions/0034).
     pub fn memory_need(vertices: usize) -> u64 {
-        let [_, rounds] = edges_and_rounds(vertices);
-        vertices as u64 * if rounds == 2 { 2000 } else { 1400 }
+        vertices as u64 * if edges_crossed(vertices) == 11 { 1600 } else { 1000 }
     }
 
     /// The memory in bytes that it takes when it is done, at most: of some 94 links a vertex, or 50.
     pub fn size(vertices: usize) -> u64 {
-        let [_, rounds] = edges_and_rounds(vertices);
-        vertices as u64 * if rounds == 2 { 900 } else { 500 }
+        vertices as u64 * if edges_crossed(vertices) == 11 { 760 } else { 410 }
     }
 
     /// The graph of a surface.
@@ -69,31 +79,34 @@ impl GeodesicGraph {
     /// # Errors
     /// [`Error::TooManyLinks`](crate::Error::TooManyLinks), [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        let [crossed, rounds] = edges_and_rounds(surface.len());
-        Self::in_rounds(surface, crossed, rounds, control)
+        Self::in_rounds(surface, edges_crossed(surface.len()), &[FIRST_LAYERS, LAYERS - FIRST_LAYERS], control)
     }
 
     /// The graph whose links cross up to so few edges that they need not be found in rounds.
     pub(crate) fn crossing(surface: &Surface, crossed: u32, control: &Control) -> Result<Self> {
-        Self::in_rounds(surface, crossed, 1, control)
+        Self::in_rounds(surface, crossed, &[FIRST_LAYERS], control)
     }
 
-    fn in_rounds(surface: &Surface, crossed: u32, rounds: u32, control: &Control) -> Result<Self> {
-        control.begin("joining neighbours", u64::from(rounds) * surface.len() as u64);
+    /// The graph whose links are found in rounds of so many layers each.
+    fn in_rounds(surface: &Surface, crossed: u32, rounds: &[usize], control: &Control) -> Result<Self> {
+        control.begin("joining neighbours", (rounds.len() * surface.len()) as u64);
         let view = View::new(surface, crossed);
-        let mut graph = Self::from_rows(vec![0; surface.len() + 1], Vec::new());
-        for lengths in view.rounds(rounds as usize).windows(2) {
-            let found = graph.lacks(&view, [lengths[0], lengths[1]], control)?;
-            graph = graph.with_needed(found, control)?;
+        let mut needed = Needed::new(surface.len());
+        let lengths = view.layers(rounds.iter().sum());
+        let mut first = 0;
+        for layers in rounds {
+            needed.add(&view, &lengths[first..=first + layers], control)?;
+            first += layers;
         }
-        Ok(graph)
+        drop(view);
+        needed.joined()
     }
 
     fn from_rows(starts: Vec<u32>, arcs: Vec<Arc>) -> Self {
         let most_links = starts.windows(2).map(|row| row[1] - row[0]).max().unwrap_or(0) as usize;
-        let lengths = || arcs.iter().map(|arc| arc.length);
-        let longest = lengths().fold(0.0, f32::max);
-        let extremes = [lengths().fold(longest, f32::min), longest];
+        let lengths = || arcs.par_iter().with_min_len(BATCH).map(|arc| arc.length);
+        let longest = lengths().reduce(|| 0.0, f32::max);
+        let extremes = [lengths().reduce(|| longest, f32::min), longest];
         Self { starts, arcs, most_links, extremes }
     }
 
@@ -201,13 +214,13 @@ mod tests {
     }
 
     #[test]
-    fn links_are_the_same_in_any_number_of_rounds() {
+    fn links_are_the_same_in_any_number_of_rounds_and_layers() {
         for shape in [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)] {
             let surface = shapes::surface(shape);
-            let graph = |rounds| GeodesicGraph::in_rounds(&surface, 9, rounds, &Control::default()).unwrap();
-            let once = graph(1);
+            let graph = |rounds: &[usize]| GeodesicGraph::in_rounds(&surface, 9, rounds, &Control::default()).unwrap();
+            let once = graph(&[1]);
             assert!(once.links() > 20 * surface.len());
-            for rounds in [2, 3, 7] {
+            for rounds in [&[3, 5][..], &[8], &[1, 1, 1], &[2; 7]] {
                 assert_eq!((graph(rounds).starts, graph(rounds).arcs), (once.starts.clone(), once.arcs.clone()));
             }
         }
@@ -217,11 +230,11 @@ mod tests {
     fn every_line_that_is_dropped_is_replaced() {
         let surface = shapes::surface(shapes::torus(24, 13));
         let graph = GeodesicGraph::new(&surface, &Control::default()).unwrap();
-        let view = View::new(&surface, edges_and_rounds(surface.len())[0]);
-        let (mut seen, mut dropped) = (Vec::new(), 0);
+        let view = View::new(&surface, edges_crossed(surface.len()));
+        let (mut seen, mut dropped) = (view::Seen::default(), 0);
         for vertex in 0..surface.len() as u32 {
             view.from(vertex, [0.0, f32::INFINITY], &mut seen);
-            for line in seen.iter().filter(|line| graph.arcs(vertex).all(|arc| arc.to != line.to)) {
+            for line in seen.lines.iter().filter(|line| graph.arcs(vertex).all(|arc| arc.to != line.to)) {
                 let length = |a: u32, b: u32| graph.arcs(a).find(|arc| arc.to == b).map(|arc| arc.length);
                 let through = |arc: Arc| {
                     length(arc.to, line.to).is_some_and(|next| arc.length + next <= needed::DETOUR * line.length)

@@ -114,7 +114,7 @@ impl<'a> Marching<'a> {
         if self.wave == Wave::Circle {
             let leaves = |h: &u32| self.surface.origin(*h) == source;
             for half_edge in (0..self.surface.twins().len() as u32).filter(leaves) {
-                unfold(self.surface, half_edge, SEEN, f32::INFINITY, |h| Beyond::of(self.surface, h), &mut seen);
+                unfold(self.surface, half_edge, SEEN, 0, f32::INFINITY, |h| Beyond::of(self.surface, h), &mut seen);
             }
         }
         seen

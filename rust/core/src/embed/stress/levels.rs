@@ -36,8 +36,8 @@ const FOR_A_LANDMARK: usize = 3;
 pub const MOST_JUDGED: usize = 15_000;
 
 /// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
-/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces. 1,070 to 1,430 were measured.
-const VERTEX_BYTES: u64 = 1500;
+/// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
+const VERTEX_BYTES: u64 = 1050;
 
 /// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
@@ -117,7 +117,7 @@ pub struct Convergence {
 
 /// A map (mm) of a disk that keeps the distances of rows among the vertices that are judged, and the shape of triangles, and folds
 /// nowhere. Where the rows' sources lie by classical scaling says how to begin. `weighting` leads from 0, where near distances and the triangles' shape count most,
-/// to 1, where far distances do; 0.5 is usual.
+/// to 1, where far distances do; 0.5 is usual. Coarser surfaces are dropped when they have served.
 ///
 /// # Errors
 /// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
@@ -141,15 +141,15 @@ pub struct Convergence {
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let mut levels = Levels::new(&sheet, &sources, &control)?;
 /// let rows = levels.measure(&graph, &control)?;
 /// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&levels, &rows, &start, 0.5, &control)?;
+/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
 /// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn flatten(
-    levels: &Levels,
+    levels: &mut Levels,
     rows: &DistanceRows,
     places: &[[f64; 2]],
     weighting: f64,
@@ -163,7 +163,7 @@ pub fn flatten(
 /// # Errors
 /// As [`flatten`].
 pub(crate) fn unfold(
-    levels: &Levels,
+    levels: &mut Levels,
     rows: &DistanceRows,
     places: &[[f64; 2]],
     dials: Dials,
@@ -171,18 +171,16 @@ pub(crate) fn unfold(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let depth = levels.coarser.len();
-    let mut uv;
-    let convergence;
-    {
-        let level = levels.prepare(depth, &pairs, control)?;
-        control.begin("unfolding", 1);
-        let coarsest = levels.surface(depth);
-        let places = level.pairs.landmark_places(places, coarsest.len());
-        uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
-        level.check_unfolded(&uv)?;
-        convergence = level.settle_first(&mut uv, dials, stage(depth), control)?;
-    }
-    levels.refined(depth, uv, convergence, &pairs, dials, control)
+    let level = levels.prepare(depth, &pairs, control)?;
+    control.begin("unfolding", 1);
+    let coarsest = levels.surface(depth);
+    let places = level.pairs.landmark_places(places, coarsest.len());
+    let mut uv = tutte::spread(coarsest, &places, &level.triangles, &level.springs, control)?;
+    level.check_unfolded(&uv)?;
+    let settle = || level.settle_first(&mut uv, dials, stage(depth), control);
+    let (convergence, finer) = levels.beside(depth, settle, &pairs, control)?;
+    drop(level);
+    levels.refined(uv, convergence, finer, &pairs, dials, control)
 }
 
 /// A map that is known already.
@@ -218,16 +216,16 @@ pub struct Start<'a> {
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let levels = Levels::new(&sheet, &sources, &control)?;
+/// let mut levels = Levels::new(&sheet, &sources, &control)?;
 /// let rows = levels.measure(&graph, &control)?;
 /// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
-/// let (uv, found) = flatten_from(&levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
+/// let (uv, found) = flatten_from(&mut levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
 /// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
 /// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
 pub fn flatten_from(
-    levels: &Levels,
+    levels: &mut Levels,
     rows: &DistanceRows,
     start: Start,
     weighting: f64,
@@ -246,9 +244,11 @@ pub fn flatten_from(
                 first.get_or_insert(fault);
             }
             None => {
-                let convergence = level.settle_again(&mut uv, dials, stage(depth), control)?;
+                let settle = || level.settle_again(&mut uv, dials, stage(depth), control);
+                let (convergence, finer) = levels.beside(depth, settle, &pairs, control)?;
                 drop(level);
-                return levels.refined(depth, uv, convergence, &pairs, dials, control);
+                levels.coarser.truncate(depth);
+                return levels.refined(uv, convergence, finer, &pairs, dials, control);
             }
         }
     }
@@ -397,21 +397,37 @@ impl<'a> Levels<'a> {
         Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
     }
 
-    /// The map of the finest level from that of another one, and how descent went there.
-    fn refined(
+    /// Descent on a level, and beside it what the next finer one needs, of which much is the work of one thread.
+    fn beside(
         &self,
         depth: usize,
+        settle: impl FnOnce() -> Result<Convergence> + Send,
+        pairs: &Pairs,
+        control: &Control,
+    ) -> Result<(Convergence, Option<Level>)> {
+        let prepare = || depth.checked_sub(1).map(|finer| self.prepare(finer, pairs, control)).transpose();
+        let (settled, finer) = rayon::join(settle, prepare);
+        Ok((settled?, finer?))
+    }
+
+    /// The map of the finest level from that of the coarsest that is left, and how descent went there. Levels are dropped when they
+    /// have served.
+    fn refined(
+        &mut self,
         mut uv: Vec<Vector2<f64>>,
         mut convergence: Convergence,
+        mut finer: Option<Level>,
         pairs: &Pairs,
         dials: Dials,
         control: &Control,
     ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-        for depth in (0..depth).rev() {
-            let level = self.prepare(depth, pairs, control)?;
+        while let Some(level) = finer {
+            let depth = self.coarser.len() - 1;
             uv = self.refine(depth, &uv, &level.outline, control)?;
+            self.coarser.truncate(depth);
             level.check_unfolded(&uv)?;
-            convergence = level.settle(&mut uv, dials, stage(depth), control)?;
+            let settle = || level.settle(&mut uv, dials, stage(depth), control);
+            (convergence, finer) = self.beside(depth, settle, pairs, control)?;
         }
         Ok((uv.into_iter().map(Into::into).collect(), convergence))
     }

@@ -10,6 +10,7 @@ use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, Mat};
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -45,7 +46,7 @@ impl Springs {
         let mut entries: Vec<(u32, u32)> =
             triangles.iter().flat_map(|&corners| ends(corners)).filter(is_free).collect();
         entries.extend((0..vertices as u32).map(|vertex| (vertex, vertex)));
-        entries.sort_unstable();
+        entries.par_sort_unstable();
         entries.dedup();
         control.check()?;
         if entries.len() >= HELD as usize {

@@ -337,8 +337,8 @@ fn parts_of_a_map_that_distances_draw_onto_each_other_stay_apart() {
     // as it is drawn it lies on itself for 60 degrees
     let drawn: Vec<[f64; 2]> = plan(&surface).into_iter().map(Into::into).collect();
     assert!(overlaps(surface.faces(), &drawn, &control).unwrap().covering > 0);
-    let levels = Levels::new(&surface, &sources, &control).unwrap();
-    let (uv, _) = levels::flatten(&levels, &rows, &places, 0.5, &control).unwrap();
+    let mut levels = Levels::new(&surface, &sources, &control).unwrap();
+    let (uv, _) = levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap();
     let overlap = overlaps(surface.faces(), &uv, &control).unwrap();
     assert_eq!((overlap.crossings, overlap.covering), (0, 0));
     let uv: Vec<_> = uv.into_iter().map(Into::into).collect();
@@ -352,8 +352,8 @@ fn a_map_has_the_same_bits_for_any_number_of_threads() {
     let by = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let control = Control::default();
-        let levels = Levels::new(&surface, rows.sources(), &control).unwrap();
-        pool.install(|| levels::flatten(&levels, &rows, &places, 0.5, &control).unwrap())
+        let mut levels = Levels::new(&surface, rows.sources(), &control).unwrap();
+        pool.install(|| levels::flatten(&mut levels, &rows, &places, 0.5, &control).unwrap())
     };
     let one = by(1);
     assert_eq!(one, by(2));

@@ -236,8 +236,8 @@ impl TriangleEnergy {
 
     /// `weight` times the mean energy, and its gradient added to `gradient`.
     pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
-        let of_batch = |rests: &[Rest]| rests.iter().map(|rest| part(rest, uv, shape)).collect::<Vec<_>>();
-        let parts: Vec<Part> = self.rests.par_chunks(BATCH).flat_map_iter(of_batch).collect();
+        let of_triangle = |rest: &Rest| part(rest, uv, shape);
+        let parts: Vec<Part> = self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect();
         let scale = weight / self.area;
         gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
             for &corner in &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize] {

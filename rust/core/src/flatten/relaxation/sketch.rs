@@ -61,7 +61,7 @@ impl Sketch {
         let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
         let scaling = classical_scaling(&rows.among(&quiet)?)?;
         let (uv, _) =
-            levels::unfold(&Levels::new(&surface, &landmarks, &quiet)?, &rows, &scaling.places, WORTH, &quiet)?;
+            levels::unfold(&mut Levels::new(&surface, &landmarks, &quiet)?, &rows, &scaling.places, WORTH, &quiet)?;
         let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
         sketch.settle(control)?;
         Ok(sketch)

@@ -23,14 +23,27 @@ impl Outgoing {
 }
 
 pub(in crate::geodesic) fn outgoing(surface: &Surface) -> Outgoing {
-    let mut half_edges: Vec<u32> = (0..surface.twins().len() as u32).collect();
-    half_edges.sort_by_key(|&h| surface.origin(h));
+    let all = 0..surface.twins().len() as u32;
     let mut starts = vec![0; surface.len() + 1];
-    half_edges.iter().for_each(|&h| starts[surface.origin(h) as usize + 1] += 1);
+    all.clone().for_each(|h| starts[surface.origin(h) as usize + 1] += 1);
     for vertex in 0..surface.len() {
         starts[vertex + 1] += starts[vertex];
     }
+    let (mut free, mut half_edges) = (starts.clone(), vec![0; surface.twins().len()]);
+    for half_edge in all {
+        let at = &mut free[surface.origin(half_edge) as usize];
+        half_edges[*at as usize] = half_edge;
+        *at += 1;
+    }
     Outgoing { starts, half_edges }
+}
+
+/// What is seen from a vertex, and what is kept to see from the next one.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    pub lines: Vec<Arc>,
+    /// The length of the shortest line to each vertex; infinite again when all are found.
+    least: Vec<f32>,
 }
 
 /// What is seen from the vertices of a surface through up to so many edges.
@@ -47,38 +60,51 @@ impl<'a> View<'a> {
         Self { surface, outgoing: outgoing(surface), beyond, crossed }
     }
 
-    /// The straight lines from a vertex to higher ones, of lengths from the first to the second, ordered by neighbour. Of all
-    /// lines between two vertices the shortest counts.
-    pub fn from(&self, vertex: u32, [shortest, longest]: [f32; 2], seen: &mut Vec<Arc>) {
-        seen.clear();
+    /// The straight lines from a vertex to higher ones, of lengths from the first to the second, in no order. Of all lines between
+    /// two vertices the shortest counts.
+    pub fn from(&self, vertex: u32, [shortest, longest]: [f32; 2], seen: &mut Seen) {
+        let Seen { lines, least } = seen;
+        lines.clear();
         for &half_edge in self.outgoing.of(vertex) {
-            unfold(self.surface, half_edge, self.crossed, longest, |h| self.beyond[h as usize], seen);
+            let beyond = |h: u32| self.beyond[h as usize];
+            unfold(self.surface, half_edge, self.crossed, vertex + 1, longest, beyond, lines); // the others see this one
         }
-        seen.retain(|arc| arc.to > vertex && arc.length < longest); // the others see this one
-        // lengths are not negative
-        seen.sort_unstable_by_key(|arc| u64::from(arc.to) << 32 | u64::from(arc.length.to_bits()));
-        seen.dedup_by_key(|arc| arc.to);
-        seen.retain(|arc| arc.length >= shortest);
+        lines.retain(|line| line.length < longest);
+        least.resize(self.surface.len(), f32::INFINITY);
+        for line in lines.iter() {
+            let least = &mut least[line.to as usize];
+            *least = least.min(line.length);
+        }
+        // once the shortest line to a vertex was met, no other one is as short as what is noted for it
+        lines.retain(|line| {
+            let least = &mut least[line.to as usize];
+            let is_shortest = line.length == *least;
+            if is_shortest {
+                *least = f32::INFINITY;
+            }
+            is_shortest && line.length >= shortest
+        });
     }
 
     /// Lengths between which there are about as many lines each.
-    pub fn rounds(&self, rounds: usize) -> Vec<f32> {
+    pub fn layers(&self, layers: usize) -> Vec<f32> {
         let step = self.surface.len() / SAMPLE + 1;
         let sample = (0..self.surface.len() as u32).step_by(step);
-        let (mut seen, mut lengths) = (Vec::new(), Vec::new());
+        let (mut seen, mut lengths) = (Seen::default(), Vec::new());
         for vertex in sample {
             self.from(vertex, [0.0, f32::INFINITY], &mut seen);
-            lengths.extend(seen.iter().map(|arc| arc.length));
+            lengths.extend(seen.lines.iter().map(|line| line.length));
         }
         lengths.sort_unstable_by(f32::total_cmp);
-        let limit = |round: usize| lengths.get(round * lengths.len() / rounds).copied().unwrap_or(f32::INFINITY);
-        let between = (1..rounds).map(limit);
+        let limit = |layer: usize| lengths.get(layer * lengths.len() / layers).copied().unwrap_or(f32::INFINITY);
+        let between = (1..layers).map(limit);
         [0.0].into_iter().chain(between).chain([f32::INFINITY]).collect()
     }
 }
 
 /// What is seen from a vertex at the origin through an edge: the edge's ends in the plane, `right` and `left`, and the
 /// directions between which nothing hides it.
+#[derive(Debug, Clone, Copy)]
 struct Window {
     half_edge: u32,
     right: Vector2<f64>,
@@ -104,12 +130,13 @@ impl Window {
 }
 
 /// Lists what the origin of a half-edge sees through the face on its left: the edge itself, the face's other edge where
-/// nothing lies beyond, and vertices beyond up to `most` edges, none of which is farther than `reach` (mm).
-/// `beyond_of` tells what lies beyond half-edges.
+/// nothing lies beyond, and vertices beyond up to `most` edges, none of which is farther than `reach` (mm); vertices below
+/// `lowest` are left out. `beyond_of` tells what lies beyond half-edges.
 pub(in crate::geodesic) fn unfold(
     surface: &Surface,
     half_edge: u32,
     most: u32,
+    lowest: u32,
     reach: f32,
     beyond_of: impl Fn(u32) -> Beyond,
     seen: &mut Vec<Arc>,
@@ -118,14 +145,20 @@ pub(in crate::geodesic) fn unfold(
     let vertex = surface.origin(half_edge);
     let (a, b) = (surface.target(half_edge), surface.origin(previous(half_edge)));
     let (to_a, to_b) = (point(a) - point(vertex), point(b) - point(vertex));
-    seen.push(Arc { to: a, length: to_a.norm() as f32 });
-    seen.push(Arc { to: b, length: to_b.norm() as f32 });
+    for (to, way) in [(a, to_a), (b, to_b)] {
+        if to >= lowest {
+            seen.push(Arc { to, length: way.norm() as f32 });
+        }
+    }
     let right = Vector2::new(to_a.norm(), 0.0);
     let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
-    let mut windows = Vec::with_capacity(most as usize + 1);
-    windows.push(Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 });
-    while let Some(window) = windows.pop() {
-        if window.crossed == most || window.is_beyond(f64::from(reach)) {
+    let first = Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 };
+    // of two windows beyond a face one waits; mostly there is one
+    let mut waiting = Vec::new();
+    let mut now = (most > 0).then_some(first);
+    while let Some(window) = now.or_else(|| waiting.pop()) {
+        now = None;
+        if reach.is_finite() && window.is_beyond(f64::from(reach)) {
             continue;
         }
         let beyond = beyond_of(window.half_edge);
@@ -136,16 +169,23 @@ pub(in crate::geodesic) fn unfold(
         let crossed = window.crossed + 1;
         let is_right_of_left_end = window.to.perp(&place) < 0.0;
         let is_left_of_right_end = window.from.perp(&place) > 0.0;
-        if is_right_of_left_end && is_left_of_right_end && beyond.corner != vertex {
+        if is_right_of_left_end && is_left_of_right_end && beyond.corner >= lowest && beyond.corner != vertex {
             seen.push(Arc { to: beyond.corner, length: place.norm() as f32 });
         }
-        if is_left_of_right_end {
-            let to = if is_right_of_left_end { place } else { window.to };
-            windows.push(Window { half_edge: next(beyond.twin), left: place, to, crossed, ..window });
+        if crossed == most {
+            continue;
         }
         if is_right_of_left_end {
             let from = if is_left_of_right_end { place } else { window.from };
-            windows.push(Window { half_edge: previous(beyond.twin), right: place, from, crossed, ..window });
+            now = Some(Window { half_edge: previous(beyond.twin), right: place, from, crossed, ..window });
+        }
+        if is_left_of_right_end {
+            let to = if is_right_of_left_end { place } else { window.to };
+            let other = Window { half_edge: next(beyond.twin), left: place, to, crossed, ..window };
+            match now {
+                Some(_) => waiting.push(other),
+                None => now = Some(other),
+            }
         }
     }
 }

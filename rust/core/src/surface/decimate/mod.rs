@@ -17,6 +17,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -202,6 +203,12 @@ struct Work<'a> {
     onto: Vec<u8>,
     queue: BinaryHeap<Candidate>,
     removals: Removals,
+    scratch: Scratch,
+}
+
+/// What is kept from one vertex to the next.
+#[derive(Debug, Default)]
+struct Scratch {
     ring: Ring,
     beyond: Ring,
     costs: Vec<(f64, usize)>,
@@ -223,7 +230,7 @@ impl<'a> Work<'a> {
             is_queued: vec![false; count],
             is_stale: vec![false; count],
             onto: vec![0; count],
-            queue: BinaryHeap::with_capacity(count),
+            queue: BinaryHeap::new(),
             removals: Removals {
                 vertices: Vec::new(),
                 is_closed: Vec::new(),
@@ -231,31 +238,43 @@ impl<'a> Work<'a> {
                 neighbours: Vec::new(),
                 weights: Vec::new(),
             },
-            ring: Ring::default(),
-            beyond: Ring::default(),
-            costs: Vec::new(),
+            scratch: Scratch::default(),
         }
     }
 
     fn queue_all(&mut self, control: &Control) -> Result<()> {
-        for vertex in 0..self.points.len() as u32 {
-            if (vertex as usize).is_multiple_of(BATCH) {
-                control.check()?;
-            }
-            self.queue(vertex);
+        let of_batch = |scratch: &mut Scratch, batch: usize| {
+            control.check()?;
+            let vertices = batch * BATCH..self.points.len().min((batch + 1) * BATCH);
+            Ok(vertices.map(|vertex| self.cheapest(vertex as u32, scratch)).collect())
+        };
+        let batches = (0..self.points.len().div_ceil(BATCH)).into_par_iter();
+        let found: Vec<Vec<Option<(f64, usize)>>> =
+            batches.map_init(Scratch::default, of_batch).collect::<Result<_>>()?;
+        let mut queue = Vec::with_capacity(self.points.len());
+        for (vertex, found) in (0u32..).zip(found.into_iter().flatten()) {
+            queue.extend(self.candidate(vertex, found));
         }
+        self.queue = queue.into(); // what is taken from it does not depend on how it was filled: no two candidates are equal
         Ok(())
     }
 
     /// Queues a vertex by what it costs now, if it can go.
     fn queue(&mut self, vertex: u32) {
-        let found = self.cheapest(vertex);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let found = self.cheapest(vertex, &mut scratch);
+        self.scratch = scratch;
+        let candidate = self.candidate(vertex, found);
+        self.queue.extend(candidate);
+    }
+
+    /// Notes the cheapest way for a vertex to go.
+    fn candidate(&mut self, vertex: u32, found: Option<(f64, usize)>) -> Option<Candidate> {
         self.is_stale[vertex as usize] = false;
         self.is_queued[vertex as usize] = found.is_some();
-        if let Some((cost, k)) = found {
-            self.onto[vertex as usize] = k as u8;
-            self.queue.push(Reverse((cost.to_bits(), vertex))); // positive floats sort as their bits
-        }
+        let (cost, k) = found?;
+        self.onto[vertex as usize] = k as u8;
+        Some(Reverse((cost.to_bits(), vertex))) // positive floats sort as their bits
     }
 
     /// Takes a vertex away whose turn it is; false if it cannot go as it was meant to, and is queued anew.
@@ -267,8 +286,11 @@ impl<'a> Work<'a> {
             return false;
         }
         let k = self.onto[vertex as usize] as usize;
-        self.left.ring(vertex, &mut self.ring);
-        if !self.can_go(vertex, k) {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.left.ring(vertex, &mut scratch.ring);
+        let can_go = self.can_go(vertex, k, &scratch.ring, &mut scratch.beyond);
+        self.scratch = scratch;
+        if !can_go {
             self.queue(vertex); // its ring is as it was, but something beyond is not
             return false;
         }
@@ -277,9 +299,9 @@ impl<'a> Work<'a> {
         true
     }
 
-    /// Moves a vertex, whose ring is in `ring`, onto the `k`-th of it.
+    /// Moves a vertex, whose ring is in the scratch, onto the `k`-th of it.
     fn remove(&mut self, vertex: u32, k: usize) {
-        let ring = std::mem::take(&mut self.ring);
+        let ring = std::mem::take(&mut self.scratch.ring);
         let around: Vec<Vector3<f64>> = ring.vertices.iter().map(|&v| self.points[v as usize]).collect();
         let weights = weights::weights(self.points[vertex as usize], &around, ring.is_closed());
         self.removals.push(vertex, &ring, weights);
@@ -292,44 +314,41 @@ impl<'a> Work<'a> {
                 self.queue(neighbour); // what could not go may be able to now
             }
         }
-        self.ring = ring;
+        self.scratch.ring = ring;
     }
 
     /// The cheapest way for a vertex to go: its cost and the place in its ring that it moves to.
-    fn cheapest(&mut self, vertex: u32) -> Option<(f64, usize)> {
+    fn cheapest(&self, vertex: u32, Scratch { ring, beyond, costs }: &mut Scratch) -> Option<(f64, usize)> {
         if self.stays[vertex as usize] || self.left.valence(vertex) > MOST_NEIGHBOURS {
             return None;
         }
-        self.left.ring(vertex, &mut self.ring);
-        let mut costs = std::mem::take(&mut self.costs);
+        self.left.ring(vertex, ring);
         costs.clear();
-        costs.extend((0..self.ring.vertices.len()).filter_map(|k| Some((self.cost(vertex, k)?, k))));
+        costs.extend((0..ring.vertices.len()).filter_map(|k| Some((self.cost(vertex, k, ring)?, k))));
         costs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let found = costs.iter().copied().find(|&(_, k)| self.can_go(vertex, k));
-        self.costs = costs;
-        found
+        costs.iter().copied().find(|&(_, k)| self.can_go(vertex, k, ring, beyond))
     }
 
     /// What it costs to move a vertex onto the `k`-th of its ring, if no edge becomes too long.
-    fn cost(&self, vertex: u32, k: usize) -> Option<f64> {
-        let place = self.points[self.ring.vertices[k] as usize];
-        let lengths = self.ring.vertices.iter().map(|&v| (self.points[v as usize] - place).norm_squared());
+    fn cost(&self, vertex: u32, k: usize, ring: &Ring) -> Option<f64> {
+        let place = self.points[ring.vertices[k] as usize];
+        let lengths = ring.vertices.iter().map(|&v| (self.points[v as usize] - place).norm_squared());
         let longest = lengths.fold(0.0, f64::max);
         let fits = longest <= self.options.longest_edge * self.options.longest_edge;
         fits.then(|| self.quadrics[vertex as usize].at(place) + self.options.evenness * longest * longest)
     }
 
-    fn can_go(&mut self, vertex: u32, k: usize) -> bool {
-        let neighbours = self.left.valence(self.ring.vertices[k]) + self.ring.vertices.len();
+    fn can_go(&self, vertex: u32, k: usize, ring: &Ring, beyond: &mut Ring) -> bool {
+        let neighbours = self.left.valence(ring.vertices[k]) + ring.vertices.len();
         neighbours <= MOST_NEIGHBOURS + 4
-            && self.left.is_allowed(&self.ring, k, &mut self.beyond)
+            && self.left.is_allowed(ring, k, beyond)
             && (self.options.any_shape
-                || self.ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k)))
+                || ring.sides().all(|side| side.contains(&k) || self.stays_sound(vertex, side, k, ring)))
     }
 
     /// Does a face around a vertex neither turn over nor become a sliver when its apex moves onto the `k`-th of the ring?
-    fn stays_sound(&self, vertex: u32, side: [usize; 2], k: usize) -> bool {
-        let [a, b, to] = [side[0], side[1], k].map(|n| self.points[self.ring.vertices[n] as usize]);
+    fn stays_sound(&self, vertex: u32, side: [usize; 2], k: usize, ring: &Ring) -> bool {
+        let [a, b, to] = [side[0], side[1], k].map(|n| self.points[ring.vertices[n] as usize]);
         let from = self.points[vertex as usize];
         let (before, after) = ((a - from).cross(&(b - from)), (a - to).cross(&(b - to)));
         let turns = before.dot(&after) < LEAST_COSINE * before.norm() * after.norm();
