@@ -132,6 +132,7 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
         "repair": ["none", "smallest"],
         "sheet": [True, False],
         "max_angle": [30.0],
+        "max_area": [2.0, 1.0001],
         "count": [2],
         "seeds": ["curvature", "farthest"],
         "flat": [made["map"], made["of_mesh_map"], points, folder / "map.npz"],

@@ -24,7 +24,7 @@ from voxflat.distances.path import Path, path
 from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.figures import Figures, StandardErrors, TriangleFigures
-from voxflat.errors import Cancelled, InputError, VoxflatError
+from voxflat.errors import AreaBoundError, Cancelled, InputError, VoxflatError
 from voxflat.judging.measure import Comparison, compare, measure
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.look_up import Places
@@ -39,6 +39,7 @@ from voxflat.surfaces.standard.registration import Registration, register
 from voxflat.surfaces.surface import Surface
 
 __all__ = [
+    "AreaBoundError",
     "Atlas",
     "Cancelled",
     "Certificate",

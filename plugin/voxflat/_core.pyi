@@ -286,6 +286,7 @@ class Surface:
         store: tuple[str | PathLike[str], str] | None = None,
         start: NDArray[np.float64] | None = None,
         patience: int = 1,
+        max_area: float | None = None,
     ) -> dict[str, Any]: ...
 
 @final

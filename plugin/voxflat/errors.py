@@ -1,5 +1,7 @@
 """The exceptions that voxflat raises on purpose."""
 
+from typing import Any
+
 
 class VoxflatError(Exception):
     """Base of every exception that voxflat raises on purpose."""
@@ -14,6 +16,28 @@ class VoxflatError(Exception):
 
 class InputError(VoxflatError, ValueError):
     """Bad input; the message names the value and the remedy."""
+
+
+class AreaBoundError(InputError):
+    """No map was found whose areas keep within a bound.
+
+    Parameters
+    ----------
+    message : str
+        What was found, and what helps.
+    best : FlatMap
+        The map whose worst triangle is the best that was found.
+    places : WorstPlaces
+        Where its areas are beyond the bound, and the cuts that relieve these places.
+    """
+
+    def __init__(self, message: str, best: Any, places: Any) -> None:
+        super().__init__(message)
+        self.best, self.places = best, places
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to other processes whole."""
+        return type(self), (str(self), self.best, self.places)
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)

@@ -135,7 +135,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
     )
     options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
-    options += " --store rows --scale areas --adapt 7.5 --start map.npz"
+    options += " --store rows --scale areas --adapt 7.5 --start map.npz --max-area 1.7"
     run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
     assert [given.pop(name) for name in ("cuts", "polygon", "relax", "sphere")] == [None] * 4
     assert given.pop("mirror") is False
@@ -158,6 +158,7 @@ def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
         "weighting": 0.7,
         "scale": "areas",
         "start": Path("map.npz"),
+        "max_area": 1.7,
         "adapt": 7.5,
         "seed": 9,
         "threads": 2,

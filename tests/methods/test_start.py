@@ -75,7 +75,12 @@ def test_a_map_that_is_done_ends_at_once_where_it_is(known):
 
 @pytest.mark.parametrize(
     ("moved", "hand"),
-    [(lambda uv: 17 - 3.5 * uv, 1), (lambda uv: uv[:, ::-1] * [1, 40], -1), (lambda uv: uv * [-1e-3, 1e-3], -1)],
+    [
+        (lambda uv: 17 - 3.5 * uv, 1),
+        (lambda uv: uv[:, ::-1] * [1, 40], -1),
+        (lambda uv: uv * [-1e-3, 1e-3], -1),
+        (lambda uv: uv * 1e250, 1),
+    ],
 )
 def test_a_start_may_lie_anywhere_at_any_scale_and_mirrored(known, moved, hand):
     again = begun(moved(known.uv))
@@ -127,6 +132,11 @@ def test_what_cannot_be_mended_is_refused(known):
         voxflat.InputError, match=r"the start lies on itself \(its boundary crosses or touches itself \d+ times\)"
     ):
         begun(np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1))
+
+
+def test_a_start_without_area_is_refused(known):
+    with pytest.raises(voxflat.InputError, match="the start has hardly any area, so that descent cannot leave it"):
+        begun(known.uv * [1, 0])
 
 
 def test_a_start_of_another_surface_is_refused_by_name(known):

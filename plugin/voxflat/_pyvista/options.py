@@ -57,6 +57,7 @@ class FlattenOptions(CutOptions, total=False):
     geodesic: str | None
     weighting: float | None
     scale: str | None
+    max_area: float | None
     start: object | None
     link_lengths: str | None
     neighbourhood: int | str | None

@@ -90,6 +90,13 @@ Examples:
     help=options.telling_default("scale", "voxflat: what the map's mm are right for; both are told."),
 )
 @click.option(
+    "--max-area",
+    type=float,
+    metavar="FACTOR",
+    help="voxflat: let no triangle change its area by more than this factor, such as 2; refused where no such map is "
+    "found.",
+)
+@click.option(
     "--start",
     type=FILE,
     metavar="MAP",

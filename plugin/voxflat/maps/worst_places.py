@@ -200,7 +200,7 @@ class WorstPlaces:
 
         At most 10 either way, as of triangles without area on the map; NaN without area on the surface.
         """
-        return _changes(self.flat_map)[1]
+        return area_changes(self.flat_map)[1]
 
     def cuts(self, *numbers: int) -> list[list[Any]]:
         """Return cuts that `flatten` takes as ``cuts``: those that the map has, and those that relieve places.
@@ -413,7 +413,7 @@ def worst_places(
         raise InputError(f"beyond is {beyond!r}; give a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
         raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
-    areas, logs = _changes(flat_map)
+    areas, logs = area_changes(flat_map)
     known = np.isfinite(logs)
     whole = float(areas[known].sum())
     groups = [
@@ -440,10 +440,21 @@ def _parcels(flat_map: FlatMap, parcels: object, table: object) -> Parcels:
     return parcels if isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
 
 
-def _changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return of each triangle its area on the surface, mm², and log2 of how the map changes it, all in all nothing.
+def area_changes(flat_map: FlatMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return of each triangle its area, and how the map changes it, at the scale that keeps the area of the whole.
 
-    What has no area on the surface is NaN; what has none on the map counts as shrunk 1,000 times.
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A map whose triangles are the surface's.
+
+    Returns
+    -------
+    areas : ndarray of float64, shape (F,)
+        On the surface, mm².
+    logs : ndarray of float64, shape (F,)
+        log2 of the factor by which the map changes them: NaN where there is none on the surface, −10 where there is
+        none on the map.
     """
     assert flat_map.distortion.triangles is not None
     a, b = (flat_map.points[flat_map.faces[:, corner]] - flat_map.points[flat_map.faces[:, 0]] for corner in (1, 2))

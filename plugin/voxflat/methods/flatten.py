@@ -29,7 +29,7 @@ _OVER_TRIANGLES: dict[str, Any] = {
 }
 """Modules with two verbs: `checked` takes a method's own options before the long work, `flatten` what is to be flat."""
 
-_OWN = ("geodesic", "weighting", "scale", "neighbourhood", "starts", "bound")
+_OWN = ("geodesic", "weighting", "scale", "max_area", "neighbourhood", "starts", "bound")
 
 
 @telling
@@ -57,6 +57,7 @@ def flatten(
     geodesic: str | None = None,
     weighting: float | None = None,
     scale: str | None = None,
+    max_area: float | None = None,
     start: object | None = None,
     link_lengths: str | None = None,
     neighbourhood: int | str | None = None,
@@ -157,10 +158,15 @@ def flatten(
         error is the least of any scale. With "areas" the map has the surface's area.
         ``distortion.triangles.equal_area_scale`` is the factor from a map to the one with the surface's area,
         ``distortion.best_scale.scale`` to the one with the best distances.
+    max_area : float, optional
+        "voxflat" only. A factor greater than 1 by which no triangle may change its area, at the scale that keeps the
+        area of the whole (`voxflat.worst_places` tells what a map does). From the usual map descent goes on with a
+        price on what is beyond, which grows until nothing is. ``metadata["area_change"]`` is the factor that is
+        reached. If no such map is found, that is an `AreaBoundError`, with the best map and the cuts that would help.
     start : map, optional
         "voxflat" only. A flat map of the surface, of whatever tool, as `voxflat.measure` takes it: descent goes on from
         there, instead of from nothing, and ends in the map of least energy near it. From the last map that takes a part
-        of the time. It may lie anywhere, at any scale, mirrored or not; the map then lies as it does, not mirrored
+        of the time. It may lie anywhere, at any scale, mirrored or not; the map is turned as it lies, and not mirrored
         (``mirror=True`` for that). Where nothing says what to flatten and where to cut (`keep`, `drop`, `seed_point`,
         `polygon`, `cuts`, `sphere`, `relax`, `adapt`), it is what the start covers, cut as the start is. Otherwise the
         start needs a place for every triangle, and may lack cuts, whose lips are drawn apart. A few folds are mended;
@@ -200,6 +206,8 @@ def flatten(
     ------
     InputError
         For anything wrong with the input; the message names the value and the remedy.
+    AreaBoundError
+        If no map was found that keeps `max_area`.
     Cancelled
         If `progress` returned False.
     """
@@ -217,6 +225,7 @@ def flatten(
         geodesic=geodesic,
         weighting=weighting,
         scale=scale,
+        max_area=max_area,
         start=start,
         link_lengths=link_lengths,
         neighbourhood=neighbourhood,

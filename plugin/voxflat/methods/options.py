@@ -47,6 +47,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "geodesic": {"voxflat": None},
     "weighting": {"voxflat": 0.5},
     "scale": {"voxflat": "distances"},
+    "max_area": {"voxflat": None},
     "start": {"voxflat": None},
     "link_lengths": {"grossmann2002": LINK_LENGTHS},
     # None: as many rings as hold a tenth of the points

@@ -49,6 +49,9 @@ pub enum Error {
     )]
     StartCrosses { crossings: usize },
 
+    #[error("the start has hardly any area, so that descent cannot leave it: give another map, or leave the start out")]
+    StartStuck,
+
     #[error("the volume has {given} values, but its shape {shape:?} needs {needed}")]
     ShapeMismatch { shape: [usize; 3], given: usize, needed: usize },
 

@@ -32,7 +32,7 @@
 //! ```
 //! use voxflat::control::Control;
 //! use voxflat::embed::stress::levels::Levels;
-//! use voxflat::flatten::voxflat::Scale;
+//! use voxflat::flatten::voxflat::Options;
 //! use voxflat::geodesic::graph::GeodesicGraph;
 //! use voxflat::sources::Sources;
 //! use voxflat::surface::voxels::voxelmesh::VoxelMesh;
@@ -48,7 +48,7 @@
 //! let sources = Sources::Farthest { count: 50, seed: 0 }.choose(&graph, &control)?;
 //! let levels = Levels::new(&surface, &sources, &control)?;
 //! let rows = levels.measure(&graph, &control)?;
-//! let map = flatten::voxflat(levels, rows, 0.5, None, Scale::Distances, &graph, 0, &control)?;
+//! let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
 //! assert_eq!(map.uv.len(), surface.len());
 //! assert!(map.distortion.raw.relative_error < 0.05); // a pipe can be unrolled
 //! # Ok::<(), voxflat::Error>(())

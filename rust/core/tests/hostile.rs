@@ -8,7 +8,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use voxflat::control::Control;
 use voxflat::embed::stress::levels::Levels;
-use voxflat::flatten::voxflat::Scale;
+use voxflat::flatten::voxflat::Options;
 use voxflat::flatten::{self, FlatMap, grossmann2002, saucan2006, schwartz1989, zigelman2002};
 use voxflat::geodesic::chain::LinkLengths;
 use voxflat::geodesic::exact::Exact;
@@ -106,7 +106,7 @@ fn default_map(surface: &Surface, graph: &GeodesicGraph, weighting: f64, control
     let sources = Sources::Farthest { count, seed: 0 }.choose(graph, control)?;
     let levels = Levels::new(surface, &sources, control)?;
     let rows = levels.measure(graph, control)?;
-    flatten::voxflat(levels, rows, weighting, Scale::Distances, graph, 0, control)
+    flatten::voxflat(levels, rows, &Options { weighting, ..Options::default() }, graph, 0, control)
 }
 
 fn all_maps(surface: &Surface, control: &Control) -> Result<Vec<Result<FlatMap>>> {

@@ -18,9 +18,8 @@ use crate::store;
 use crate::surface::Surface;
 
 /// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
-/// keep their shape, from coarse to fine. No triangle is turned over. `weighting` leads from 0, where near distances and
-/// shapes count most, to 1, where far distances do. Descent may go on from a map that is known instead (`start`); the map is then turned
-/// as that one lies. In the end the map is brought to `scale`, and judged by the graph's distances; levels and rows are dropped before.
+/// keep their shape, from coarse to fine. No triangle is turned over. In the end the map is brought to its scale, and judged by the graph's
+/// distances; levels and rows are dropped before.
 ///
 /// # Errors
 /// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`levels::flatten_from`] among them.
@@ -30,7 +29,7 @@ use crate::surface::Surface;
 /// use voxflat::control::Control;
 /// use voxflat::embed::stress::levels::Levels;
 /// use voxflat::flatten;
-/// use voxflat::flatten::voxflat::Scale;
+/// use voxflat::flatten::voxflat::Options;
 /// use voxflat::geodesic::graph::GeodesicGraph;
 /// use voxflat::sources::Sources;
 /// use voxflat::surface::mesh::shapes;
@@ -41,17 +40,14 @@ use crate::surface::Surface;
 /// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
 /// let levels = Levels::new(&sheet, &sources, &control)?;
 /// let rows = levels.measure(&graph, &control)?;
-/// let map = flatten::voxflat(levels, rows, 0.5, None, Scale::Distances, &graph, 0, &control)?;
+/// let map = flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control)?;
 /// assert!(map.distortion.raw.relative_error < 0.01);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
-#[expect(clippy::too_many_arguments)]
 pub fn voxflat(
     mut levels: Levels,
     rows: DistanceRows,
-    weighting: f64,
-    start: Option<Start>,
-    scale: Scale,
+    &Options { weighting, start, max_area, scale }: &Options,
     graph: &GeodesicGraph,
     seed: u64,
     control: &Control,
@@ -67,10 +63,15 @@ pub fn voxflat(
     let scaling = classical_scaling(&among)?;
     control.check()?;
     drop(among);
-    let (mut uv, convergence) = match start {
+    let (mut uv, mut convergence) = match start {
         Some(start) => levels::flatten_from(&mut levels, &rows, start, weighting, control)?,
         None => levels::flatten(&mut levels, &rows, &scaling.places, weighting, control)?,
     };
+    if let Some(max_area) = max_area {
+        let found;
+        (uv, found) = levels::bounded(&levels, &rows, &uv, weighting, max_area, control)?;
+        convergence.energies.extend(found.energies);
+    }
     let convergence = Some(convergence);
     let factor = match scale {
         Scale::Distances => {
@@ -84,9 +85,8 @@ pub fn voxflat(
     }
     drop((levels, rows));
     match start {
-        Some(Start { places, .. }) => {
-            let hand = map_area(surface.faces(), places).signum();
-            let onto: Vec<[f64; 2]> = places.iter().map(|&[x, y]| [hand * x, y]).collect();
+        Some(start) => {
+            let onto: Vec<[f64; 2]> = start.counterclockwise(surface)?.into_iter().map(Into::into).collect();
             turn_onto(&uv.clone(), &onto, &mut uv);
         }
         None => orient(surface.points(), map_area(surface.faces(), &uv), &mut uv),
@@ -94,6 +94,26 @@ pub fn voxflat(
     let distortion = judge(graph, &uv, REFERENCE_SOURCES, seed, control)?;
     let (eigenvalues, planarity) = (scaling.eigenvalues, scaling.planarity);
     Ok(FlatMap { uv, normals: surface.normals(), sources, eigenvalues, planarity, distortion, convergence, rows: None })
+}
+
+/// How a map is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options<'a> {
+    /// From 0, where near distances and shapes count most, to 1, where far distances do.
+    pub weighting: f64,
+    /// A map that is known, from which descent goes on; the map is turned as this one lies.
+    pub start: Option<Start<'a>>,
+    /// By which factor no triangle may change its area, against that of the whole, or as near to that as can be had: see
+    /// [`levels::bounded`]. More than 1.
+    pub max_area: Option<f64>,
+    /// What the map's mm are.
+    pub scale: Scale,
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self { weighting: 0.5, start: None, max_area: None, scale: Scale::Distances }
+    }
 }
 
 /// What a map's mm are: a surface that is not flat has none that are right for both.

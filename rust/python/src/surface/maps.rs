@@ -10,7 +10,7 @@ use voxflat::embed::stress::levels::{Levels, Start};
 use voxflat::flatten;
 use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
-use voxflat::flatten::voxflat::{AfterPlacing, Scale};
+use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
 use voxflat::orient;
 use voxflat::rows::DistanceRows;
@@ -38,8 +38,9 @@ impl Surface {
 
     /// Flattens from sources (vertices), by rows of a solver in memory, which may be kept, or in a store: its directory and
     /// identity. `scale` is what the map's mm are right for: "distances" or "areas". Descent may go on from a place for each vertex
-    /// (`start`), for `patience` times as many steps as usual.
-    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1))]
+    /// (`start`), for `patience` times as many steps as usual. `max_area` is by which factor no triangle may change its area, if that can
+    /// be had.
+    #[pyo3(signature = (sources, seed, geodesic="graph", weighting=0.5, scale="distances", keep_rows=false, threads=None, progress=None, store=None, start=None, patience=1, max_area=None))]
     #[allow(clippy::too_many_arguments)] // Python's, by name
     fn voxflat<'py>(
         &self,
@@ -55,6 +56,7 @@ impl Surface {
         store: Option<(PathBuf, String)>,
         start: Option<PyReadonlyArray2<'py, f64>>,
         patience: u32,
+        max_area: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
         if patience == 0 {
             return Err(InputError::new_err("patience is 0; give at least 1"));
@@ -86,7 +88,8 @@ impl Surface {
                 }
             });
             let start = start.as_ref().map(|places| Start { places, patience });
-            let mut map = flatten::voxflat(levels, rows, weighting, start, scale, graph, seed, control)?;
+            let options = MapOptions { weighting, start, max_area, scale };
+            let mut map = flatten::voxflat(levels, rows, &options, graph, seed, control)?;
             map.rows = kept;
             Ok((map, found))
         })?;

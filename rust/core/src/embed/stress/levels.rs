@@ -13,7 +13,7 @@ use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
-use super::triangles::{Shape, TriangleEnergy};
+use super::triangles::{AreaBound, Shape, TriangleEnergy};
 use super::tutte;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -184,7 +184,7 @@ pub(crate) fn unfold(
 }
 
 /// A map that is known already.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start<'a> {
     /// The place of each vertex of the finest level, in any unit, at any place, mirrored or not.
     pub places: &'a [[f64; 2]],
@@ -192,13 +192,38 @@ pub struct Start<'a> {
     pub patience: u32,
 }
 
+impl Start<'_> {
+    /// The places, counterclockwise and around the origin, none farther from there than 3.
+    ///
+    /// # Errors
+    /// [`Error::StartMismatch`], [`Error::StartNotFinite`].
+    pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Vector2<f64>>> {
+        if self.places.len() != surface.len() {
+            return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });
+        }
+        if let Some(vertex) = self.places.iter().position(|place| place.iter().any(|x| !x.is_finite())) {
+            return Err(Error::StartNotFinite { vertex });
+        }
+        let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny places are no numbers
+        let places: Vec<Vector2<f64>> = self.places.iter().map(|place| place.map(small).into()).collect();
+        let centre = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
+        let double = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|vertex| places[vertex as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let hand = surface.faces().iter().map(double).sum::<f64>().signum();
+        Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
+    }
+}
+
 /// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`]. It begins at the
 /// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
 /// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
 ///
 /// # Errors
-/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`] and [`Error::StartCrosses`] if the start cannot be
-/// mended on any level, and those of [`flatten`].
+/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
+/// start cannot be mended on any level, or descent does not get away from it; and those of [`flatten`].
 ///
 /// # Panics
 /// As [`flatten`].
@@ -231,7 +256,7 @@ pub fn flatten_from(
     weighting: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let places = levels.counterclockwise(start.places)?;
+    let places = start.counterclockwise(levels.finest)?;
     let dials = Dials { patience: start.patience, ..weighted(weighting) };
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut first = None;
@@ -247,17 +272,99 @@ pub fn flatten_from(
                 let settle = || level.settle_again(&mut uv, dials, stage(depth), control);
                 let (convergence, finer) = levels.beside(depth, settle, &pairs, control)?;
                 drop(level);
-                levels.coarser.truncate(depth);
-                return levels.refined(uv, convergence, finer, &pairs, dials, control);
+                if convergence.energies.last().is_some_and(|&energy| energy < HOPELESS) {
+                    levels.coarser.truncate(depth);
+                    return levels.refined(uv, convergence, finer, &pairs, dials, control);
+                }
+                first.get_or_insert(Fault::Stuck);
             }
         }
     }
     Err(match first {
         Some(Fault::Crossing(crossings)) => Error::StartCrosses { crossings },
         Some(Fault::Folded(triangles)) => Error::StartFolded { triangles },
+        Some(Fault::Stuck) => Error::StartStuck,
         None => unreachable!("there is a level"),
     })
 }
+
+/// A map without folds (mm), led on to where no triangle's area changes by more than a factor, against the area of the whole: what is
+/// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
+/// found, and is told as not converged.
+///
+/// # Errors
+/// Those of [`flatten`].
+///
+/// # Panics
+/// As [`flatten`]; or if there is not one place a vertex.
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::embed::classical::classical_scaling;
+/// use voxflat::embed::stress::levels::{Levels, bounded, flatten};
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::rows::Rows;
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let (mut points, faces) = shapes::sheet(8, 8);
+/// points.iter_mut().for_each(|point| point[2] = -0.05 * ((point[0] - 4.0).powi(2) + (point[1] - 4.0).powi(2))); // a dome
+/// let dome = shapes::surface((points, faces));
+/// let graph = GeodesicGraph::new(&dome, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let mut levels = Levels::new(&dome, &sources, &control)?;
+/// let rows = levels.measure(&graph, &control)?;
+/// let start = classical_scaling(&rows.among(&control)?)?.places;
+/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
+/// let (_, found) = bounded(&levels, &rows, &uv, 0.5, 1.1, &control)?;
+/// assert!(found.converged);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn bounded(
+    levels: &Levels,
+    rows: &DistanceRows,
+    uv: &[[f64; 2]],
+    weighting: f64,
+    max_area: f64,
+    control: &Control,
+) -> Result<(Vec<[f64; 2]>, Convergence)> {
+    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let mut level = levels.prepare(0, &pairs, control)?;
+    let mut uv: Vec<Vector2<f64>> = uv.iter().map(|&place| place.into()).collect();
+    assert_eq!(uv.len(), levels.finest.len(), "one place a vertex");
+    level.check_unfolded(&uv)?;
+    let is_apart = level.outline.crossings(&uv, control)? == 0;
+    let most = max_area.ln();
+    let [mut mean, mut worst] = level.triangles.area_change(&uv);
+    let mut best = (worst, uv.clone());
+    let mut energies = Vec::new();
+    let mut weight = FIRST_PRICE;
+    for _ in 0..DEARER {
+        if worst <= most {
+            break;
+        }
+        level.triangles.bound = Some(AreaBound { mean, most: most * WITHIN, weight });
+        let apart = Some((&level.outline, APART)).filter(|_| is_apart);
+        let stage = "keeping areas within their bound";
+        energies.extend(level.rounds(&level.pairs, &mut uv, weighted(weighting), 2, apart, stage, control)?.energies);
+        [mean, worst] = level.triangles.area_change(&uv);
+        if worst < best.0 {
+            best = (worst, uv.clone());
+        }
+        weight *= PRICE_GROWTH;
+    }
+    let uv = best.1.into_iter().map(Into::into).collect();
+    Ok((uv, Convergence { energies, converged: best.0 <= most }))
+}
+
+/// The price of the square of what areas change beyond a bound, at first, how much it grows, and how often; what it begins at, as a part
+/// of the bound.
+const FIRST_PRICE: f64 = 1.0;
+const PRICE_GROWTH: f64 = 4.0;
+const DEARER: usize = 12;
+const WITHIN: f64 = 0.98;
 
 /// What the user is told, on the finest level and on coarser ones.
 fn stage(depth: usize) -> &'static str {
@@ -269,6 +376,10 @@ const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
 
 /// Triangles of a start with less than this part of their area are eased before descent, which they would hold back.
 const TINY: f64 = 0.02;
+
+/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
+/// without area hold descent back, and there it ends.
+const HOPELESS: f64 = 100.0;
 
 /// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
 /// narrowed.
@@ -377,24 +488,6 @@ impl<'a> Levels<'a> {
         let triangles = TriangleEnergy::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
         Ok(Level { pairs: pairs.among(&self.vertices[depth]), triangles, springs, outline: Outline::new(surface) })
-    }
-
-    /// A start's places, counterclockwise and around the origin.
-    fn counterclockwise(&self, start: &[[f64; 2]]) -> Result<Vec<Vector2<f64>>> {
-        if start.len() != self.finest.len() {
-            return Err(Error::StartMismatch { places: start.len(), points: self.finest.len() });
-        }
-        if let Some(vertex) = start.iter().position(|place| place.iter().any(|x| !x.is_finite())) {
-            return Err(Error::StartNotFinite { vertex });
-        }
-        let places: Vec<Vector2<f64>> = start.iter().map(|&place| place.into()).collect();
-        let centre = places.iter().map(|place| place / places.len() as f64).sum::<Vector2<f64>>();
-        let double = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(|vertex| places[vertex as usize]);
-            (b - a).perp(&(c - a))
-        };
-        let hand = self.finest.faces().iter().map(double).sum::<f64>().signum();
-        Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
     }
 
     /// Descent on a level, and beside it what the next finer one needs, of which much is the work of one thread.

@@ -23,6 +23,8 @@ pub(super) enum Fault {
     Folded(usize),
     /// The boundary crosses or touches itself so many times.
     Crossing(usize),
+    /// Triangles have hardly any area, and descent does not get on.
+    Stuck,
 }
 
 /// Mends a map; if that cannot be done, says what is wrong with it as it was given.
@@ -32,7 +34,7 @@ pub(super) enum Fault {
 pub(super) fn mend(
     triangles: &TriangleEnergy,
     outline: &Outline,
-    uv: &mut Vec<Vector2<f64>>,
+    uv: &mut [Vector2<f64>],
     control: &Control,
 ) -> Result<Option<Fault>> {
     let folded = triangles.folded(uv);
@@ -55,7 +57,7 @@ fn unfold(triangles: &TriangleEnergy, outline: &Outline, uv: &mut [Vector2<f64>]
     outline.vertices().for_each(|vertex| is_inside[vertex as usize] = false);
     for _ in 0..ROUNDS {
         control.check()?;
-        let is_folded = |corners: &[u32; 3]| !(signed_area(*corners, uv) > 0.0);
+        let is_folded = |corners: &[u32; 3]| signed_area(*corners, uv) <= 0.0;
         let mut vertices: Vec<u32> = triangles.corners().filter(is_folded).flatten().collect();
         if vertices.is_empty() {
             return Ok(true);

@@ -1,6 +1,7 @@
 use super::levels::Levels;
 use super::*;
 use crate::distortion::overlap::overlaps;
+use crate::error::Error;
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 use crate::surface::mesh::shapes;
@@ -358,4 +359,43 @@ fn a_map_has_the_same_bits_for_any_number_of_threads() {
     let one = by(1);
     assert_eq!(one, by(2));
     assert_eq!(one, by(7));
+}
+
+#[test]
+fn a_bound_on_areas_has_the_gradient_of_its_price() {
+    let surface = shapes::surface(shapes::sheet(6, 5));
+    let mut triangles = TriangleEnergy::new(&surface);
+    triangles.bound = Some(triangles::AreaBound { mean: 0.1, most: 0.2, weight: 3.0 });
+    let uv = shaken(&surface, 0.2);
+    let shape = Shape { barrier: 0.4, area: 3.0, outlier: 0.5 };
+    let [mean, most] = triangles.area_change(&uv);
+    assert!(mean.abs() < 0.2 && most > 0.3, "{mean} {most}");
+    let energy = |uv: &[Vector2<f64>]| triangles.add(uv, shape, 2.0, &mut vec![Vector2::zeros(); uv.len()]);
+    let mut gradient = vec![Vector2::zeros(); uv.len()];
+    triangles.add(&uv, shape, 2.0, &mut gradient);
+    for (vertex, axis) in [(0, 0), (8, 1), (17, 0), (30, 1)] {
+        let moved = |step: f64| {
+            let mut uv = uv.clone();
+            uv[vertex][axis] += step;
+            energy(&uv)
+        };
+        let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+        assert!((slope - gradient[vertex][axis]).abs() < 1e-6 * gradient[vertex].norm(), "{slope} {gradient:?}");
+    }
+}
+
+#[test]
+fn a_start_that_is_none_is_refused() {
+    let (surface, rows) = sheet();
+    let control = Control::default();
+    let mut levels = Levels::new(&surface, rows.sources(), &control).unwrap();
+    let mut from = |places: &[[f64; 2]]| {
+        levels::flatten_from(&mut levels, &rows, levels::Start { places, patience: 1 }, 0.5, &control).err()
+    };
+    let mut places: Vec<[f64; 2]> = plan(&surface).into_iter().map(Into::into).collect();
+    assert_eq!(from(&places[1..]), Some(Error::StartMismatch { places: surface.len() - 1, points: surface.len() }));
+    let line: Vec<[f64; 2]> = places.iter().map(|&[x, _]| [x, 0.0]).collect();
+    assert_eq!(from(&line), Some(Error::StartStuck));
+    places[5][1] = f64::INFINITY;
+    assert_eq!(from(&places), Some(Error::StartNotFinite { vertex: 5 }));
 }

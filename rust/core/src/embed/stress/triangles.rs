@@ -41,6 +41,8 @@ pub(crate) struct Rest {
     pub(crate) inverse: Matrix2<f64>,
     /// mm².
     pub(crate) area: f64,
+    /// The logarithm of how many times as large it counts as it is, where it is too thin.
+    pub(crate) trim: f64,
 }
 
 impl Rest {
@@ -57,9 +59,10 @@ impl Rest {
         let (base, other) = (sides[longest], -sides[(longest + 2) % 3]);
         let length = base.norm().max(f64::MIN_POSITIVE);
         let along = other.dot(&base) / length;
-        let height = (base.cross(&other).norm() / length).max(thinnest * length);
+        let own = base.cross(&other).norm() / length;
+        let height = own.max(thinnest * length);
         let inverse = Matrix2::new(length.recip(), -along / (length * height), 0.0, height.recip());
-        Self { corners, inverse, area: 0.5 * length * height }
+        Self { corners, inverse, area: 0.5 * length * height, trim: (height / own).ln() }
     }
 
     /// Height by the longest side, as a part of it.
@@ -82,6 +85,11 @@ impl Rest {
     /// The area times ψ.
     pub(super) fn energy(&self, uv: &[Vector2<f64>], shape: Shape) -> f64 {
         self.area * shape.price(&self.jacobian(uv)).value
+    }
+
+    /// The logarithm of how many times as large as on the surface it is in a map; NaN where it is folded.
+    fn growth(&self, uv: &[Vector2<f64>]) -> f64 {
+        (signed_area(self.corners, uv) / self.area).ln() + self.trim
     }
 
     /// The entries, off the diagonal, of the matrix of springs whose energy is ½ ‖J‖² times `scale`: for corners 01, 02, 12.
@@ -145,6 +153,35 @@ impl Price {
     }
 }
 
+/// A bound on changes of area: what a triangle grows or shrinks beyond it, against the whole, has a price.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AreaBound {
+    /// The logarithm of the whole's growth.
+    pub mean: f64,
+    /// That of the factor by which triangles may differ from it.
+    pub most: f64,
+    /// The price of the square of what is beyond.
+    pub weight: f64,
+}
+
+impl AreaBound {
+    fn add(&self, price: Price, rest: &Rest, jacobian: &Matrix2<f64>) -> Price {
+        let area = jacobian.determinant();
+        let growth = area.ln() + rest.trim - self.mean;
+        let beyond = growth - growth.clamp(-self.most, self.most);
+        if beyond == 0.0 || !price.value.is_finite() {
+            return price;
+        }
+        let ([by_half, by_area], [half_half, half_area, area_area]) = (price.slopes, price.bends);
+        let rise = 2.0 * self.weight / area;
+        Price {
+            value: price.value + self.weight * beyond * beyond,
+            slopes: [by_half, by_area + rise * beyond],
+            bends: [half_half, half_area, area_area + rise * (1.0 - beyond) / area],
+        }
+    }
+}
+
 impl Shape {
     /// What a map's Jacobian costs.
     #[inline]
@@ -199,6 +236,8 @@ pub struct TriangleEnergy {
     /// For each vertex its corners: triangle × 3 + corner.
     starts: Vec<u32>,
     corners: Vec<u32>,
+    /// Beside what is asked for, for descent.
+    pub(super) bound: Option<AreaBound>,
 }
 
 impl TriangleEnergy {
@@ -220,7 +259,7 @@ impl TriangleEnergy {
             free[vertex as usize] += 1;
         }
         let area = rests.iter().map(|rest| rest.area).sum();
-        Self { rests, area, starts, corners }
+        Self { rests, area, starts, corners, bound: None }
     }
 
     /// The corners of each triangle.
@@ -236,7 +275,7 @@ impl TriangleEnergy {
 
     /// `weight` times the mean energy, and its gradient added to `gradient`.
     pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
-        let of_triangle = |rest: &Rest| part(rest, uv, shape);
+        let of_triangle = |rest: &Rest| self.part(rest, uv, shape);
         let parts: Vec<Part> = self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect();
         let scale = weight / self.area;
         gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
@@ -258,28 +297,57 @@ impl TriangleEnergy {
     /// energy around a map: for corners 01, 02, 12. A triangle that has hardly any area left is as stiff as it is: were it softer,
     /// the first step would turn it over, and all others would have to wait for it.
     pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
-        self.springs(uv, weight, |jacobian| {
-            let upward: f64 = shape.price(jacobian).curvatures(jacobian).iter().map(|bend| bend.max(0.0)).sum();
+        self.springs(uv, weight, |rest, jacobian| {
+            let price = self.price(rest, jacobian, shape);
+            let upward: f64 = price.curvatures(jacobian).iter().map(|bend| bend.max(0.0)).sum();
             (upward / MODES).clamp(SOFTEST, STIFFEST)
         })
     }
 
     /// The same by a guess of the stiffness within narrow limits, whatever the shape's dials.
     pub fn rough_stiffness(&self, uv: &[Vector2<f64>], weight: f64) -> Vec<[f64; 3]> {
-        self.springs(uv, weight, |jacobian| {
+        self.springs(uv, weight, |_, jacobian| {
             let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
             (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0)
         })
     }
 
-    fn springs(&self, uv: &[Vector2<f64>], weight: f64, stiff: impl Fn(&Matrix2<f64>) -> f64 + Sync) -> Vec<[f64; 3]> {
-        let of_triangle = |rest: &Rest| rest.springs(weight / self.area * rest.area * stiff(&rest.jacobian(uv)));
+    fn springs(
+        &self,
+        uv: &[Vector2<f64>],
+        weight: f64,
+        stiff: impl Fn(&Rest, &Matrix2<f64>) -> f64 + Sync,
+    ) -> Vec<[f64; 3]> {
+        let of_triangle = |rest: &Rest| rest.springs(weight / self.area * rest.area * stiff(rest, &rest.jacobian(uv)));
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }
 
     /// Of each triangle the part of its area that it has in a map, negative where it is folded.
     pub fn growths(&self, uv: &[Vector2<f64>]) -> Vec<f64> {
         self.rests.iter().map(|rest| signed_area(rest.corners, uv) / rest.area).collect()
+    }
+
+    fn price(&self, rest: &Rest, jacobian: &Matrix2<f64>, shape: Shape) -> Price {
+        let price = shape.price(jacobian);
+        self.bound.map_or(price, |bound| bound.add(price, rest, jacobian))
+    }
+
+    fn part(&self, rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
+        let jacobian = rest.jacobian(uv);
+        let Price { value, slopes: [by_half, by_area], .. } = self.price(rest, &jacobian, shape);
+        let by_jacobian = jacobian * by_half + cofactors(&jacobian) * by_area;
+        let by_sides = by_jacobian * rest.inverse.transpose() * rest.area;
+        Part { energy: rest.area * value, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
+    }
+
+    /// The logarithm of how many times as large as the surface a map without folds is, and by which a triangle differs from that at
+    /// most.
+    pub fn area_change(&self, uv: &[Vector2<f64>]) -> [f64; 2] {
+        let flat: f64 = self.rests.iter().map(|rest| signed_area(rest.corners, uv)).sum();
+        let own: f64 = self.rests.iter().map(|rest| rest.area * (-rest.trim).exp()).sum();
+        let mean = (flat / own).ln();
+        let most = self.rests.iter().map(|rest| (rest.growth(uv) - mean).abs()).fold(0.0, f64::max);
+        [mean, most]
     }
 
     /// Brings a map to the area of the surface, if it has one.
@@ -323,12 +391,4 @@ pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     }
     let q = -0.5 * (b + discriminant.sqrt().copysign(b));
     [q / a, c / q]
-}
-
-fn part(rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
-    let jacobian = rest.jacobian(uv);
-    let Price { value, slopes: [by_half, by_area], .. } = shape.price(&jacobian);
-    let by_jacobian = jacobian * by_half + cofactors(&jacobian) * by_area;
-    let by_sides = by_jacobian * rest.inverse.transpose() * rest.area;
-    Part { energy: rest.area * value, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::embed::stress::levels::Levels;
-use crate::flatten::voxflat::Scale;
+use crate::flatten::voxflat::Options;
 use crate::geodesic::graph::GeodesicGraph;
 use crate::sources::Sources;
 use crate::surface::cuts::{cut, open_to_disk};
@@ -52,7 +52,7 @@ fn a_cut_cap_has_a_better_map() {
         let sources = Sources::Farthest { count: 60, seed: 0 }.choose(&graph, &control).unwrap();
         let levels = Levels::new(surface, &sources, &control).unwrap();
         let rows = levels.measure(&graph, &control).unwrap();
-        let map = crate::flatten::voxflat(levels, rows, 0.5, None, Scale::Distances, &graph, 0, &control).unwrap();
+        let map = crate::flatten::voxflat(levels, rows, &Options::default(), &graph, 0, &control).unwrap();
         map.distortion.best_scale.relative_error
     };
     let relaxed = relaxed(&cap, 3.0, 0.0);

@@ -1,0 +1,88 @@
+"""A bound on changes of area: what is returned keeps it, triangle by triangle, and all else is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import voxflat
+
+
+def cap(degrees, rings=16, radius=20.0):
+    """A cap of a sphere, so many degrees from its pole to its border."""
+    points, faces = [[0.0, 0.0, radius]], []
+    for ring in range(1, rings + 1):
+        polar = np.radians(degrees) * ring / rings
+        around = np.linspace(0, 2 * np.pi, 6 * ring, endpoint=False)
+        circle = np.stack(
+            [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), 0 * around + np.cos(polar)], 1
+        )
+        points += (radius * circle).tolist()
+        first, inner, (n, m) = 1 + 3 * ring * (ring - 1), 1 + 3 * (ring - 1) * (ring - 2), (6 * ring, 6 * ring - 6)
+        for k in range(n):
+            here, after = first + k, first + (k + 1) % n
+            near = inner + (k * (ring - 1) // ring) % m if m else 0
+            faces.append([here, after, near])
+            further = inner + ((k + 1) * (ring - 1) // ring) % m if m else 0
+            if further != near:
+                faces.append([after, further, near])
+    return np.array(points), np.array(faces)
+
+
+def changes(flat):
+    """By which factor each triangle changes its area, at the scale that keeps the whole."""
+
+    def areas(points):
+        a, b, c = (points[flat.faces[:, n]] for n in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    on_surface, on_map = areas(flat.points), areas(np.pad(flat.uv, ((0, 0), (0, 1))))
+    ratio = on_map / on_map.sum() * on_surface.sum() / on_surface
+    return np.maximum(ratio, 1 / ratio)
+
+
+def test_no_triangle_is_beyond_the_bound():
+    surface = cap(80)
+    usual = voxflat.flatten(surface, sources=60, relax=False)
+    assert changes(usual).max() > 1.2
+    assert "area_change" not in usual.metadata
+    for bound in (1.2, 1.1):
+        flat = voxflat.flatten(surface, sources=60, relax=False, max_area=bound)
+        assert changes(flat).max() <= bound
+        assert flat.metadata["max_area"] == bound
+        assert flat.metadata["area_change"] == pytest.approx(changes(flat).max(), rel=1e-9)
+        assert (flat.distortion.triangles.flipped, flat.distortion.triangles.covering) == (0, 0)
+        assert flat.distortion.best_scale.relative_error < 1.3 * usual.distortion.best_scale.relative_error
+
+
+def test_a_bound_that_is_kept_anyhow_changes_nothing():
+    surface = cap(40)
+    usual = voxflat.flatten(surface, sources=60, relax=False)
+    flat = voxflat.flatten(surface, sources=60, relax=False, max_area=3)
+    np.testing.assert_array_equal(flat.uv, usual.uv)
+
+
+@pytest.mark.slow
+def test_what_cannot_be_had_is_refused_with_the_best_and_cuts_that_help():
+    surface = cap(172)
+    with pytest.raises(
+        voxflat.AreaBoundError, match=r"the best changes one by .* cut it where voxflat\.worst_places says"
+    ) as found:
+        voxflat.flatten(surface, sources=60, relax=False, max_area=1.2)
+    error = found.value
+    assert isinstance(error, voxflat.InputError)
+    assert changes(error.best).max() == pytest.approx(error.best.metadata["area_change"], rel=1e-9)
+    assert changes(error.best).max() > 1.2
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), len(again.best)) == (str(error), len(error.best))
+    assert error.places.places
+    assert error.places.places[0].cut is not None
+    assert all(len(path) > 1 for path in error.places.cuts())
+
+
+@pytest.mark.parametrize("bound", [1, 0.5, np.nan, np.inf, "2", True, [2.0]])
+def test_a_bound_that_is_none_is_refused(bound):
+    with pytest.raises(voxflat.InputError, match="max_area is"):
+        voxflat.flatten(cap(40), max_area=bound)
+    with pytest.raises(voxflat.InputError, match="max_area is given, but the method 'zigelman2002' knows no max_area"):
+        voxflat.flatten(cap(40), max_area=2.0, method="zigelman2002")
