@@ -135,6 +135,11 @@ CALLS = {
     ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
+    "number of a cut": (lambda s: voxflat.cut(s, relax=False).title(0), "the number of a cut is 0; there are 0"),
+    "numbers of a cut": (
+        lambda s: voxflat.cut(s, relax=False).title(ARRAY),
+        "the number of a cut is array.*; there are",
+    ),
     "flat map": (lambda s: figures.flat_map(1), "flat map is 1; give a FlatMap"),
     "movie": (lambda s: figures.movie(1e19, VOLUME), r"flat map is 1e\+19; give a FlatMap"),
     "atlas": (lambda s: figures.atlas_3d("x"), "atlas is 'x'; give an atlas"),

@@ -411,7 +411,10 @@ def _inside(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> b
     if data[:6] == b"\x93NUMPY":
         return _in_array(data, chance)
     if data[:1] in (b"{", b"["):
-        return json.dumps(_in_json(json.loads(data), chance)).encode("utf-8", "replace")
+        lines = data.splitlines() if b"}\n{" in data else [data]  # a journal has an object a line
+        at = chance.randrange(len(lines))
+        lines[at] = json.dumps(_in_json(json.loads(lines[at]), chance)).encode("utf-8", "replace")
+        return b"\n".join(lines)
     if blocks := list(re.finditer(rb">\s*([A-Za-z0-9+/]{40,}=*)\s*<", data)):
         block = chance.choice(blocks)
         inner = base64.b64decode(block[1])

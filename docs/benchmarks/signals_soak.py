@@ -133,6 +133,11 @@ def is_whole(name: str, data: bytes) -> bool:
     return len(data) > 0
 
 
+def _hear_ctrl_c() -> None:
+    """Let a program take Ctrl-C as in a terminal: what a shell starts in the background ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @dataclass
 class Known:
     """What an undisturbed run of a command takes and writes."""
@@ -176,6 +181,7 @@ class Soak:
             stderr=subprocess.PIPE,
             text=True,
             env={**CALLERS, MARK: self.mark, "MPLBACKEND": "agg"},
+            preexec_fn=_hear_ctrl_c,
         )
 
     def undisturbed(self, command: str, old: tuple[str, ...]) -> Known:

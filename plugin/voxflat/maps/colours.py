@@ -147,4 +147,5 @@ def label_colour(label: int) -> tuple[int, int, int]:
 
 def all_whole(data: NDArray[Any]) -> bool:
     """Tell whether all values are whole numbers, or NaN."""
-    return bool(np.all((data == np.round(data)) | np.isnan(data)))
+    with np.errstate(invalid="ignore"):  # a NaN that signals
+        return bool(np.all((data == np.round(data)) | np.isnan(data)))

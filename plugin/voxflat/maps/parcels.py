@@ -150,7 +150,8 @@ def parcels_of(
     if known is None and isinstance(labels, str | os.PathLike):
         known = own_table(labels, number)
     known = known or LabelTable()
-    found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
+    with np.errstate(invalid="ignore"):  # what no whole number holds is no label
+        found = np.nan_to_num(values[:, 0], nan=_NONE).astype(np.int64)
     for label in np.unique(found):
         if not known.is_region(int(label)):
             found[found == label] = _NONE

@@ -490,7 +490,8 @@ def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
         )
     if not all_whole(values):
         raise InputError("a label image has whole numbers, and this has others: is it one of intensities?")
-    labels = np.nan_to_num(values).astype(np.int64)
+    with np.errstate(invalid="ignore"):  # what no whole number holds becomes a negative one
+        labels = np.nan_to_num(values).astype(np.int64)
     keys = tuple(np.unique(labels[raster.inside & (labels != 0)]).tolist())
     if not keys:
         raise InputError("the label image is 0 everywhere on the map: there is no region")

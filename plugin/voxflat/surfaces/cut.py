@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import Progress, checked_threads, log
+from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, saving, telling
@@ -124,7 +124,14 @@ class CutSurface:
         -------
         str
             Such as "calcarine, posterior" or "cut 2, superior".
+
+        Raises
+        ------
+        InputError
+            If there is no such cut.
         """
+        if not is_whole(number) or not 0 <= number < len(self.cuts):
+            raise InputError(f"the number of a cut is {shown(number)}; there are {len(self.cuts)}, counted from 0")
         cut, of = self.cuts[number], self.whole
         name = cut.name or f"cut {number + 1}"
         if of is None or not len(cut.ids):
