@@ -99,7 +99,8 @@ impl GeodesicGraph {
             first += layers;
         }
         drop(view);
-        needed.joined()
+        let (starts, arcs) = needed.joined()?;
+        Ok(Self::from_rows(starts, arcs))
     }
 
     fn from_rows(starts: Vec<u32>, arcs: Vec<Arc>) -> Self {

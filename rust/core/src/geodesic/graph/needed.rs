@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::GeodesicGraph;
 use super::view::{Seen, View};
 use crate::adjacency::Arc;
 use crate::control::Control;
@@ -155,8 +154,8 @@ impl Needed {
         Ok(())
     }
 
-    /// All of them, in one.
-    pub fn joined(self) -> Result<GeodesicGraph> {
+    /// All of them in compressed rows: where each vertex's begin, and its links, ordered by neighbour.
+    pub fn joined(self) -> Result<(Vec<u32>, Vec<Arc>)> {
         check_count(self.layers.iter().map(|layer| layer.arcs.len()).sum(), self.vertices)?;
         let mut starts = vec![0u32; self.vertices + 1];
         for layer in &self.layers {
@@ -181,7 +180,7 @@ impl Needed {
                 arcs = others;
             }
         });
-        Ok(GeodesicGraph::from_rows(starts, arcs))
+        Ok((starts, arcs))
     }
 
     fn batches(&self) -> impl ExactSizeIterator<Item = Range<usize>> {
