@@ -9,7 +9,7 @@ pub const SMALLEST: f64 = 1e-9;
 
 /// The shortest edge of a mesh whose box is scaled to 1. Fans of edges down to 1e-10 were mapped with no triangle turned over; below,
 /// rounding decides which way the smallest ones face.
-pub const SHORTEST_EDGE: f64 = 1e-9;
+pub const SHORTEST_EDGE: f64 = 1e-10;
 
 /// Is a coordinate no farther than [`FARTHEST`]? What is not finite is not.
 pub(crate) fn is_near(coordinate: f64) -> bool {
