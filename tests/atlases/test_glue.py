@@ -299,8 +299,8 @@ class TestOneMap:
     def test_too_little_memory_is_refused_before_work_begins(self):
         stages = []
         options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
-        with pytest.raises(InputError, match="of memory are needed, 10 bytes is the limit; take a smaller patch"):
-            voxflat.flatten(bumps(), **options, memory_limit=10)
+        with pytest.raises(InputError, match=r"of memory are needed, .* is the limit; take a smaller patch"):
+            voxflat.flatten(bumps(), **options, memory_limit="400K")  # its surface takes less
         assert "growing patches" not in stages
 
     def test_any_number_of_threads_makes_the_same_map(self):

@@ -13,7 +13,7 @@ from triangle_meshes import square
 
 import voxflat
 from voxflat import cli, figures, io
-from voxflat.maps.worst_places import _changes
+from voxflat.maps.worst_places import area_changes
 
 
 def laid(points, faces, uv):
@@ -75,7 +75,7 @@ def test_all_places_together_are_the_share_that_the_figures_have(both, beyond, n
     assert sum(place.share for place in worst.places) == pytest.approx(worst.share)
     assert len(worst.places) == worst.found
     assert sum(len(place.triangles) for place in worst.places) == np.count_nonzero(worst.numbers)
-    areas, logs = _changes(both)
+    areas, logs = area_changes(both)
     for place in worst.places:
         assert np.array_equal(np.flatnonzero(worst.numbers == place.number), place.triangles)
         change = logs[place.triangles]
@@ -147,7 +147,7 @@ def test_a_pit_is_shrunk_and_its_cut_relieves_it(pit, tmp_path):
     for cuts in (tmp_path / "cuts.json", worst.cuts(1)):
         relieved = voxflat.flatten((points, faces), cuts=cuts)
         assert np.array_equal(relieved.ids[relieved.faces], flat_map.ids[flat_map.faces])
-        areas, logs = _changes(relieved)
+        areas, logs = area_changes(relieved)
         left = (areas * np.abs(logs))[first.triangles].sum()
         assert left < first.excess / 2
         assert relieved.distortion.triangles.area_beyond_1_5 < flat_map.distortion.triangles.area_beyond_1_5 / 2

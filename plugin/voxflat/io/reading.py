@@ -86,13 +86,15 @@ def allowed_memory() -> int:
     return free_memory() if now is None or now.limit is None else int(now.limit)
 
 
-def check_room(need: int) -> None:
+def check_room(need: int, remedy: str = "crop or downsample it, or give it more memory") -> None:
     """Refuse to read what needs more memory than there is.
 
     Parameters
     ----------
     need : int
         Bytes, by the file's header.
+    remedy : str
+        What to do, for the error.
 
     Raises
     ------
@@ -100,4 +102,4 @@ def check_room(need: int) -> None:
         If they are not there.
     """
     now = _now.get()
-    check_memory(need, None if now is None else now.limit, "crop or downsample it, or give it more memory")
+    check_memory(need, None if now is None else now.limit, remedy)

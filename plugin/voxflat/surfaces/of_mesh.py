@@ -85,7 +85,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, []
-    check_room(_A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points))
+    need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
+    check_room(need, "take a part of the mesh or simplify it, or give it more memory")
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
         other = as_mesh(pial)
