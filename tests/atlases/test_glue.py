@@ -300,7 +300,7 @@ class TestOneMap:
         stages = []
         options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
         with pytest.raises(InputError, match=r"of memory are needed, .* is the limit; take a smaller patch"):
-            voxflat.flatten(bumps(), **options, memory_limit="400K")  # its surface takes less
+            voxflat.flatten(bumps(), **options, memory_limit=400_000)  # its surface takes less
         assert "growing patches" not in stages
 
     def test_any_number_of_threads_makes_the_same_map(self):
