@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from voxflat.distances.store import FINISH, OTHER
+from voxflat.distances.store import OTHER
+from voxflat.distances.table import FINISH
 from voxflat.errors import InputError
 from voxflat.io.files import from_json
 

@@ -20,14 +20,13 @@ from voxflat.arguments import checked_path
 from voxflat.distances.journal import read_journal
 from voxflat.distances.store import (
     ARRAYS,
-    FINISH,
     OTHER,
     array_hash,
     read_description,
     read_provenance,
     write_provenance,
 )
-from voxflat.distances.table import Table
+from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 

@@ -24,7 +24,6 @@ from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 2"
 ARRAYS = ("points", "ids", "sources")
-FINISH = "measure again with the same store to finish or mend it"
 OTHER = "choose another directory, or delete this one"
 
 

@@ -18,9 +18,10 @@ from voxflat.errors import InputError
 from voxflat.io.files import one_line
 from voxflat.io.reading import check_room
 
-__all__ = ["Table"]
+__all__ = ["FINISH", "Table"]
 
-_FINISH = "measure again with the same store to finish or mend it"
+FINISH = "measure again with the same store to finish or mend it"
+"""What a store that is damaged or not complete asks for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +70,9 @@ class Table:
                 shape, is_fortran, dtype = header(file)
                 start = file.tell()
         except Exception as error:  # of damaged headers NumPy's parser raises TokenError, OverflowError, ...
-            raise InputError(f"{path} is damaged ({one_line(error)}); {_FINISH}") from error
+            raise InputError(f"{path} is damaged ({one_line(error)}); {FINISH}") from error
         if is_fortran or dtype.hasobject or not 1 <= len(shape) <= 2 or min(shape) < 0:
-            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {_FINISH}")
+            raise InputError(f"{path} is damaged (it holds {dtype} of shape {shape}); {FINISH}")
         table = cls(path, tuple(shape), dtype, start)
         table._check_there()
         return table
@@ -129,7 +130,7 @@ class Table:
             raise self._cut_short(there)
 
     def _cut_short(self, there: int) -> InputError:
-        return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {_FINISH}")
+        return InputError(f"{self.path} was cut short to {there} of {self.start + self.nbytes} bytes; {FINISH}")
 
     def _rows(self, numbers: NDArray[np.int64], first: int, end: int) -> NDArray[Any]:
         """Read the columns from `first` to `end` of some rows."""

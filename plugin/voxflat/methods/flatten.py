@@ -165,12 +165,12 @@ def flatten(
         reached. If no such map is found, that is an `AreaBoundError`, with the best map and the cuts that would help.
     start : map, optional
         "voxflat" only. A flat map of the surface, of whatever tool, as `voxflat.measure` takes it: descent goes on from
-        there, instead of from nothing, and ends in the map of least energy near it. From the last map that takes a part
-        of the time. It may lie anywhere, at any scale, mirrored or not; the map is turned as it lies, and not mirrored
-        (``mirror=True`` for that). Where nothing says what to flatten and where to cut (`keep`, `drop`, `seed_point`,
-        `polygon`, `cuts`, `sphere`, `relax`, `adapt`), it is what the start covers, cut as the start is. Otherwise the
-        start needs a place for every triangle, and may lack cuts, whose lips are drawn apart. A few folds are mended;
-        what cannot be mended is refused.
+        there, instead of from nothing, and ends in the map of least energy near it, which lies as the start does. On
+        small surfaces that takes as long as from nothing. It may lie anywhere, at any scale, mirrored or not; the map
+        is turned as it lies, and not mirrored (``mirror=True`` for that). Where nothing says what to flatten and where
+        to cut (`keep`, `drop`, `seed_point`, `polygon`, `cuts`, `sphere`, `relax`, `adapt`), it is what the start
+        covers, cut as the start is. Otherwise the start needs a place for every triangle, and may lack cuts, whose lips
+        are drawn apart. A few folds are mended; what cannot be mended is refused.
     link_lengths : {"chain-code", "euclidean"}, optional
         "grossmann2002" only. Lengths of the links between neighbouring voxels: the paper's unbiased estimator (0.9016,
         1.289, 1.615 voxels, or its generalisation to anisotropic voxels; the default), or 1, √2, √3 for comparison.
