@@ -21,6 +21,7 @@ def volumes(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_walk_passes_the_python_files_that_are_told_in_that_order(volumes):
     passed = []
 

@@ -18,8 +18,8 @@ def volumes(tmp_path_factory):
     """The files that README speaks of: white matter only around its seed point, and nothing far beyond it."""
     folder = tmp_path_factory.mktemp("volumes")
     white_matter, t1, _ = demo.demo_cortex()
-    near = tuple(slice(at - 20, at + 21) for at in demo.SEED_POINT)
-    ends = tuple(slice(at + 25) for at in demo.SEED_POINT)
+    near = tuple(slice(at - 14, at + 15) for at in demo.SEED_POINT)
+    ends = tuple(slice(at + 19) for at in demo.SEED_POINT)
     part = np.zeros_like(white_matter.data)
     part[near] = white_matter.data[near]
     write_volume(folder / "wm.nii.gz", part[ends], white_matter.affine)

@@ -204,6 +204,7 @@ def on_mesh(of_mesh):
     return voxflat.flatten(of_mesh, sources=9), voxflat.patches(of_mesh, bound=1.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ON_MAPS)
 def test_maps_and_atlases_say_it_so(name, on_mesh, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -18,6 +18,7 @@ __all__ = [
     "VoxelSurface",
     "__version__",
     "chain_weights",
+    "damaged_rows",
     "defects",
     "draw",
     "is_sheet",
@@ -58,6 +59,12 @@ def repair(
     progress: _Progress | None = None,
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]: ...
 def reference_sources(points: int, count: int, seed: int) -> NDArray[np.uint32]: ...
+def damaged_rows(
+    directory: str | PathLike[str],
+    columns: int,
+    checksums: Sequence[int | None],
+    progress: Callable[[str, int, int], bool | None] | None = None,
+) -> list[int]: ...
 def store_memory_need(columns: int, rows: int, threads: int) -> int: ...
 def turn_onto(
     uv: NDArray[np.float64], places: NDArray[np.float64], onto: NDArray[np.float64]

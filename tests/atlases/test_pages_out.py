@@ -83,6 +83,7 @@ class TestCommand:
         assert result.exit_code == 1
         assert "is not a flat map" in result.stderr
 
+    @pytest.mark.slow
     def test_the_heat_map_is_a_figure(self, tmp_path):
         atlas = voxflat.patches(torus(20), 30)
         for of in ("isometric", "quasi_conformal", "areal"):

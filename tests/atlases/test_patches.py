@@ -155,6 +155,7 @@ class TestPatches:
         voxflat.patches(torus, 10, progress=lambda stage, done, total: stages.append(stage))
         assert stages
 
+    @pytest.mark.slow
     def test_it_is_asked_for_progress_even_where_nothing_moves(self):
         # or nobody could cancel a stage of which the end is not counted
         reports = []
@@ -223,6 +224,7 @@ class TestFlatAtlas:
         with pytest.raises(FileNotFoundError):
             FlatAtlas.load(tmp_path / "nowhere.npz")
 
+    @pytest.mark.slow
     def test_pictures(self, atlas, tmp_path, monkeypatch):
         figures.save(figures.atlas_page(atlas), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000
@@ -246,6 +248,7 @@ class TestCommand:
         voxflat.surface(torus).save(tmp_path / "torus.obj")
         return tmp_path / "torus.obj"
 
+    @pytest.mark.slow
     def test_it_writes_the_atlas_and_pictures(self, mesh, tmp_path):
         out, page, picture = (tmp_path / name for name in ("atlas.npz", "page.png", "torus.png"))
         result = self.run(mesh, "-o", out, "--max-angle", 5, "--page", page, "--picture", picture)

@@ -66,6 +66,7 @@ def found_by_the_child(monkeypatch):
     module._stop()
 
 
+@pytest.mark.slow
 def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     for number, name in [(signal.SIGSEGV, "SIGSEGV"), (signal.SIGABRT, "SIGABRT"), (signal.SIGKILL, "SIGKILL")]:
         with pytest.raises(InputError, match=rf"^VTK ended at it \({name}\), within .*: copy it again, or give"):
@@ -76,6 +77,7 @@ def test_whatever_ends_the_child_is_one_line(path, monkeypatch):
     assert size(path) == 1770
 
 
+@pytest.mark.slow
 def test_it_takes_no_more_than_the_limit(path):
     limit = 1 << 28
     with (
@@ -118,6 +120,7 @@ def test_threads_and_forks_share_no_answer(path):
     assert size(path) == 1770
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL, None])
 def test_nothing_is_left_of_it(path, ending, tmp_path):
@@ -140,6 +143,7 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
     child.wait(20)
 
 
+@pytest.mark.slow
 def test_a_call_that_is_broken_off_ends_the_child(path):
     """What the child would have said is not taken for the answer to the next question."""
     size(path)

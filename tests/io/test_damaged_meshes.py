@@ -69,6 +69,7 @@ def test_files_cut_short(tmp_path, name, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*COUNTED, "s.obj"])
 @settings(fast, max_examples=25, derandomize=True)
 @given(data=st.data())

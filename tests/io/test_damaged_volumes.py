@@ -16,6 +16,7 @@ itk = pytest.importorskip("itk")
 # ---------------------------------------------------------------------------------------- damaged files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packages", BOTH)
 @pytest.mark.parametrize("ending", [*NIFTI, ".mgh", ".mgz", ".nrrd", ".mha", ".npy", ".npz"])
 def test_truncated_files(tmp_path, monkeypatch, ending, packages):

@@ -51,6 +51,7 @@ def impatient(monkeypatch):
     monkeypatch.setattr(apart, "_SECONDS", 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOLUMES)
 def test_headers_of_volumes(tmp_path, name):
     folder = tmp_path / "folder"
@@ -106,6 +107,7 @@ MESHES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MESHES)
 def test_headers_of_meshes(tmp_path, name, capfd):
     text, message = MESHES[name]
@@ -116,6 +118,7 @@ def test_headers_of_meshes(tmp_path, name, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_what_those_were_made_of_is_read(tmp_path):
     """Words of VTK may also be names of arrays."""
     more = VTK + "POINT_DATA 3\nFIELD f 1\nlines 1 3 float\n1 2 3\n"

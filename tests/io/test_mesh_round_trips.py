@@ -194,6 +194,7 @@ def test_missing_packages_are_named(tmp_path, monkeypatch):
 # --------------------------------------------------------------------------------------- real data
 
 
+@pytest.mark.slow
 def test_fsaverage5(tmp_path):
     white, pial, flat = (read_mesh(fsaverage5(name)) for name in ("white_left", "pial_left", "flat_left"))
     points, faces = (array.data for array in nib.load(fsaverage5("white_left")).darrays)

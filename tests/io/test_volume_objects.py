@@ -96,6 +96,7 @@ def test_nibabel_images():
         as_volume(nib.Nifti1Image(data, None))
 
 
+@pytest.mark.slow
 def test_itk_images():
     image = itk_image(values())
     agrees_with_itk(as_volume(image), image)

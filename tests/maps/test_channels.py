@@ -260,6 +260,7 @@ class TestSeries:
         with pytest.raises(voxflat.InputError, match=r"bold.nii: ends after \d+ of \d+ bytes"):
             flat.images(path)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", ["long_flat.nii", "long_flat.tif", "long_flat.zarr", "long_flat.npy"])
     def test_a_long_series_is_never_in_memory(self, flat, tmp_path, name):
         path = series(tmp_path, 80, "long.nii", (33, 31, 20))  # 6.5 MB, and as much on the map

@@ -102,6 +102,7 @@ def test_labels_and_means(m, values):
     assert set(counting.read.values()) == {1}
 
 
+@pytest.mark.slow
 def test_memory_stays_below_the_bound(m):
     """The array would take 8 GB, a chunk 1 MiB; 140,000 places. A block of places' weights takes 20 MiB more."""
 

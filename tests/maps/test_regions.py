@@ -124,6 +124,7 @@ class TestVoxels:
         solid = pv.PolyData.from_regular_faces(m.points, m.faces).area / ((INNER + OUTER) / 2) ** 2
         assert volume == pytest.approx(solid / 3 * (OUTER**3 - INNER**3), rel=0.01)
 
+    @pytest.mark.slow
     def test_along_normals_where_no_pial_surface_is_known(self, grid):
         white = voxflat.flatten(sphere(INNER), seed_point=0, radius=20.0, sources=30)
         regions = white.regions(circle(*white.uv.mean(axis=0), 10.0))
@@ -197,6 +198,7 @@ class TestFiles:
             np.loadtxt(tmp_path / "lh.y.label", skiprows=2)[:, 1:4], points[rows[:, 0].astype(int)], atol=6e-4
         )
 
+    @pytest.mark.slow
     @needs_workbench
     def test_label_gii(self, tmp_path):
         lab.write(tmp_path)
@@ -240,6 +242,7 @@ class TestFiles:
         with pytest.raises(InputError, match="give a name that ends in"):
             regions.save(tmp_path / "l.txt")
 
+    @pytest.mark.slow
     def test_both_sides_of_a_cut(self):
         points, faces = sphere(INNER, 2)
         whole = voxflat.flatten((points, faces), sources=30)

@@ -121,6 +121,7 @@ def test_depth_and_pages(tmp_path, volumes):
     np.testing.assert_allclose(shown[ids >= 0], to_scanner(places[ids >= 0], of)[:, 0], atol=2e-4)
 
 
+@pytest.mark.slow
 def test_without_c_ras_nothing_changes(tmp_path, volumes, caplog):
     """Bit for bit: a footer with c_ras 0, scanner RAS, or no word of a space."""
     points, faces = ball()

@@ -60,6 +60,7 @@ class TestPlacing:
         object.__setattr__(flat_map, "torn", torn)
         np.testing.assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])
 
+    @pytest.mark.slow
     def test_squares_of_a_chessboard_have_equal_area_on_a_cylinder(self, cylinder_map):
         """Each inner square, 2 x 2 mm on the map, covers that area of the surface, to the map's areal error."""
         textured = cylinder_map.textured(chessboard(12, 16), texel_size=2 / 16, repeat=True).subdivided()

@@ -160,6 +160,7 @@ class TestCommand:
 
         return run
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("ending", [".obj", ".vtp", ".glb", ".ply"])
     def test_it_writes_what_python_writes(self, run, cylinder_map, tmp_path, ending):
         result = run("--texel-size", 0.25, "--repeat", "-o", tmp_path / f"cli{ending}")

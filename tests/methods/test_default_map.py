@@ -108,6 +108,7 @@ def test_options_are_refused_before_anything_is_done():
             voxflat.flatten((points, faces), progress=progress, **options)
 
 
+@pytest.mark.slow
 def test_distances_that_are_too_long_are_told():
     usual = voxflat.flatten(sheet(21, 16, dome)[:2], sources=30)
     assert 0 <= usual.metadata["distance_error"] < 2e-3

@@ -57,6 +57,7 @@ def source(name):
     return shapes.sheet((30, 24)) if name == "grossmann2002" else bump(20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_rows_are_measured_once_and_the_map_is_the_same(name, called):
     options, geodesic = METHODS[name]

@@ -183,6 +183,7 @@ class TestBadInput:
 
 
 class TestCommandLine:
+    @pytest.mark.slow
     def test_it_has_the_method_and_its_options(self, tmp_path):
         mesh, _ = cylinder(SMALL)
         path, output = tmp_path / "cylinder.ply", tmp_path / "map.npz"

@@ -73,6 +73,7 @@ def test_a_map_that_is_done_ends_at_once_where_it_is(known):
     assert np.abs(again.uv - known.uv).max() < 0.2  # it lies as the start does
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moved", "hand"),
     [
@@ -173,6 +174,7 @@ def test_a_start_says_what_is_flattened_and_where_it_is_cut(tmp_path):
         voxflat.flatten(surface, start=first, cuts=[line.tolist()], relax=False)
 
 
+@pytest.mark.slow
 def test_a_start_may_be_of_a_part(known):
     kept = np.ones(len(SURFACE[0]), dtype=bool)
     kept[: 3 * COLUMNS] = False
@@ -193,6 +195,7 @@ def test_voxels_have_starts_too():
     assert energy(again) == pytest.approx(energy(first), rel=1e-3, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_lips_of_a_new_cut_open(known):
     path = [COLUMNS * 18 + n for n in range(23)]  # from the border to the top
     cut = begun(known, cuts=[path])

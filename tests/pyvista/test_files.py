@@ -32,6 +32,7 @@ def ball():
     return pv.Icosphere(radius=20.0, nsub=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lh.white", "lh.pial", "rh.inflated", "lh.sphere.reg"])
 def test_surfaces_of_freesurfer(name, ball, tmp_path):
     nibabel.freesurfer.write_geometry(tmp_path / name, np.asarray(ball.points), ball.regular_faces)

@@ -323,6 +323,7 @@ def datasets():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", datasets())
 def test_any_dataset_is_flattened_with_its_data(name):
     mesh = datasets()[name]
@@ -396,6 +397,7 @@ def test_blocks_are_flattened_one_by_one(capsys):
         pv.MultiBlock({"points": pv.PolyData(np.eye(4, 3))}).voxflat()
 
 
+@pytest.mark.slow
 def test_verbs_of_blocks_are_those_of_each_block():
     parts = {"tube": open_cylinder(), "bumps": bumpy()}
     blocks = pv.MultiBlock({"tube": parts["tube"], "more": pv.MultiBlock({"bumps": parts["bumps"], "none": None})})
@@ -564,6 +566,7 @@ def test_vtk_draws_the_picture_upright(flat_map):
 # -------------------------------------------------------------------------------------- registration
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(pv, "register_dataset_accessor"), reason="PyVista before 0.48 has no accessors")
 def test_entry_point_needs_no_import_of_voxflat():
     code = """

@@ -92,6 +92,7 @@ VERBS = ["__call__", "flatten", "surface", "check", "geodesic", "path", "patches
 VERBS += ["morph"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize("dataset", DATASETS)
 def test_every_verb_on_every_dataset(dataset, verb):

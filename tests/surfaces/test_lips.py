@@ -97,6 +97,7 @@ class TestAnyCuts:
                     continue
         return faces, part
 
+    @pytest.mark.slow
     @settings(max_examples=40)
     @given(data=st.data())
     def test_a_patch_holds_no_triangle_but_its_own(self, data):

@@ -206,6 +206,7 @@ class TestOverlays:
         gifti(tmp_path / "x.shape.gii", values)
         flat.image(tmp_path / "x.shape.gii")
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", ["curv", "sulc"])
     def test_another_surfaces_folds(self, flat, brain, tmp_path, caplog, name):
         """Of as many vertices, and of no name that tells: those of the other side."""

@@ -83,6 +83,7 @@ def test_threads_change_no_bit(hemispheres, left):
     assert np.array_equal(voxflat.register((points, faces), threads=1).points, left.points)
 
 
+@pytest.mark.slow
 def test_a_mirrored_hemisphere_is_the_other_side(hemispheres):
     points, _, faces = hemispheres["left"]
     made = voxflat.register((points * [-1, 1, 1], faces[:, ::-1]))
@@ -102,6 +103,7 @@ def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
     assert np.isnan(made.sphere).any(axis=1).sum() == len(points) - len(made.points)
 
 
+@pytest.mark.slow
 def test_the_wrong_side_is_refused(hemispheres):
     points, _, faces = hemispheres["left"]
     with pytest.raises(InputError, match=r"side is 'right', but .* the left side .*: give side='left'"):

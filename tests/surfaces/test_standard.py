@@ -183,6 +183,7 @@ def test_check_says_what_standard_and_automatic_cuts_cost(subject):
     assert found.can_flatten
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_other_meshes_with_warped_spheres_become_disks(seed):
     points, faces, sphere, _ = remeshed(seed, 500 + 400 * seed)
@@ -212,6 +213,7 @@ def test_both_sides_of_fsaverage5_become_disks_in_both_spaces():
 # ---------------------------------------------------------------------------------------- spheres
 
 
+@pytest.mark.slow
 def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, tmp_path):
     whole = voxflat.surface(subject / "lh.white")
     white, _, faces = lab.hemisphere()

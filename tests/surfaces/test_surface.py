@@ -15,6 +15,7 @@ pytest.importorskip("nilearn")
 
 
 class TestFromVoxels:
+    @pytest.mark.slow
     @settings(max_examples=60)
     @given(st.integers(0, 2**32), st.floats(0.2, 0.8), st.integers(3, 9))
     def test_a_blob_is_a_closed_manifold_of_its_voxels(self, seed, share, size):

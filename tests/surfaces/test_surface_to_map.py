@@ -49,6 +49,7 @@ class TestDistances:
         assert -1e-3 < error.min() <= error.max() < 0.03
         assert np.abs(error).mean() < 0.01
 
+    @pytest.mark.slow
     def test_paths_are_as_long_as_their_distances(self, white):
         rows = voxflat.geodesic(white, [17])
         for geodesic, least in (("graph", 1.0), ("edges", 1.0)):

@@ -93,6 +93,7 @@ def test_a_sheet_is_not_repaired():
     assert "repair" not in made.metadata
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["label.nii.gz", "probability.nii.gz", "wm.mgz"])
 def test_masks_as_labs_have_them_lose_their_handles(tmp_path, name):
     volume = with_handles()

@@ -25,7 +25,7 @@ from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
 from voxflat.cluster import Cluster, Work, connected
 from voxflat.distances.journal import append, complete, read_journal
-from voxflat.distances.rows import DistanceRows, checksum, open_rows
+from voxflat.distances.rows import DistanceRows, damaged_rows, open_rows
 from voxflat.distances.sources import SourceChoice
 from voxflat.distances.store import Store, array_hash, prepare_store, store_path
 from voxflat.distances.table import Table
@@ -195,13 +195,14 @@ def _locked(store: Path) -> Iterator[None]:
 
 def _collect(store: Path) -> None:
     """Take over what parts of an earlier call have finished."""
-    whole, table = read_journal(store), Table.open(store / "rows.npy")
+    whole = read_journal(store)
     known = len(whole.checksums)
     for part in sorted((store / "parts").glob("*/journal.jsonl")):
         with suppress(InputError):  # it had not begun
             own = read_journal(part.parent)
             if own.header == whole.header:
-                sound = {row: of for row, of in own.checksums.items() if checksum(table[row]) == of}
+                damaged = damaged_rows(store, own.checksums)
+                sound = {row: of for row, of in own.checksums.items() if row not in damaged}
                 append(store, sound)
                 known += len(sound)
     shutil.rmtree(store / "parts", ignore_errors=True)

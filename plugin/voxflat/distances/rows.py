@@ -8,7 +8,7 @@ journal.
 from __future__ import annotations
 
 import os
-import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat import _core
 from voxflat.arguments import checked_path
 from voxflat.distances.journal import read_journal
 from voxflat.distances.store import (
@@ -30,9 +31,8 @@ from voxflat.distances.table import FINISH, Table
 from voxflat.errors import InputError
 from voxflat.io.provenance import Record
 
-__all__ = ["DistanceRows", "checksum", "open_rows"]
+__all__ = ["DistanceRows", "damaged_rows", "open_rows"]
 
-_PIECE = 1 << 22  # bytes that are read at a time
 _CHUNK = 1 << 26  # bytes that are best asked for at once
 
 
@@ -131,8 +131,7 @@ class DistanceRows:
         """
         if self.store is None:
             return
-        checksums = _checksums(self.store, self.shape)
-        damaged = [row for row, expected in enumerate(checksums) if checksum(self[row]) != expected]
+        damaged = damaged_rows(self.store, dict(enumerate(_checksums(self.store, self.shape))))
         if damaged:
             which = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
             raise InputError(f"the rows {which} of {self.store} do not agree with their checksums; {FINISH}")
@@ -192,10 +191,28 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
     return known
 
 
-def checksum(row: NDArray[np.float32]) -> int:
-    """Return the CRC-32 of a row, as a journal has it."""
-    found = 0
-    step = _PIECE // row.itemsize
-    for start in range(0, len(row), step):
-        found = zlib.crc32(row[start : start + step].data, found)
-    return found
+def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
+    """Read rows of a store.
+
+    Parameters
+    ----------
+    store : Path
+        The directory.
+    checksums : dict of int to int
+        The CRC-32 of each row that is read, as a journal has it.
+
+    Returns
+    -------
+    list of int
+        Those that do not agree with it.
+
+    Raises
+    ------
+    InputError
+        If the table is damaged or was cut short.
+    """
+    shape = Table.open(store / "rows.npy").shape
+    if len(shape) != 2:
+        raise InputError(f"{store / 'rows.npy'} holds values of shape {shape}, not of rows and columns; {FINISH}")
+    rows, columns = shape
+    return _core.damaged_rows(store, columns, [checksums.get(row) for row in range(rows)])

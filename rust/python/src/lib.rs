@@ -9,12 +9,29 @@ mod surface;
 mod voxels;
 mod work;
 
+use std::path::PathBuf;
+
 use pyo3::prelude::*;
 
 /// The memory in bytes that computing a store of so many rows and columns needs at most beside the graph.
 #[pyfunction]
 fn store_memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     voxflat::store::memory_need(columns, rows, threads)
+}
+
+/// Of rows of a store's table, whose checksums are given, those that do not agree with them.
+#[pyfunction]
+#[pyo3(signature = (directory, columns, checksums, progress=None))]
+fn damaged_rows(
+    py: Python<'_>,
+    directory: PathBuf,
+    columns: usize,
+    checksums: Vec<Option<u32>>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<Vec<usize>> {
+    work::run(py, None, progress.as_ref(), move |control| {
+        voxflat::store::damaged_rows(&directory, columns, &checksums, control)
+    })
 }
 
 /// The compiled core of voxflat.
@@ -38,6 +55,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(surface::measure::reference_sources, module)?)?;
     module.add_function(wrap_pyfunction!(surface::spheres::locate_on_sphere, module)?)?;
     module.add_function(wrap_pyfunction!(surface::vertex_normals, module)?)?;
+    module.add_function(wrap_pyfunction!(damaged_rows, module)?)?;
     module.add_function(wrap_pyfunction!(store_memory_need, module)?)?;
     module.add_function(wrap_pyfunction!(voxels::chain_weights, module)?)?;
     Ok(())

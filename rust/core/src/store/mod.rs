@@ -164,6 +164,15 @@ impl Store {
     }
 }
 
+/// Reads rows of a store's table, whoever wrote them: the numbers of those that do not agree with their checksum, where one is known.
+///
+/// # Errors
+/// [`Error::StoreFailed`], [`Error::Cancelled`].
+pub fn damaged_rows(directory: &Path, columns: usize, known: &[Option<u32>], control: &Control) -> Result<Vec<usize>> {
+    let sound = verify(&NpyFile::new(directory.join(TABLE), known.len(), columns), known, control)?;
+    Ok((0..known.len()).filter(|&row| sound[row] != known[row]).collect())
+}
+
 impl Rows for Store {
     fn sources(&self) -> &[u32] {
         &self.sources
