@@ -63,6 +63,7 @@ class Cases:
 
             (folder / "read").mkdir()
             self.calls, self.values = calls(folder / "read")
+            self.labels = sorted(self.calls)
 
     def drawn(self, number: int) -> tuple[str, Callable[[], object]]:
         """Return what a case is, and the case."""
@@ -73,9 +74,11 @@ class Cases:
             entry = self.entries[number % len(self.entries)]
             path, opener = damaged(entry, self.entries, self.folder / "case", chance)
             return f"{opener} {path.name}", lambda: OPENERS[opener](path)
-        from fuzz_calls import arguments, told
+        from fuzz_calls import DRAWING, SELDOM, arguments, told
 
-        label = sorted(self.calls)[number % len(self.calls)]
+        label = self.labels[number % len(self.labels)]
+        while label in DRAWING and number // len(self.labels) % SELDOM:
+            label = chance.choice(self.labels)
         given = arguments(self.calls[label], self.values, chance)
         return told(label, given), lambda: self.calls[label](**given)
 

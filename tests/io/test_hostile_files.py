@@ -6,6 +6,7 @@ import os
 import struct
 import time
 import warnings
+import zipfile
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from PIL import Image
 
 import voxflat
 from voxflat.io import apart
+from voxflat.io.channels import series_of
 from voxflat.io.files import nibabel_image
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
@@ -71,6 +73,17 @@ def test_bits_that_are_not_those_of_the_type(tmp_path, bits):
     data[72:74] = struct.pack("<h", bits)
     path.write_bytes(data)
     refuses(path, f"of type 4 and {bits} bits, which is none", read_volume)
+
+
+@pytest.mark.parametrize("shape", [(65536, 1, 1, 65537), (65536, 32768, 2, 3)])  # products are beyond 32 bits
+def test_sizes_of_a_series_whose_product_is_too_large(tmp_path, shape):
+    path = tmp_path / "t.mgh"
+    nib.save(nib.MGHImage(np.ones((3, 4, 5, 2), np.float32), np.eye(4)), path)
+    data = bytearray(path.read_bytes())
+    data[4:20] = struct.pack(">4i", *shape)
+    path.write_bytes(data)
+    with pytest.raises(voxflat.InputError, match=r"ends after 784 of \d{11,} bytes"):
+        series_of(path)
 
 
 VTK = (
@@ -207,6 +220,43 @@ def test_arrays_that_do_not_fit_each_other(tmp_path, flat_map, name):
     changed(tmp_path / "map.npz", *CHANGES[name])
     with pytest.raises(voxflat.InputError, match=r"map\.npz: .*: copy it again"):
         voxflat.load(tmp_path / "map.npz")
+
+
+@pytest.mark.parametrize("value", ["NaN", "-Infinity", "1e400"])
+def test_numbers_that_json_does_not_have(tmp_path, flat_map, atlas, value):
+    """They are read by Python, and could not be written again."""
+    for made, load in ((flat_map, voxflat.load), (atlas, voxflat.load_atlas)):
+        path = tmp_path / f"{load.__name__}.npz"
+        made.save(path)
+        with np.load(path) as file:
+            arrays = dict(file)
+        key = "metadata" if "metadata" in arrays else "text"
+        arrays[key] = np.array(str(arrays[key]).replace("{", f'{{"x": {value}, ', 1))
+        np.savez(path, **arrays)
+        with pytest.raises(voxflat.InputError, match=rf"{path.name} is not an? .* or is damaged \(ValueError\)"):
+            load(path)
+
+
+LARGE = (
+    b"\x93NUMPY\x01\x00v\x00"
+    + b"{'descr': '|u1', 'fortran_order': False, 'shape': (73014444015,), }".ljust(117)
+    + b"\n"
+)
+
+
+def test_arrays_that_are_larger_than_their_file(tmp_path, flat_map, atlas):
+    """Their memory was taken before they were read."""
+    (tmp_path / "rois.npy").write_bytes(LARGE)
+    refuses(tmp_path / "rois.npy", r"ends after 128 of 73014444143 bytes", flat_map.regions)
+    for made, load, name in ((flat_map, voxflat.load, "uv"), (atlas, voxflat.load_atlas, "points")):
+        path = tmp_path / f"{name}.npz"
+        made.save(path)
+        with zipfile.ZipFile(path) as archive:
+            members = {member: archive.read(member) for member in archive.namelist()}
+        with zipfile.ZipFile(path, "w") as archive:
+            for member, content in {**members, f"{name}.npy": LARGE}.items():
+                archive.writestr(member, content)
+        refuses(path, r"ends after 128 of 73014444143 bytes", load)
 
 
 @pytest.fixture(scope="module")

@@ -244,6 +244,14 @@ class TestOmeZarr:
         with pytest.raises(InputError, match="is a directory"):
             m.image(tmp_path, 0.4)
 
+    def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
+        path = ome(tmp_path / "v.zarr", values)
+        images = m.images(path, 0.4)
+        for chunk in path.glob("0/[0-9]*"):
+            chunk.write_bytes(chunk.read_bytes()[:20])
+        with pytest.raises(InputError, match=r"v\.zarr: .*: is the file complete"):
+            images[0]
+
 
 def test_what_is_no_volume():
     assert not is_chunked(np.zeros(3))

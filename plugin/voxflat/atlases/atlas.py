@@ -30,6 +30,7 @@ from voxflat.io.files import (
     naming,
 )
 from voxflat.io.provenance import Record, saving
+from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
@@ -358,12 +359,12 @@ class Atlas(FlatPieces, ABC):
         """
         with naming(path, AGAIN):
             check_regular(checked_path(path))
-        with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
-            text = from_json(str(file["text"]))
+        with holding(path, "an atlas"):
+            arrays = read_arrays(path, [*cls._arrays, "text"])
+            text = from_json(str(arrays.pop("text")))
             note(path)
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
-            arrays = {name: file[name] for name in cls._arrays}
             with naming(path, AGAIN):
                 _check(arrays, text["metadata"])
             return cls._of_file(text, arrays)

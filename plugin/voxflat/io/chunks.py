@@ -6,6 +6,7 @@ Whatever has a shape, a dtype, chunks and slices is such an array.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from voxflat.errors import InputError
 from voxflat.io.channels import Channels
-from voxflat.io.files import from_json, require
+from voxflat.io.files import REMEDY, naming, require
 from voxflat.io.grid import Affine
 from voxflat.io.reading import check_room, note
 
@@ -52,12 +53,15 @@ class Chunked:
         The other axes, and the index taken of each.
     made_of : callable, optional
         What makes the values of those that are read, one by one.
+    path : Path, optional
+        The file, which errors name, as they come where it is read.
     """
 
     array: Any
     axes: tuple[int, int, int] = (0, 1, 2)
     fixed: tuple[tuple[int, int], ...] = ()
     made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    path: Path | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,13 +101,19 @@ class Chunked:
         Returns
         -------
         ndarray
+
+        Raises
+        ------
+        InputError
+            If it cannot be read: a chunk is damaged, or what a dask array is computed from fails.
         """
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
         for axis, index in self.fixed:
             at[axis] = index
-        read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+        with naming(self.path or type(self.array).__name__, REMEDY):
+            read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
         if self.made_of is not None:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
@@ -275,7 +285,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     each, titles = [], []
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))
-        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed))
+        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
         titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
     return _channels(each, titles), affine, path
 
@@ -287,10 +297,10 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         if not file.is_file():
             continue
         try:
-            content = from_json(file.read_text(encoding="utf-8"))
+            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which others write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             raise InputError(f"{name} is damaged: copy or download it again") from None
         if scales:
             return scales[0], file

@@ -7,6 +7,7 @@ import gzip
 import importlib
 import json
 import logging
+import math
 import os
 import re
 import shutil
@@ -115,7 +116,11 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
     try:
         yield
-    except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+    except InputError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise InputError(f"{path}: {error}") from error
+    except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
         raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
@@ -143,11 +148,17 @@ def check_regular(path: Path) -> os.stat_result:
 
 
 def from_json(text: str | bytes) -> Any:
-    """Parse JSON; what is nested deeper than Python goes is a ValueError, as all that is wrong with it."""
+    """Parse JSON; depth beyond Python's is a ValueError, too, and numbers that JSON does not have."""
     try:
-        return json.loads(text)
+        return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
         raise ValueError("its lists are nested too deeply") from None
+
+
+def _finite(number: str) -> float:
+    if not math.isfinite(found := float(number)):
+        raise ValueError(f"{number} is no number of JSON")
+    return found
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:

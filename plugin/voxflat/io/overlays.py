@@ -81,7 +81,7 @@ def read_channels(path: str | os.PathLike[str], points: int, *, structure: str |
     """
     path = checked_path(path)
     with naming(path, REMEDY):
-        return _channels(path, points, structure)
+        return _channels(path, points, structure).of_file(path)
 
 
 def _channels(path: Path, points: int, structure: str | None) -> Channels:

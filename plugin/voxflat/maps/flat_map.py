@@ -32,6 +32,7 @@ from voxflat.io.files import (
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
+from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
@@ -482,8 +483,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     with naming(path, AGAIN):
         check_regular(checked_path(path))
     with holding(path, "a flat map"):
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
         metadata = from_json(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")

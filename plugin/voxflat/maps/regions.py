@@ -22,6 +22,7 @@ from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_
 from voxflat.io.freesurfer import write_annot, write_label
 from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.readers import read_array
 from voxflat.io.reading import check_room, note, reading
 from voxflat.io.svg import Outline, read_outlines
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
@@ -530,7 +531,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
     name = path.name.lower()
     check_regular(path)
     if name.endswith(".npy"):
-        data = np.load(path, allow_pickle=False)
+        data = read_array(path)
         note(path)
         return data, None
     if name.endswith(VOLUME_ENDINGS):
