@@ -1,6 +1,7 @@
 """Files that ended the process, hung it, took its memory or led to other files, one by one: each is one line now."""
 
 import contextlib
+import gzip
 import json
 import os
 import struct
@@ -16,10 +17,10 @@ from PIL import Image
 import voxflat
 from voxflat.io import apart
 from voxflat.io.channels import series_of
-from voxflat.io.files import nibabel_image
+from voxflat.io.files import nibabel_image, one_line
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
-from voxflat.io.overlays import holds_volume, read_overlay
+from voxflat.io.overlays import holds_volume, read_overlay, read_region
 from voxflat.io.volumes import read_volume
 from voxflat.maps.pictures import as_picture
 
@@ -271,6 +272,7 @@ PIECES = {
     "no starts": ("starts", lambda starts: starts[:0]),
     "piece beyond": ("piece_ids", lambda ids: ids + 1),
     "measured nothing": ("measured", lambda measured: measured[:, :1]),
+    "unsigned starts of large pieces": ("starts", lambda starts: starts.astype(np.uint64) + 2**63),
     "fractional pieces": ("piece_ids", lambda ids: ids + 0.5),
 }
 
@@ -281,6 +283,81 @@ def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
     changed(tmp_path / "atlas.npz", *PIECES[name])
     with pytest.raises(voxflat.InputError, match=r"atlas\.npz: .*: copy it again"):
         voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
+@pytest.mark.parametrize("value", ["x", None, [], True])
+@pytest.mark.parametrize("name", ["certificate", "seams", "bound"])
+def test_figures_of_an_atlas_that_are_no_numbers(tmp_path, atlas, name, value):
+    """They were shown, or compared, long after the file was loaded."""
+    path = tmp_path / "atlas.npz"
+    (atlas if name == "certificate" else atlas.glue()).save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    told = json.loads(str(arrays["text"]))
+    if name == "bound":
+        told[name] = value
+    else:
+        told[name][next(iter(told[name]))] = value
+    np.savez(path, **{**arrays, "text": np.array(json.dumps(told))})
+    with pytest.raises(voxflat.InputError, match=r"atlas\.npz is not an atlas of voxflat or is damaged"):
+        voxflat.load_atlas(path)
+
+
+def test_bytes_in_the_other_order(tmp_path, flat_map):
+    flat_map.save(tmp_path / "map.npz")
+    with np.load(tmp_path / "map.npz") as file:
+        np.savez(tmp_path / "map.npz", **{name: one.astype(one.dtype.newbyteorder(">")) for name, one in file.items()})
+    found = voxflat.load(tmp_path / "map.npz")
+    np.testing.assert_array_equal(found.heat_map().data, flat_map.heat_map().data)
+
+
+def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))
+    assert voxflat.load_atlas(tmp_path / "atlas.npz").page().used_share == atlas.page().used_share
+
+
+def test_an_error_of_a_reader_that_repeats_the_file(tmp_path):
+    """What is left out of messages of C++ was looked for from each of its letters on: minutes."""
+    start = time.process_time()
+    assert len(one_line(ValueError("x" * 10_000_000))) <= 200
+    assert time.process_time() - start < 1
+
+
+def test_cuts_in_a_damaged_gzip(tmp_path):
+    packed = bytearray(gzip.compress(b'{"cuts": [[[0, 3, 2], [1, 3, 2]]]}' + b" " * 5000))
+    packed[12:20] = b"\xff" * 8
+    (tmp_path / "cuts.json").write_bytes(packed)
+    volume = np.zeros((8, 8, 5), np.uint8)
+    volume[:, :, 2] = 1
+    with pytest.raises(voxflat.InputError, match=r"cuts\.json is no file of cuts: "):
+        voxflat.cut(volume, cuts=tmp_path / "cuts.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 names point inf; the surface has the points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 names point nan; the surface has the points 0 to 63"),
+        ("v.txt", "# nothing\n", "has 0 values; the surface has 64 points"),
+    ],
+)
+def test_text_of_no_numbers_or_none_prints_no_warning(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refuses(tmp_path / name, message, read_region, 64)
+
+
+def test_a_place_in_an_mgh_file_that_none_has(tmp_path):
+    """The system's error of looking for it names no file."""
+    nib.save(nib.MGHImage(np.ones((64, 1, 1), np.float32), np.eye(4)), tmp_path / "v.mgh")
+    data = bytearray((tmp_path / "v.mgh").read_bytes())
+    data[4:20] = struct.pack(">4i", -64, 1, 1, 1)
+    (tmp_path / "v.mgh").write_bytes(data)
+    assert holds_volume(tmp_path / "v.mgh")
+    with pytest.raises(voxflat.InputError):
+        read_volume(tmp_path / "v.mgh")
 
 
 def test_what_nibabel_changes_is_logged_with_the_file(tmp_path, capfd, caplog):

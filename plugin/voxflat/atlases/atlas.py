@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_number, checked_path
+from voxflat.arguments import checked_choice, checked_number, checked_path, is_number
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
@@ -35,7 +35,7 @@ from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
 
-__all__ = ["Atlas"]
+__all__ = ["Atlas", "numbers_of"]
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
@@ -367,7 +367,15 @@ class Atlas(FlatPieces, ABC):
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
             with naming(path, AGAIN):
                 _check(arrays, text["metadata"])
+                arrays = {name: one.astype(np.int64) if one.dtype.kind in "iu" else one for name, one in arrays.items()}
             return cls._of_file(text, arrays)
+
+
+def numbers_of(told: Mapping[str, Any]) -> dict[str, float]:
+    """Return figures that a file tells; ValueError if one is no number."""
+    if not all(is_number(one) for one in told.values()):
+        raise ValueError(f"{dict(told)} are no numbers")
+    return {name: float(one) for name, one in told.items()}
 
 
 _LAYOUT = {

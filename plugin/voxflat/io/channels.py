@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import shown
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, naming, nibabel_image
+from voxflat.io.files import OF_DAMAGE, REMEDY, naming, nibabel_image
 from voxflat.io.grid import Affine, check_affine
 from voxflat.io.readers import check_length, check_unit
 from voxflat.io.reading import check_room, note
@@ -273,7 +273,7 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     try:
         return nibabel_image(obj, keep_file_open=True), Path(obj)
     except OSError as error:
-        if error.errno is not None:
+        if error.errno not in OF_DAMAGE:
             raise
     except Exception:  # what is wrong with it, or that nibabel is missing, is said by those who read volumes
         pass

@@ -15,12 +15,13 @@ import stat
 import textwrap
 import uuid
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,9 @@ AGAIN = "copy it again"
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
 
-_OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
+_LONGEST_ERROR = 2000  # characters
+
+OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
@@ -88,7 +91,8 @@ def one_line(error: Exception) -> str:
     """Shorten a message, above all ITK's: lines of C++ places and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", str(error))
+    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all that they read, and patterns try each letter of it
+    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
 
@@ -106,7 +110,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
-        if isinstance(error, OSError) and error.errno not in _OF_DAMAGE:
+        if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
         raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
 
@@ -196,7 +200,7 @@ def contents(path: Path) -> bytes:
         file.seek(0)
         stream: Any = gzip.GzipFile(fileobj=file) if is_gzipped else file
         blocks, size = [], 0
-        while block := stream.read(_BLOCK):
+        while block := _unpacked(stream):
             size += len(block)
             if size > limit:
                 held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
@@ -206,6 +210,13 @@ def contents(path: Path) -> bytes:
         raise InputError("is empty (0 bytes): copy or download it again")
     note(path)
     return b"".join(blocks)
+
+
+def _unpacked(stream: IO[bytes]) -> bytes:
+    try:
+        return stream.read(_BLOCK)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"is gzip, and damaged ({error}): {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:

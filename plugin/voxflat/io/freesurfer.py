@@ -151,7 +151,7 @@ _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     """Return which of n points a label file names."""
     vertices = _label_columns(data, 1)[:, 0]
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n) | (vertices % 1 != 0))
+    bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
         raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}; the surface has the points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)

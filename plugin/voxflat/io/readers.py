@@ -69,14 +69,15 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Read arrays of a .npz archive, all or some: KeyError for those that it has not."""
+    """Read arrays of a .npz archive, all or some, in native order of bytes: KeyError for those that it has not."""
     with np.load(path, allow_pickle=False) as archive:
         taken, need = archive.files if names is None else list(names), 0
         for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # others are none
             with archive.zip.open(member) as file:
                 need += _need_of(file, archive.zip.getinfo(member).file_size)
         check_room(need)
-        return {name: archive[name] for name in taken}
+        arrays = {name: np.asanyarray(archive[name]) for name in taken}
+    return {name: array.astype(array.dtype.newbyteorder("="), copy=False) for name, array in arrays.items()}
 
 
 def _need_of(file: IO[bytes], size: int) -> int:
