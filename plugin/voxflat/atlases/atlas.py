@@ -22,6 +22,7 @@ from voxflat.io.files import (
     AGAIN,
     SAVED_ENDINGS,
     atomic_path,
+    check_places,
     check_range,
     check_regular,
     check_shapes,
@@ -410,6 +411,7 @@ def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
         raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say: {AGAIN}")
     check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
-    if arrays["measured"].shape[1] < 3 or not np.isfinite(arrays["uv"]).all():
-        raise InputError(f"its uv are not all finite, or it measured too little: {AGAIN}")
+    if arrays["measured"].shape[1] < 3:
+        raise InputError(f"it measured too little: {AGAIN}")
+    check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])

@@ -41,6 +41,9 @@ AGAIN = "copy it again"
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
 
+LARGEST_PLACE = 1e9
+"""Coordinates beyond are taken nowhere, mm: `scales.rs` in the core."""
+
 _LONGEST_ERROR = 2000  # characters
 
 OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
@@ -189,6 +192,13 @@ def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not 0 <= arrays[name].min() <= arrays[name].max() < limit:
             raise InputError(f"its {name} name rows that there are not, of {limit}: {AGAIN}")
+
+
+def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Check that coordinates, by their names, are finite and such as the core takes."""
+    for name, array in arrays.items():
+        if not (np.abs(array) <= LARGEST_PLACE).all():
+            raise InputError(f"its {name} are not all finite and up to {LARGEST_PLACE:g} mm: {AGAIN}")
 
 
 def contents(path: Path) -> bytes:

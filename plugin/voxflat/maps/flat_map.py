@@ -22,6 +22,7 @@ from voxflat.io.files import (
     AGAIN,
     SAVED_ENDINGS,
     atomic_path,
+    check_places,
     check_range,
     check_regular,
     check_shapes,
@@ -530,6 +531,5 @@ def _check(arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any],
     axes = "points 3" if metadata.get("kind") == "voxels" else "points"
     check_shapes(arrays, {**_LAYOUT, "ids": ("iu", axes)})
     check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-    if not np.isfinite(uv).all():
-        raise InputError(f"its uv are not all finite: {AGAIN}")
+    check_places({"uv": uv, "points": arrays["points"]})
     check_origin(metadata, ids)
