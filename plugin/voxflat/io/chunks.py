@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, naming, require
 from voxflat.io.grid import Affine
@@ -118,6 +119,28 @@ class Chunked:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
         return np.transpose(read, order)
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """An array of a zarr directory, whose chunks are unpacked in a process of their own, as C does that."""
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    chunks: tuple[int, ...]
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
+        at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
+        values = math.prod(one[1] - one[0] for one in at if isinstance(one, list))
+        found: NDArray[Any] = apart(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
+        return found
+
+
+def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
+    """Read a box of an array of a zarr directory: along each axis an index, or the first and behind the last."""
+    array = require("zarr").open_array(str(path), mode="r")
+    return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
 
 def is_chunked(obj: object) -> bool:
@@ -250,7 +273,9 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     if found is None:
         raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
     root = path if wanted is None else path.parent
-    array = zarr.open_array(str(root / str(found["path"])), mode="r")
+    file = root / str(found["path"])
+    opened = zarr.open_array(str(file), mode="r")
+    array = _Apart(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]

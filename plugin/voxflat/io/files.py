@@ -71,17 +71,25 @@ _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
     """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
     nibabel = require("nibabel")
-    logging.getLogger("nibabel.global").addFilter(_told_by_us)
-    token = _loading.set(path)
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with retelling(path, "nibabel.global"), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             return nibabel.load(path, **options)
     finally:
-        _loading.reset(token)
         for one in caught:
             if issubclass(one.category, UserWarning):
                 log.warning("%s: %s", path, " ".join(str(one.message).split()))
+
+
+@contextmanager
+def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
+    """Let what another package's logger is told go to our log, with the file's name."""
+    logging.getLogger(logger).addFilter(_told_by_us)
+    token = _loading.set(path)
+    try:
+        yield
+    finally:
+        _loading.reset(token)
 
 
 def _told_by_us(record: logging.LogRecord) -> bool:

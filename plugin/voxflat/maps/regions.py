@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import array_of, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
+from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require, retelling
 from voxflat.io.freesurfer import write_annot, write_label
 from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
@@ -539,7 +539,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
         warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
         image = require("PIL.Image").open(path, formats=PICTURES)
         image.load()
