@@ -203,6 +203,7 @@ CHANGES = {
     "places in space": ("uv", lambda uv: np.column_stack([uv, uv])),
     "NaN": ("uv", lambda uv: uv * np.nan),
     "places at the edge of the universe": ("uv", lambda uv: uv + 1e300),
+    "places in half precision": ("uv", lambda uv: (uv + np.inf).astype(np.float16)),
     "points there": ("points", lambda points: points + 1e10),
     "words for a record": ("provenance", lambda record: "x"),
     "other points": ("points", lambda points: points[:9]),
@@ -362,6 +363,26 @@ def test_a_place_in_an_mgh_file_that_none_has(tmp_path):
     assert holds_volume(tmp_path / "v.mgh")
     with pytest.raises(voxflat.InputError):
         read_volume(tmp_path / "v.mgh")
+
+
+def test_nan_where_nobody_asks_prints_no_warning(tmp_path):
+    """Signalling NaN in CIFTI, which casts tell of, and in the place of MGH files."""
+    values = np.ones((1, 64), np.float32)
+    brain = nib.cifti2.BrainModelAxis.from_mask(np.ones(64, bool), "CortexLeft")
+    nib.save(nib.Cifti2Image(values, (nib.cifti2.ScalarAxis(["a"]), brain)), tmp_path / "v.dscalar.nii")
+    nib.save(nib.MGHImage(values.reshape(64, 1, 1), np.eye(4)), tmp_path / "v.mgh")
+    data = bytearray((tmp_path / "v.dscalar.nii").read_bytes())
+    data[-4:] = struct.pack("<I", 0x7FA00000)
+    (tmp_path / "v.dscalar.nii").write_bytes(data)
+    data = bytearray((tmp_path / "v.mgh").read_bytes())
+    data[30:50] = struct.pack(">5I", *[0x7FA00000] * 5)
+    (tmp_path / "v.mgh").write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read_overlay(tmp_path / "v.dscalar.nii", 64)
+        assert np.isnan(found[-1])
+        assert (found[:-1] == 1).all()
+        assert (read_overlay(tmp_path / "v.mgh", 64) == 1).all()
 
 
 def test_what_nibabel_changes_is_logged_with_the_file(tmp_path, capfd, caplog):

@@ -272,4 +272,6 @@ def test_what_is_no_volume():
     with pytest.raises(InputError, match="complex"):
         chunked_of(Counting(np.zeros((3, 3, 3), complex), (2, 2, 2)))
     with pytest.raises(InputError, match="is empty"):
+        chunked_of(Counting(np.zeros((3, 3, 3)), (2, 0, 2)))
+    with pytest.raises(InputError, match="is empty"):
         chunked_of(Counting(np.zeros((3, 0, 3)), (2, 2, 2)))

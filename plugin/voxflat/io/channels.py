@@ -345,7 +345,8 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
             labels[model.vertex] = _whole(values)
             return labels
         found = np.full(points, np.nan)
-        found[model.vertex] = values
+        with np.errstate(invalid="ignore"):  # signalling NaN, which is NaN
+            found[model.vertex] = values
         return found
 
     return Channels(names, read, timing)

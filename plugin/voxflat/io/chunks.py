@@ -244,8 +244,8 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
         raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
-    if 0 in array.shape:
-        raise InputError(f"is empty: its shape is {tuple(array.shape)}")
+    if 0 in array.shape or 0 in chunks:
+        raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 

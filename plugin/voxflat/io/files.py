@@ -205,7 +205,7 @@ def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -
 def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Check that coordinates, by their names, are finite and such as the core takes."""
     for name, array in arrays.items():
-        if not (np.abs(array) <= LARGEST_PLACE).all():
+        if not (np.abs(array.astype(np.float64)) <= LARGEST_PLACE).all():
             raise InputError(f"its {name} are not all finite and up to {LARGEST_PLACE:g} mm: {AGAIN}")
 
 
