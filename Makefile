@@ -12,7 +12,7 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust advisories lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
@@ -40,6 +40,10 @@ lint-rust: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet --workspace
+	$(RUN) cargo-deny --locked --log-level error check licenses bans sources
+
+advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
+	$(RUN) cargo-deny --locked check
 
 lint-python: setup
 	$(RUN) ruff check

@@ -87,6 +87,7 @@ CALLS = {
     "seeds": (lambda s: voxflat.patches(s, 5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
     "side": (lambda s: voxflat.register(s, side=ARRAY), "side is array.*; give 'left' or 'right'"),
     "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*; give True or False"),
+    "rows": (lambda s: voxflat.flatten(s, keep_rows=ARRAY), "keep_rows is array.*; give True or False"),
     "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give maps by their names"),
     "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of one length"),
     "reference": (lambda s: voxflat.measure(s, POINTS[:, :2], reference=ARRAY), "reference is array"),

@@ -19,6 +19,7 @@ import os
 import random
 import resource
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -49,6 +50,24 @@ ADDRESSES = 3 << 30
 # ------------------------------------------------------------------------------------------------- worker
 
 
+def _two_lines() -> None:
+    from voxflat.errors import InputError
+
+    raise InputError("one line\nand another")
+
+
+FAULTS: dict[str, Callable[[], object]] = {
+    "refused": lambda: Path("nowhere", "at all").read_text(),
+    "raw": lambda: [][0],
+    "not one line": _two_lines,
+    "printed": lambda: print("a warning"),
+    "memory": lambda: b"x" * (1 << 26),
+    "crash": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+    "hang": lambda: time.sleep(2 * DEADLINE),
+}
+"""Cases of a third kind, and what is to come of each: what finds nothing else finds these."""
+
+
 class Cases:
     """Draws cases and runs them, in a folder of their own."""
 
@@ -58,11 +77,12 @@ class Cases:
             from fuzz_files import corpus
 
             self.entries = corpus(folder / "corpus")
-        else:
+        elif kind == "calls":
             from fuzz_calls import calls
 
             (folder / "read").mkdir()
             self.calls, self.values = calls(folder / "read")
+            self.labels = sorted(self.calls)
 
     def drawn(self, number: int) -> tuple[str, Callable[[], object]]:
         """Return what a case is, and the case."""
@@ -73,9 +93,14 @@ class Cases:
             entry = self.entries[number % len(self.entries)]
             path, opener = damaged(entry, self.entries, self.folder / "case", chance)
             return f"{opener} {path.name}", lambda: OPENERS[opener](path)
-        from fuzz_calls import arguments, told
+        if self.kind == "faults":
+            name = list(FAULTS)[number % len(FAULTS)]
+            return name, FAULTS[name]
+        from fuzz_calls import DRAWING, SELDOM, arguments, told
 
-        label = sorted(self.calls)[number % len(self.calls)]
+        label = self.labels[number % len(self.labels)]
+        while label in DRAWING and number // len(self.labels) % SELDOM:
+            label = chance.choice(self.labels)
         given = arguments(self.calls[label], self.values, chance)
         return told(label, given), lambda: self.calls[label](**given)
 
@@ -261,7 +286,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--case", nargs=2, metavar=("KIND", "NUMBER"), help="only this one, in this process")
-    parser.add_argument("--work", choices=("files", "calls"), help=argparse.SUPPRESS)
+    parser.add_argument("--work", choices=("files", "calls", "faults"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.work:
         work(asked.work, asked.seed)

@@ -28,6 +28,12 @@ _PATHS = (
     "out",
 )
 
+DRAWING = {"voxflat.figures.patch_3d", "voxflat.figures.atlas_3d"}
+"""What takes a hundred times as long as other calls, as it draws in space."""
+
+SELDOM = 20
+"""In one of so many rounds over all calls these have their turn."""
+
 ODD: list[Any] = [None, True, 0, 1, -1, 3, 2**31, 2**64, -(2**63), 10**30, 0.5, -0.5, 1e-300, 1e19, 1e107, float("nan")]
 ODD += [float("inf"), 1j, "", "x", "1", "../x", "a\0b", "\ud800", b"x", "x" * 300, [], (), {}, [[]], [1, [2, 3]]]
 ODD += [[None], ["a"], {"a": 1}, {1, 2}, object(), int, range(3), np.float32(1), np.datetime64("2020-01-01")]

@@ -78,7 +78,8 @@ def _labels(path: Path) -> None:
 
 
 def _series(path: Path) -> None:
-    _MADE["map"].images(path)
+    stack = _MADE["map"].images(path)
+    stack[len(stack) - 1].data.sum()
 
 
 def _map(path: Path) -> None:
@@ -374,6 +375,7 @@ _INTEGERS = [0, 1, 2, 3, 7, 127, 255, 256, 32767, 65535, 2**24, 2**31 - 1, 2**31
 _FLOATS = [0.0, -0.0, 1.0, -1.0, 1e-30, 1e19, 1e30, float("nan"), float("inf"), float("-inf")]
 _VALUES: list[Any] = [None, True, False, 0, -1, 1, 2**31, 2**63, 2**70, 1e19, 1e107, "", "x", "nan", "0", [], {}, [[]]]
 _VALUES += [[None], [[1, 2], [3]], {"a": 1}, [1, 2, 3], float("nan"), float("inf"), ["a", "b"], "\x00", 0.5]
+_ZEROS = gzip.compress(bytes(1 << 26), 1, mtime=0)
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
 
@@ -612,7 +614,7 @@ def _whole(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> by
         other,
         lambda: gzip.compress(data, 1, mtime=0),
         lambda: gzip.compress(gzip.compress(data, 1, mtime=0), 1, mtime=0),
-        lambda: gzip.compress(data[:200] + bytes(1 << 26), 1, mtime=0),
+        lambda: gzip.compress(data[:200], 1, mtime=0) + _ZEROS,
         lambda: data + bytes(1 << 16),
         lambda: data[::-1],
         lambda: b"[" * 100_000,

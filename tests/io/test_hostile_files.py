@@ -1,11 +1,13 @@
 """Files that ended the process, hung it, took its memory or led to other files, one by one: each is one line now."""
 
 import contextlib
+import gzip
 import json
 import os
 import struct
 import time
 import warnings
+import zipfile
 
 import numpy as np
 import pytest
@@ -14,10 +16,11 @@ from PIL import Image
 
 import voxflat
 from voxflat.io import apart
-from voxflat.io.files import nibabel_image
+from voxflat.io.channels import series_of
+from voxflat.io.files import nibabel_image, one_line
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
-from voxflat.io.overlays import holds_volume, read_overlay
+from voxflat.io.overlays import holds_volume, read_overlay, read_region
 from voxflat.io.volumes import read_volume
 from voxflat.maps.pictures import as_picture
 
@@ -72,6 +75,17 @@ def test_bits_that_are_not_those_of_the_type(tmp_path, bits):
     data[72:74] = struct.pack("<h", bits)
     path.write_bytes(data)
     refuses(path, f"of type 4 and {bits} bits, which is none", read_volume)
+
+
+@pytest.mark.parametrize("shape", [(65536, 1, 1, 65537), (65536, 32768, 2, 3)])  # products are beyond 32 bits
+def test_sizes_of_a_series_whose_product_is_too_large(tmp_path, shape):
+    path = tmp_path / "t.mgh"
+    nib.save(nib.MGHImage(np.ones((3, 4, 5, 2), np.float32), np.eye(4)), path)
+    data = bytearray(path.read_bytes())
+    data[4:20] = struct.pack(">4i", *shape)
+    path.write_bytes(data)
+    with pytest.raises(voxflat.InputError, match=r"ends after 784 of \d{11,} bytes"):
+        series_of(path)
 
 
 VTK = (
@@ -191,6 +205,10 @@ CHANGES = {
     "fewer places": ("uv", lambda uv: uv[:-1]),
     "places in space": ("uv", lambda uv: np.column_stack([uv, uv])),
     "NaN": ("uv", lambda uv: uv * np.nan),
+    "places at the edge of the universe": ("uv", lambda uv: uv + 1e300),
+    "places in half precision": ("uv", lambda uv: (uv + np.inf).astype(np.float16)),
+    "points there": ("points", lambda points: points + 1e10),
+    "words for a record": ("provenance", lambda record: "x"),
     "other points": ("points", lambda points: points[:9]),
     "complex points": ("points", lambda points: points * 1j),
     "a corner too far": ("faces", lambda faces: faces + 1),
@@ -212,6 +230,43 @@ def test_arrays_that_do_not_fit_each_other(tmp_path, flat_map, name):
         voxflat.load(tmp_path / "map.npz")
 
 
+@pytest.mark.parametrize("value", ["NaN", "-Infinity", "1e400"])
+def test_numbers_that_json_does_not_have(tmp_path, flat_map, atlas, value):
+    """They are read by Python, and could not be written again."""
+    for made, load in ((flat_map, voxflat.load), (atlas, voxflat.load_atlas)):
+        path = tmp_path / f"{load.__name__}.npz"
+        made.save(path)
+        with np.load(path) as file:
+            arrays = dict(file)
+        key = "metadata" if "metadata" in arrays else "text"
+        arrays[key] = np.array(str(arrays[key]).replace("{", f'{{"x": {value}, ', 1))
+        np.savez(path, **arrays)
+        with pytest.raises(voxflat.InputError, match=rf"{path.name} is not an? .* or is damaged \(ValueError\)"):
+            load(path)
+
+
+LARGE = (
+    b"\x93NUMPY\x01\x00v\x00"
+    + b"{'descr': '|u1', 'fortran_order': False, 'shape': (73014444015,), }".ljust(117)
+    + b"\n"
+)
+
+
+def test_arrays_that_are_larger_than_their_file(tmp_path, flat_map, atlas):
+    """Their memory was taken before they were read."""
+    (tmp_path / "rois.npy").write_bytes(LARGE)
+    refuses(tmp_path / "rois.npy", r"ends after 128 of 73014444143 bytes", flat_map.regions)
+    for made, load, name in ((flat_map, voxflat.load, "uv"), (atlas, voxflat.load_atlas, "points")):
+        path = tmp_path / f"{name}.npz"
+        made.save(path)
+        with zipfile.ZipFile(path) as archive:
+            members = {member: archive.read(member) for member in archive.namelist()}
+        with zipfile.ZipFile(path, "w") as archive:
+            for member, content in {**members, f"{name}.npy": LARGE}.items():
+                archive.writestr(member, content)
+        refuses(path, r"ends after 128 of 73014444143 bytes", load)
+
+
 @pytest.fixture(scope="module")
 def atlas():
     volume = np.zeros((8, 8, 5), np.uint8)
@@ -223,7 +278,9 @@ PIECES = {
     "starts beyond": ("starts", lambda starts: starts + 1),
     "no starts": ("starts", lambda starts: starts[:0]),
     "piece beyond": ("piece_ids", lambda ids: ids + 1),
+    "places at the edge of the universe": ("uv", lambda uv: uv + 1e300),
     "measured nothing": ("measured", lambda measured: measured[:, :1]),
+    "unsigned starts of large pieces": ("starts", lambda starts: starts.astype(np.uint64) + 2**63),
     "fractional pieces": ("piece_ids", lambda ids: ids + 0.5),
 }
 
@@ -234,6 +291,101 @@ def test_pieces_that_do_not_fit_each_other(tmp_path, atlas, name):
     changed(tmp_path / "atlas.npz", *PIECES[name])
     with pytest.raises(voxflat.InputError, match=r"atlas\.npz: .*: copy it again"):
         voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
+@pytest.mark.parametrize("value", ["x", None, [], True])
+@pytest.mark.parametrize("name", ["certificate", "seams", "bound"])
+def test_figures_of_an_atlas_that_are_no_numbers(tmp_path, atlas, name, value):
+    """They were shown, or compared, long after the file was loaded."""
+    path = tmp_path / "atlas.npz"
+    (atlas if name == "certificate" else atlas.glue()).save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    told = json.loads(str(arrays["text"]))
+    if name == "bound":
+        told[name] = value
+    else:
+        told[name][next(iter(told[name]))] = value
+    np.savez(path, **{**arrays, "text": np.array(json.dumps(told))})
+    with pytest.raises(voxflat.InputError, match=r"atlas\.npz is not an atlas of voxflat or is damaged"):
+        voxflat.load_atlas(path)
+
+
+def test_bytes_in_the_other_order(tmp_path, flat_map):
+    flat_map.save(tmp_path / "map.npz")
+    with np.load(tmp_path / "map.npz") as file:
+        np.savez(tmp_path / "map.npz", **{name: one.astype(one.dtype.newbyteorder(">")) for name, one in file.items()})
+    found = voxflat.load(tmp_path / "map.npz")
+    np.testing.assert_array_equal(found.heat_map().data, flat_map.heat_map().data)
+
+
+def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))
+    assert voxflat.load_atlas(tmp_path / "atlas.npz").page().used_share == atlas.page().used_share
+
+
+def test_an_error_of_a_reader_that_repeats_the_file(tmp_path):
+    """What is left out of messages of C++ was looked for from each of its letters on: minutes."""
+    start = time.process_time()
+    assert len(one_line(ValueError("x" * 10_000_000))) <= 200
+    assert time.process_time() - start < 1
+
+
+def test_cuts_in_a_damaged_gzip(tmp_path):
+    packed = bytearray(gzip.compress(b'{"cuts": [[[0, 3, 2], [1, 3, 2]]]}' + b" " * 5000))
+    packed[12:20] = b"\xff" * 8
+    (tmp_path / "cuts.json").write_bytes(packed)
+    volume = np.zeros((8, 8, 5), np.uint8)
+    volume[:, :, 2] = 1
+    with pytest.raises(voxflat.InputError, match=r"cuts\.json is no file of cuts: "):
+        voxflat.cut(volume, cuts=tmp_path / "cuts.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("lh.V1.label", "#!ascii\n1\ninf 0 0 0 0\n", "line 3 names point inf; the surface has the points 0 to 63"),
+        ("lh.V1.label", "#!ascii\n1\nnan 0 0 0 0\n", "line 3 names point nan; the surface has the points 0 to 63"),
+        ("v.txt", "# nothing\n", "has 0 values; the surface has 64 points"),
+    ],
+)
+def test_text_of_no_numbers_or_none_prints_no_warning(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refuses(tmp_path / name, message, read_region, 64)
+
+
+def test_a_place_in_an_mgh_file_that_none_has(tmp_path):
+    """The system's error of looking for it names no file."""
+    nib.save(nib.MGHImage(np.ones((64, 1, 1), np.float32), np.eye(4)), tmp_path / "v.mgh")
+    data = bytearray((tmp_path / "v.mgh").read_bytes())
+    data[4:20] = struct.pack(">4i", -64, 1, 1, 1)
+    (tmp_path / "v.mgh").write_bytes(data)
+    assert holds_volume(tmp_path / "v.mgh")
+    with pytest.raises(voxflat.InputError):
+        read_volume(tmp_path / "v.mgh")
+
+
+def test_nan_where_nobody_asks_prints_no_warning(tmp_path):
+    """Signalling NaN in CIFTI, which casts tell of, and in the place of MGH files."""
+    values = np.ones((1, 64), np.float32)
+    brain = nib.cifti2.BrainModelAxis.from_mask(np.ones(64, bool), "CortexLeft")
+    nib.save(nib.Cifti2Image(values, (nib.cifti2.ScalarAxis(["a"]), brain)), tmp_path / "v.dscalar.nii")
+    nib.save(nib.MGHImage(values.reshape(64, 1, 1), np.eye(4)), tmp_path / "v.mgh")
+    data = bytearray((tmp_path / "v.dscalar.nii").read_bytes())
+    data[-4:] = struct.pack("<I", 0x7FA00000)
+    (tmp_path / "v.dscalar.nii").write_bytes(data)
+    data = bytearray((tmp_path / "v.mgh").read_bytes())
+    data[30:50] = struct.pack(">5I", *[0x7FA00000] * 5)
+    (tmp_path / "v.mgh").write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read_overlay(tmp_path / "v.dscalar.nii", 64)
+        assert np.isnan(found[-1])
+        assert (found[:-1] == 1).all()
+        assert (read_overlay(tmp_path / "v.mgh", 64) == 1).all()
 
 
 def test_what_nibabel_changes_is_logged_with_the_file(tmp_path, capfd, caplog):

@@ -194,6 +194,15 @@ class TestCifti:
         inside = nearest >= 0
         np.testing.assert_array_equal(image.data[inside], np.where(nearest < 100, labels[nearest], 0)[inside])
 
+    @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.5, 1e19, -1e30])
+    def test_labels_that_are_no_whole_numbers(self, flat, tmp_path, wrong):
+        axis = nib.cifti2.LabelAxis(["areas"], [{0: ("???", (0, 0, 0, 0)), 1: ("V1", (1, 0, 0, 1))}])
+        labels = np.ones(100, np.float32)
+        labels[7] = wrong
+        cifti(tmp_path / "a.dlabel.nii", axis, labels[None], np.arange(100), [CIFTI["CortexLeft"]])
+        with pytest.raises(voxflat.InputError, match=r"a\.dlabel\.nii: has the label .*: give whole numbers"):
+            flat.image(tmp_path / "a.dlabel.nii")
+
     @pytest.mark.slow
     @needs_workbench
     def test_what_workbench_makes(self, tmp_path):

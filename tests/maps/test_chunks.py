@@ -245,6 +245,25 @@ class TestOmeZarr:
         with pytest.raises(InputError, match="is a directory"):
             m.image(tmp_path, 0.4)
 
+    def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
+        path = ome(tmp_path / "v.zarr", values)
+        images = m.images(path, 0.4)
+        for chunk in path.glob("0/[0-9]*"):
+            chunk.write_bytes(chunk.read_bytes()[:20])
+        with pytest.raises(InputError, match=r"/v\.zarr: .*: is the file complete"):
+            images[0]
+
+    @pytest.mark.parametrize("at", [4, 8])  # bytes of Blosc's header: sizes unpacked and of a block
+    def test_a_chunk_that_would_end_the_process(self, m, values, tmp_path, at):
+        """C unpacks it: in another process, which happens to be ended or refuses."""
+        path = ome(tmp_path / "v.zarr", values)
+        for chunk in path.glob("0/[0-9]*"):
+            data = bytearray(chunk.read_bytes())
+            data[at : at + 4] = b"\xf0\xff\xff\x7f"
+            chunk.write_bytes(data)
+        with pytest.raises(InputError, match=r"/v\.zarr: "):
+            m.image(path, 0.4, channel=0)
+
 
 def test_what_is_no_volume():
     assert not is_chunked(np.zeros(3))
@@ -253,5 +272,7 @@ def test_what_is_no_volume():
         chunked_of(Counting(np.zeros((3, 3)), (2, 2)))
     with pytest.raises(InputError, match="complex"):
         chunked_of(Counting(np.zeros((3, 3, 3), complex), (2, 2, 2)))
+    with pytest.raises(InputError, match="is empty"):
+        chunked_of(Counting(np.zeros((3, 3, 3)), (2, 0, 2)))
     with pytest.raises(InputError, match="is empty"):
         chunked_of(Counting(np.zeros((3, 0, 3)), (2, 2, 2)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_number, checked_path
+from voxflat.arguments import checked_choice, checked_number, checked_path, is_number
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
@@ -22,6 +22,7 @@ from voxflat.io.files import (
     AGAIN,
     SAVED_ENDINGS,
     atomic_path,
+    check_places,
     check_range,
     check_regular,
     check_shapes,
@@ -30,11 +31,12 @@ from voxflat.io.files import (
     naming,
 )
 from voxflat.io.provenance import Record, saving
+from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
 
-__all__ = ["Atlas"]
+__all__ = ["Atlas", "numbers_of"]
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
@@ -358,15 +360,23 @@ class Atlas(FlatPieces, ABC):
         """
         with naming(path, AGAIN):
             check_regular(checked_path(path))
-        with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
-            text = from_json(str(file["text"]))
+        with holding(path, "an atlas"):
+            arrays = read_arrays(path, [*cls._arrays, "text"])
+            text = from_json(str(arrays.pop("text")))
             note(path)
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
-            arrays = {name: file[name] for name in cls._arrays}
             with naming(path, AGAIN):
                 _check(arrays, text["metadata"])
+                arrays = {name: one.astype(np.int64) if one.dtype.kind in "iu" else one for name, one in arrays.items()}
             return cls._of_file(text, arrays)
+
+
+def numbers_of(told: Mapping[str, Any]) -> dict[str, float]:
+    """Return figures that a file tells; ValueError if one is no number."""
+    if not all(is_number(one) for one in told.values()):
+        raise ValueError(f"{dict(told)} are no numbers")
+    return {name: float(one) for name, one in told.items()}
 
 
 _LAYOUT = {
@@ -401,6 +411,7 @@ def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
         raise InputError(f"its {len(arrays['measured'])} pieces do not begin where its starts say: {AGAIN}")
     check_range(arrays, {"faces": points, "vertex_ids": points, "piece_ids": pieces, "uv_faces": rows})
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
-    if arrays["measured"].shape[1] < 3 or not np.isfinite(arrays["uv"]).all():
-        raise InputError(f"its uv are not all finite, or it measured too little: {AGAIN}")
+    if arrays["measured"].shape[1] < 3:
+        raise InputError(f"it measured too little: {AGAIN}")
+    check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_path
-from voxflat.atlases.atlas import Atlas
+from voxflat.atlases.atlas import Atlas, numbers_of
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
 from voxflat.io.files import REMEDY, check_regular, from_json, holding, naming
 from voxflat.io.provenance import telling
+from voxflat.io.readers import read_arrays
 
 __all__ = ["Certificate", "FlatAtlas", "FlatPatch", "Plane", "load_atlas"]
 
@@ -237,7 +238,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @classmethod
     def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> FlatAtlas:
-        certificate = Certificate(**text.pop("certificate"))
+        certificate = Certificate(**numbers_of(text.pop("certificate")))
         return cls(**arrays, patch_ids=arrays["piece_ids"], certificate=certificate, **text)
 
 
@@ -262,6 +263,6 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
     """
     with naming(path, REMEDY):
         check_regular(checked_path(path))
-    with holding(path, "an atlas"), np.load(path, allow_pickle=False) as file:
-        form = from_json(str(file["text"]))["format"]
+    with holding(path, "an atlas"):
+        form = from_json(str(read_arrays(path, ["text"])["text"]))["format"]
     return GluedAtlas.load(path) if form == GluedAtlas._format else FlatAtlas.load(path)

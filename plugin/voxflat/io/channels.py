@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import shown
 from voxflat.errors import InputError
-from voxflat.io.files import nibabel_image
+from voxflat.io.files import OF_DAMAGE, REMEDY, naming, nibabel_image
 from voxflat.io.grid import Affine, check_affine
 from voxflat.io.readers import check_length, check_unit
 from voxflat.io.reading import check_room, note
@@ -28,6 +28,7 @@ __all__ = ["Channels", "Timing", "are_points", "is_cifti", "opened", "points_of_
 
 _NIFTI_OR_MGH = (".nii", ".nii.gz", ".mgh", ".mgz")
 _BLOCK = 64  # of frames that are read at once where a file holds them point by point
+_LARGEST_LABEL = 2**31 - 1
 _SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 
 
@@ -138,6 +139,27 @@ class Channels:
         """
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
+    def of_file(self, path: Path | None) -> Channels:
+        """Return the same channels, of which errors name the file, as they come long after it was opened.
+
+        Parameters
+        ----------
+        path : Path or None
+            The file, if they are of one.
+
+        Returns
+        -------
+        Channels
+        """
+        if path is None:
+            return self
+
+        def read(n: int) -> NDArray[Any]:
+            with naming(path, REMEDY):
+                return self.read(n)
+
+        return Channels(self.names, read, self.timing)
+
     @classmethod
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
         """Take the last axis of an array as channels; one of shape (N,) is a single one.
@@ -181,7 +203,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     image, path = opened(obj)
     if image is None or is_cifti(image):
         return None
-    shape = tuple(image.shape)
+    shape = _shape(image)
     while len(shape) > 3 and shape[-1] == 1:
         shape = shape[:-1]
     is_colour = len(shape) == 4 and shape[3] in (3, 4) and image.get_data_dtype() == np.uint8
@@ -192,7 +214,7 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
         check_unit(image.header.get_xyzt_units()[0])
     rest = (0,) * (len(image.shape) - 4)
     frames = Channels(("",) * shape[3], lambda n: np.asarray(image.dataobj[(..., n, *rest)]), _timing(image.header))
-    return frames, check_affine(image.affine)
+    return frames.of_file(path), check_affine(image.affine)
 
 
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
@@ -221,9 +243,9 @@ def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channe
     if image is None:
         return None
     if is_cifti(image):
-        _check_complete(path, image, 2 * math.prod(image.shape[1:]) * min(_BLOCK, image.shape[0]))
+        _check_complete(path, image, 2 * math.prod(_shape(image)[1:]) * min(_BLOCK, image.shape[0]))
         return _cifti(image, points, structure)
-    shape = tuple(image.shape)
+    shape = _shape(image)
     if not are_points(shape):
         return None
     if max(shape[:3]) != points:
@@ -251,7 +273,7 @@ def opened(obj: object) -> tuple[Any, Path | None]:
     try:
         return nibabel_image(obj, keep_file_open=True), Path(obj)
     except OSError as error:
-        if error.errno is not None:
+        if error.errno not in OF_DAMAGE:
             raise
     except Exception:  # what is wrong with it, or that nibabel is missing, is said by those who read volumes
         pass
@@ -268,6 +290,11 @@ def is_cifti(image: Any) -> bool:
     return type(image).__name__ == "Cifti2Image"
 
 
+def _shape(image: Any) -> tuple[int, ...]:
+    """Return a shape as whole numbers of any size: those of MGH have 32 bits, which products are beyond."""
+    return tuple(int(length) for length in image.shape)
+
+
 def _timing(header: Any) -> Timing | None:
     """Return when the frames along the fourth axis were; None where the header gives no unit of time."""
     if not hasattr(header, "get_xyzt_units"):  # of .mgh, ms
@@ -282,7 +309,7 @@ def _check_complete(path: Path | None, image: Any, values: int) -> None:
     """Check a file's length, which nibabel would do in the middle, and that there is room for so many of its values."""
     proxy = image.dataobj
     if path is not None and hasattr(proxy, "offset"):
-        check_length(path, proxy.offset + math.prod(proxy.shape) * proxy.dtype.itemsize)
+        check_length(path, proxy.offset + math.prod(_shape(proxy)) * proxy.dtype.itemsize)
         check_room(8 * values)
         note(path)
 
@@ -315,13 +342,23 @@ def _cifti(image: Any, points: int, structure: str | None) -> Channels:
         values = held[first][n - first]
         if is_label:
             labels = np.zeros(points, dtype=np.int64)
-            labels[model.vertex] = np.round(values)
+            labels[model.vertex] = _whole(values)
             return labels
         found = np.full(points, np.nan)
-        found[model.vertex] = values
+        with np.errstate(invalid="ignore"):  # signalling NaN, which is NaN
+            found[model.vertex] = values
         return found
 
     return Channels(names, read, timing)
+
+
+def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return labels, which a file may hold as scaled fractions, as the whole numbers that they are."""
+    with np.errstate(invalid="ignore"):  # infinity less itself
+        is_label = (np.abs(values) <= _LARGEST_LABEL) & (np.abs(values - np.round(values)) <= 1e-3)
+    if not is_label.all():
+        raise InputError(f"has the label {values[~is_label][0]}: give whole numbers, or a .dscalar.nii of values")
+    return np.asarray(np.round(values), dtype=np.int64)
 
 
 def _structure(models: dict[str, Any], sizes: dict[str, int], points: int, structure: str | None) -> str:

@@ -6,6 +6,7 @@ Whatever has a shape, a dtype, chunks and slices is such an array.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.errors import InputError
+from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
-from voxflat.io.files import from_json, require
+from voxflat.io.files import REMEDY, naming, require
 from voxflat.io.grid import Affine
 from voxflat.io.reading import check_room, note
 
@@ -52,12 +54,15 @@ class Chunked:
         The other axes, and the index taken of each.
     made_of : callable, optional
         What makes the values of those that are read, one by one.
+    path : Path, optional
+        The file, which errors name, as they come where it is read.
     """
 
     array: Any
     axes: tuple[int, int, int] = (0, 1, 2)
     fixed: tuple[tuple[int, int], ...] = ()
     made_of: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    path: Path | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,17 +102,45 @@ class Chunked:
         Returns
         -------
         ndarray
+
+        Raises
+        ------
+        InputError
+            If it cannot be read: a chunk is damaged, or what a dask array is computed from fails.
         """
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
             at[axis] = slice(*span)
         for axis, index in self.fixed:
             at[axis] = index
-        read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
+        with naming(self.path or type(self.array).__name__, REMEDY):
+            read = np.asarray(self.array[tuple(at)])  # the axes that are left keep their order
         if self.made_of is not None:
             read = self.made_of(read)
         order = np.argsort(np.argsort(self.axes))
         return np.transpose(read, order)
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """An array of a zarr directory, whose chunks are unpacked in a process of their own, as C does that."""
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    chunks: tuple[int, ...]
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> NDArray[Any]:
+        at = [[one.start, one.stop] if isinstance(one, slice) else one for one in key]
+        values = math.prod(one[1] - one[0] for one in at if isinstance(one, list))
+        found: NDArray[Any] = apart(zarr_block, "zarr", self.path, at, size=values * self.dtype.itemsize)
+        return found
+
+
+def zarr_block(path: Path, at: list[int | list[int]]) -> NDArray[Any]:
+    """Read a box of an array of a zarr directory: along each axis an index, or the first and behind the last."""
+    array = require("zarr").open_array(str(path), mode="r")
+    return np.asarray(array[tuple(slice(*one) if isinstance(one, list) else one for one in at)])
 
 
 def is_chunked(obj: object) -> bool:
@@ -211,8 +244,8 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
 def _check(array: Any, chunks: Any) -> None:
     if np.dtype(array.dtype).kind not in "biuf":
         raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
-    if 0 in array.shape:
-        raise InputError(f"is empty: its shape is {tuple(array.shape)}")
+    if 0 in array.shape or 0 in chunks:
+        raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
@@ -240,7 +273,9 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     if found is None:
         raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
     root = path if wanted is None else path.parent
-    array = zarr.open_array(str(root / str(found["path"])), mode="r")
+    file = root / str(found["path"])
+    opened = zarr.open_array(str(file), mode="r")
+    array = _Apart(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]
     axes = [axis if isinstance(axis, dict) else {"name": axis} for axis in axes]
     names = [str(axis.get("name")) for axis in axes]
@@ -275,7 +310,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     each, titles = [], []
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))
-        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed))
+        each.append(Chunked(array, (spatial[0], spatial[1], spatial[2]), fixed, path=path))
         titles.append(" ".join(f"{names[axis]}{n}" for axis, n in fixed if array.shape[axis] > 1))
     return _channels(each, titles), affine, path
 
@@ -287,10 +322,10 @@ def _multiscales(path: Path) -> tuple[dict[str, Any] | None, Path | None]:
         if not file.is_file():
             continue
         try:
-            content = from_json(file.read_text(encoding="utf-8"))
+            content = json.loads(file.read_text(encoding="utf-8"))  # with NaN, which others write
             attributes = content.get("attributes", {}) if name == "zarr.json" else content
             scales = attributes.get("ome", attributes).get("multiscales")
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             raise InputError(f"{name} is damaged: copy or download it again") from None
         if scales:
             return scales[0], file

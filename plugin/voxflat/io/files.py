@@ -7,6 +7,7 @@ import gzip
 import importlib
 import json
 import logging
+import math
 import os
 import re
 import shutil
@@ -14,12 +15,13 @@ import stat
 import textwrap
 import uuid
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +41,12 @@ AGAIN = "copy it again"
 _BLOCK = 1 << 20
 _LONGEST_NAME = 255  # bytes, of all usual file systems
 
-_OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
+LARGEST_PLACE = 1e9
+"""Coordinates beyond are taken nowhere, mm: `scales.rs` in the core."""
+
+_LONGEST_ERROR = 2000  # characters
+
+OF_DAMAGE = (None, errno.EINVAL)  # of errors that are readers' own, and of seeking where no file can be
 
 
 def by_ending(path: Path, table: dict[str, Callable[..., Any]], verb: str) -> Callable[..., Any]:
@@ -64,17 +71,25 @@ _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
     """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
     nibabel = require("nibabel")
-    logging.getLogger("nibabel.global").addFilter(_told_by_us)
-    token = _loading.set(path)
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with retelling(path, "nibabel.global"), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             return nibabel.load(path, **options)
     finally:
-        _loading.reset(token)
         for one in caught:
             if issubclass(one.category, UserWarning):
                 log.warning("%s: %s", path, " ".join(str(one.message).split()))
+
+
+@contextmanager
+def retelling(path: str | os.PathLike[str], logger: str) -> Iterator[None]:
+    """Let what another package's logger is told go to our log, with the file's name."""
+    logging.getLogger(logger).addFilter(_told_by_us)
+    token = _loading.set(path)
+    try:
+        yield
+    finally:
+        _loading.reset(token)
 
 
 def _told_by_us(record: logging.LogRecord) -> bool:
@@ -87,7 +102,8 @@ def one_line(error: Exception) -> str:
     """Shorten a message, above all ITK's: lines of C++ places and addresses."""
     if isinstance(error, InputError):
         return str(error)
-    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", str(error))
+    told = str(error)[:_LONGEST_ERROR]  # readers may repeat all that they read, and patterns try each letter of it
+    text = re.sub(r"\S+\.[ch]xx:\d+:|(ITK|itk::) ?ERROR:|\w+\(0x[0-9a-fA-F]+\):", " ", told)
     return textwrap.shorten(text, 200, placeholder=" ...") or type(error).__name__
 
 
@@ -105,7 +121,7 @@ def naming(name: object, remedy: str) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
-        if isinstance(error, OSError) and error.errno not in _OF_DAMAGE:
+        if isinstance(error, OSError) and error.errno not in OF_DAMAGE:
             raise
         raise InputError(f"{name}: {one_line(error)}: {remedy}") from error
 
@@ -115,7 +131,11 @@ def holding(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     """Turn whatever goes wrong with one of the package's own files into an error that says what it is not."""
     try:
         yield
-    except (InputError, FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
+    except InputError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise InputError(f"{path}: {error}") from error
+    except (FileNotFoundError, IsADirectoryError, PermissionError, MemoryError):
         raise
     except Exception as error:  # what damage leads to is known to no one: zlib.error, BadZipFile, KeyError, ...
         raise InputError(f"{path} is not {what} of voxflat or is damaged ({type(error).__name__})") from error
@@ -143,11 +163,17 @@ def check_regular(path: Path) -> os.stat_result:
 
 
 def from_json(text: str | bytes) -> Any:
-    """Parse JSON; what is nested deeper than Python goes is a ValueError, as all that is wrong with it."""
+    """Parse JSON; depth beyond Python's is a ValueError, too, and numbers that JSON does not have."""
     try:
-        return json.loads(text)
+        return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
         raise ValueError("its lists are nested too deeply") from None
+
+
+def _finite(number: str) -> float:
+    if not math.isfinite(found := float(number)):
+        raise ValueError(f"{number} is no number of JSON")
+    return found
 
 
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
@@ -176,6 +202,13 @@ def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -
             raise InputError(f"its {name} name rows that there are not, of {limit}: {AGAIN}")
 
 
+def check_places(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Check that coordinates, by their names, are finite and such as the core takes."""
+    for name, array in arrays.items():
+        if not (np.abs(array.astype(np.float64)) <= LARGEST_PLACE).all():
+            raise InputError(f"its {name} are not all finite and up to {LARGEST_PLACE:g} mm: {AGAIN}")
+
+
 def contents(path: Path) -> bytes:
     """Return the bytes of a file, decompressed if they are gzipped; refuse more than a quarter of the memory."""
     status = check_regular(path)
@@ -185,7 +218,7 @@ def contents(path: Path) -> bytes:
         file.seek(0)
         stream: Any = gzip.GzipFile(fileobj=file) if is_gzipped else file
         blocks, size = [], 0
-        while block := stream.read(_BLOCK):
+        while block := _unpacked(stream):
             size += len(block)
             if size > limit:
                 held = f"unpacks {amount(status.st_size)} to" if is_gzipped else "holds"
@@ -195,6 +228,13 @@ def contents(path: Path) -> bytes:
         raise InputError("is empty (0 bytes): copy or download it again")
     note(path)
     return b"".join(blocks)
+
+
+def _unpacked(stream: IO[bytes]) -> bytes:
+    try:
+        return stream.read(_BLOCK)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"is gzip, and damaged ({error}): {AGAIN}") from error
 
 
 def check_size(data: bytes, need: int, what: str, *, is_exact: bool = False) -> None:

@@ -111,7 +111,8 @@ def read_mgh(data: bytes) -> NDArray[Any]:
     check_size(data, 284 + math.prod(shape) * {0: 1, 4: 2}.get(kind, 4), f"the shape {shape}")
     if sorted(shape[:3])[:2] != [1, 1]:
         raise InputError(f"has the shape {shape}: values at N points have (N, 1, 1)")
-    values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
+    with np.errstate(all="ignore"):  # of where it lies, which is not asked
+        values = np.asarray(require("nibabel").MGHImage.from_bytes(data).dataobj).reshape(max(shape[:3]), -1)
     return values[:, 0] if values.shape[1] == 1 else values
 
 
@@ -151,7 +152,7 @@ _MOST_COLOURS = 1 << 20  # FreeSurfer's own tables go to 14,175
 def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
     """Return which of n points a label file names."""
     vertices = _label_columns(data, 1)[:, 0]
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n) | (vertices % 1 != 0))
+    bad = np.flatnonzero(~((vertices >= 0) & (vertices < n) & (vertices == np.floor(vertices))))
     if len(bad):
         raise InputError(f"line {bad[0] + 3} names point {vertices[bad[0]]:g}; the surface has the points 0 to {n - 1}")
     mask = np.zeros(n, dtype=bool)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import textwrap
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def read_channels(path: str | os.PathLike[str], points: int, *, structure: str |
     """
     path = checked_path(path)
     with naming(path, REMEDY):
-        return _channels(path, points, structure)
+        return _channels(path, points, structure).of_file(path)
 
 
 def _channels(path: Path, points: int, structure: str | None) -> Channels:
@@ -193,7 +194,10 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
             raise InputError("is no NumPy array: write it again with numpy.save")
         return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points), None
     if name.endswith(".txt"):
-        return _fitting(np.loadtxt(io.StringIO(data.decode())), points), None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of no line: told below
+            values = np.loadtxt(io.StringIO(data.decode()))
+        return _fitting(values, points), None
     if name.endswith((".mgh", ".mgz")):
         return _fitting(freesurfer.read_mgh(data), points), None
     if name.endswith(".annot"):

@@ -9,10 +9,11 @@ made here, too.
 from __future__ import annotations
 
 import gzip
+import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
@@ -59,23 +60,41 @@ def read(path: Path) -> Read:
     return found
 
 
-def _read_npy(path: Path) -> Read:
+def read_array(path: Path) -> NDArray[Any]:
+    """Read the array of a .npy file."""
     with path.open("rb") as file:
-        _check_npy(file, path.stat().st_size)
+        check_room(_need_of(file, path.stat().st_size))
         file.seek(0)
-        return np.lib.format.read_array(file, allow_pickle=False), None
+        return np.lib.format.read_array(file, allow_pickle=False)
 
 
-def _check_npy(file: IO[bytes], size: int) -> None:
-    """Compare what an array's header says with a file's length and with the memory that is there."""
+def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """Read arrays of a .npz archive, all or some, in native order of bytes: KeyError for those that it has not."""
+    with np.load(path, allow_pickle=False) as archive:
+        taken, need = archive.files if names is None else list(names), 0
+        for member in {f"{name}.npy" for name in taken} & set(archive.zip.namelist()):  # others are none
+            with archive.zip.open(member) as file:
+                need += _need_of(file, archive.zip.getinfo(member).file_size)
+        check_room(need)
+        arrays = {name: np.asanyarray(archive[name]) for name in taken}
+    return {name: array.astype(array.dtype.newbyteorder("="), copy=False) for name, array in arrays.items()}
+
+
+def _need_of(file: IO[bytes], size: int) -> int:
+    """Return how many bytes an array needs, by its header, which is compared with the file's length."""
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version in headers:  # others have names of fields beyond Latin-1: no volume
-        shape, _, dtype = headers[version](file)
-        need = int(np.prod(shape, dtype=object)) * dtype.itemsize
-        if file.tell() + need > size and not dtype.hasobject:
-            raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")
-        check_room(need)
+    if version not in headers:  # with names of fields beyond Latin-1: no numbers
+        raise InputError(f"holds an array of NumPy's format {version}: write it again with numpy.save")
+    shape, _, dtype = headers[version](file)
+    need = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if file.tell() + need > size and not dtype.hasobject:
+        raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")
+    return need
+
+
+def _read_npy(path: Path) -> Read:
+    return read_array(path), None
 
 
 def _read_npz(path: Path) -> Read:
@@ -83,16 +102,12 @@ def _read_npz(path: Path) -> Read:
         raise InputError("is no complete .npz archive: write it again with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = archive.files
-        if "data" not in names and len(names) != 1:
-            raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
-        taken = [name for name in ("data", "affine") if name in names] if "data" in names else names
-        for name in taken:
-            member = f"{name}.npy"
-            if member in archive.zip.namelist():  # otherwise it is no array
-                with archive.zip.open(member) as file:
-                    _check_npy(file, archive.zip.getinfo(member).file_size)
-        voxels, *affine = (archive[name] for name in taken)
-        return voxels, affine[0] if affine else None
+    if "data" not in names and len(names) != 1:
+        raise InputError(f"holds the arrays {names}: name the volume 'data' (and its affine 'affine')")
+    voxels, *affine = read_arrays(
+        path, [name for name in ("data", "affine") if name in names] if "data" in names else names
+    ).values()
+    return voxels, affine[0] if affine else None
 
 
 def _read_mgh(path: Path) -> Read:

@@ -22,6 +22,7 @@ from voxflat.io.files import (
     AGAIN,
     SAVED_ENDINGS,
     atomic_path,
+    check_places,
     check_range,
     check_regular,
     check_shapes,
@@ -32,6 +33,7 @@ from voxflat.io.files import (
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
+from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
 from voxflat.io.spaces import Space
 from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
@@ -482,8 +484,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     with naming(path, AGAIN):
         check_regular(checked_path(path))
     with holding(path, "a flat map"):
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
         metadata = from_json(str(arrays.pop("metadata")))
         if metadata.pop("format") != _FORMAT:
             raise InputError(f"{path} was written by another version of voxflat; flatten again")
@@ -530,6 +531,5 @@ def _check(arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any],
     axes = "points 3" if metadata.get("kind") == "voxels" else "points"
     check_shapes(arrays, {**_LAYOUT, "ids": ("iu", axes)})
     check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-    if not np.isfinite(uv).all():
-        raise InputError(f"its uv are not all finite: {AGAIN}")
+    check_places({"uv": uv, "points": arrays["points"]})
     check_origin(metadata, ids)

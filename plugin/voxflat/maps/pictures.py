@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, check_regular, naming
+from voxflat.io.files import REMEDY, check_regular, naming, retelling
 from voxflat.io.reading import note
 
 __all__ = ["PICTURES", "as_picture", "check_cover", "check_values", "place", "values_at"]
@@ -151,7 +151,7 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
         path = Path(picture)
         with naming(path, REMEDY):
             check_regular(path)
-        with naming(path, REMEDY), warnings.catch_warnings():
+        with naming(path, REMEDY), warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
             warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
             with Image.open(path, formats=PICTURES) as image:
                 note(path)

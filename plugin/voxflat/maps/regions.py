@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import array_of, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require
+from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require, retelling
 from voxflat.io.freesurfer import write_annot, write_label
 from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
+from voxflat.io.readers import read_array
 from voxflat.io.reading import check_room, note, reading
 from voxflat.io.svg import Outline, read_outlines
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
@@ -530,7 +531,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
     name = path.name.lower()
     check_regular(path)
     if name.endswith(".npy"):
-        data = np.load(path, allow_pickle=False)
+        data = read_array(path)
         note(path)
         return data, None
     if name.endswith(VOLUME_ENDINGS):
@@ -538,7 +539,7 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
         warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
         image = require("PIL.Image").open(path, formats=PICTURES)
         image.load()

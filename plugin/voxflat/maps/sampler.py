@@ -74,6 +74,8 @@ def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     InputError
         If it says nothing that can be, or the ids do not fit.
     """
+    if not isinstance(metadata.get("provenance", {}), dict):
+        raise InputError(f"its provenance is {metadata['provenance']!r:.80}: {AGAIN}")
     kind = metadata.get("kind")
     if kind == "voxels":
         shape, affine = metadata.get("shape"), metadata.get("affine")

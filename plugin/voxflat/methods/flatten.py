@@ -239,7 +239,7 @@ def flatten(
         sampling=taken.get("sampling", ""),
         mirror=checked_switch(mirror, "mirror"),
         seed=checked_seed(seed),
-        keep_rows=keep_rows,
+        keep_rows=checked_switch(keep_rows, "keep_rows"),
         store=store,
         threads=checked_threads(threads),
         memory_limit=memory_limit,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from voxflat._napari.results.flat_layers import LayerData
 from voxflat.io.channels import series_of
+from voxflat.io.files import REMEDY, naming
 from voxflat.io.volumes import read_volume
 
 __all__ = ["volume_layers"]
@@ -43,7 +44,8 @@ def volume_layers(path: Path) -> list[LayerData]:
     InputError
         If the file is damaged, or holds no volume.
     """
-    found = series_of(path)
+    with naming(path, REMEDY):
+        found = series_of(path)
     if found is not None:
         frames, affine = found
         order = _order(affine)
