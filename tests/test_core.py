@@ -36,7 +36,7 @@ SURFACE = {
     "choose_sources": lambda s: s.choose_sources("curvature", 5, 0),
     "fill_holes": lambda s: s.fill_holes(1.0),
     "rows": lambda s: s.rows(np.arange(3, dtype=np.uint32)),
-    "error_of_distances": lambda s: s.error_of_distances(np.arange(1, dtype=np.uint32)),
+    "error_of_distances": lambda s: s.error_of_distances(0),
     "reference_sources": lambda s: _core.reference_sources(len(s), 500, 0),
     "vertex_normals": lambda s: _core.vertex_normals(s.points, s.faces),
     "finder": lambda s: _core.TriangleFinder(s.points[:, :2][s.faces]).find(s.points[:9, :2]),

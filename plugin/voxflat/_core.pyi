@@ -263,7 +263,7 @@ class Surface:
     ) -> None: ...
     def error_of_distances(
         self,
-        sources: NDArray[np.uint32],
+        seed: int,
         geodesic: str = "graph",
         threads: int | None = None,
         progress: _Progress | None = None,

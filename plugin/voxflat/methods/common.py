@@ -26,8 +26,6 @@ MUCH = 0.01
 """By which part of themselves distances may be off. Links usually are by 0.1 %."""
 
 _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
-_SPOTS = 2  # sources from which a solver's distances are compared with exact ones
-_LARGE, _MORE_SPOTS = 20_000, 8  # the same where only the vertices nearest to each are compared
 _FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
 
 
@@ -64,10 +62,8 @@ class How:
 
 
 def error_of_distances(part: Surface, geodesic: str, how: How) -> float:
-    """Return how far a solver's distances are from exact ones, from a sample of sources, relative to themselves."""
-    count = _SPOTS if len(part) <= _LARGE else _MORE_SPOTS
-    spots = _core.reference_sources(len(part), count, how.seed)
-    return part.core.error_of_distances(spots, geodesic, how.threads, how.progress)
+    """Return how far a solver's distances are from exact ones, relative to themselves."""
+    return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
 def _judged(part: Surface, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:

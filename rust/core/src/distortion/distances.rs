@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::judge::reference_sources;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geodesic::Solver;
@@ -9,13 +10,16 @@ use crate::geodesic::exact::{Exact, Reach};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
 
-/// On surfaces of more vertices than this only those nearest to each source are compared: what exact distances take grows faster than
-/// the surface, on smooth ones by far (docs/decisions/0034).
+/// On surfaces of up to so many vertices all of them are compared from a few sources; on larger ones those nearest to each of more
+/// sources: what exact distances take grows faster than the surface, on smooth ones by far (docs/decisions/0034).
 const ALL_COMPARED: usize = 20_000;
+const FEW_SOURCES: usize = 2;
+const MORE_SOURCES: usize = 8;
 const COMPARED: usize = 10_000;
 
-/// By which part of themselves a solver's distances from some sources are off from exact ones: the mean of |δ/δ_exact − 1| over the
-/// vertices apart from their source, on surfaces of more than 20,000 over some 10,000 nearest to each; NaN where there are none.
+/// By which part of themselves a solver's distances are off from exact ones: the mean of |δ/δ_exact − 1| over the vertices apart from
+/// their source, from two random sources; on surfaces of more than 20,000 vertices from eight, over some 10,000 nearest to each; NaN
+/// where there are none.
 ///
 /// # Errors
 /// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
@@ -30,10 +34,16 @@ const COMPARED: usize = 10_000;
 /// let control = Control::default();
 /// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
 /// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// assert!(error_of_distances(&sheet, &graph, &[0, 40], &control)? < 0.002);
+/// assert!(error_of_distances(&sheet, &graph, 0, &control)? < 0.002);
 /// # Ok::<(), voxflat::Error>(())
 /// ```
-pub fn error_of_distances<S: Solver>(surface: &Surface, solver: &S, sources: &[u32], control: &Control) -> Result<f64> {
+pub fn error_of_distances<S: Solver>(surface: &Surface, solver: &S, seed: u64, control: &Control) -> Result<f64> {
+    let count = if surface.len() > ALL_COMPARED { MORE_SOURCES } else { FEW_SOURCES };
+    error_from(&reference_sources(surface.len(), count, seed), surface, solver, control)
+}
+
+/// The same from some sources.
+fn error_from<S: Solver>(sources: &[u32], surface: &Surface, solver: &S, control: &Control) -> Result<f64> {
     let found = DistanceRows::compute(solver, sources, control)?;
     let farthest = |n: usize| {
         let mut row = found.row(n).to_vec();
@@ -80,7 +90,7 @@ mod tests {
             let surface = shapes::surface(shape);
             let graph = GeodesicGraph::new(&surface, &control).unwrap();
             assert_eq!(graph.vertices(), surface.len());
-            error_of_distances(&surface, &graph, &[0, 7], &control).unwrap()
+            error_from(&[0, 7], &surface, &graph, &control).unwrap()
         };
         assert!(error(shapes::sheet(12, 9)) < 2e-3);
         let sphere = error(shapes::sphere(3));
@@ -90,9 +100,9 @@ mod tests {
     #[test]
     fn exact_distances_are_not_off_and_marched_ones_are() {
         let (control, surface) = (Control::default(), shapes::surface(shapes::sphere(3)));
-        assert_eq!(error_of_distances(&surface, &Exact::new(&surface), &[0, 7], &control), Ok(0.0));
+        assert_eq!(error_from(&[0, 7], &surface, &Exact::new(&surface), &control), Ok(0.0));
         let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
-        let error = error_of_distances(&surface, &marching, &[0, 7], &control).unwrap();
+        let error = error_from(&[0, 7], &surface, &marching, &control).unwrap();
         assert!((1e-4..0.03).contains(&error), "{error}");
     }
 
@@ -127,7 +137,7 @@ mod tests {
         let error = |side: usize, beyond: f32| {
             let surface = shapes::surface(shapes::sheet(side, side));
             let corner = [0]; // from where 10,000 vertices reach 113 mm
-            error_of_distances(&surface, &Stretched(Exact::new(&surface), beyond), &corner, &control).unwrap()
+            error_from(&corner, &surface, &Stretched(Exact::new(&surface), beyond), &control).unwrap()
         };
         assert_eq!(error(144, 120.0), 0.0);
         assert!((error(144, 56.0) - 0.88).abs() < 0.02); // twice as far as they are, it reaches all

@@ -7,7 +7,9 @@ use crate::distortion::best_scale;
 use crate::distortion::faces::equal_area_scale;
 use crate::distortion::judge::{self, REFERENCE_SOURCES, judge};
 use crate::embed::classical::{self, classical_scaling};
-use crate::embed::stress::levels::{self, Levels, Start};
+use crate::embed::stress::area_bound::bounded;
+use crate::embed::stress::levels::{self, Levels};
+use crate::embed::stress::start::{Start, flatten_from};
 use crate::error::{Error, Result};
 use crate::geodesic::bundle::BundleScratch;
 use crate::geodesic::graph::GeodesicGraph;
@@ -22,7 +24,7 @@ use crate::surface::Surface;
 /// distances; levels and rows are dropped before.
 ///
 /// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`levels::flatten_from`] among them.
+/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
 ///
 /// # Examples
 /// ```
@@ -64,12 +66,12 @@ pub fn voxflat(
     control.check()?;
     drop(among);
     let (mut uv, mut convergence) = match start {
-        Some(start) => levels::flatten_from(&mut levels, &rows, start, weighting, control)?,
+        Some(start) => flatten_from(&mut levels, &rows, start, weighting, control)?,
         None => levels::flatten(&mut levels, &rows, &scaling.places, weighting, control)?,
     };
     if let Some(max_area) = max_area {
         let found;
-        (uv, found) = levels::bounded(&levels, &rows, &uv, weighting, max_area, control)?;
+        (uv, found) = bounded(&levels, &rows, &uv, weighting, max_area, control)?;
         convergence.energies.extend(found.energies);
     }
     let convergence = Some(convergence);
@@ -104,7 +106,7 @@ pub struct Options<'a> {
     /// A map that is known, from which descent goes on; the map is turned as this one lies.
     pub start: Option<Start<'a>>,
     /// By which factor no triangle may change its area, against that of the whole, or as near to that as can be had: see
-    /// [`levels::bounded`]. More than 1.
+    /// [`bounded`]. More than 1.
     pub max_area: Option<f64>,
     /// What the map's mm are.
     pub scale: Scale,

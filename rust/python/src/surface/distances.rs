@@ -157,27 +157,20 @@ impl Surface {
         convert::table(py, rows.into_data(), self.0.surface.len())
     }
 
-    /// By which part of themselves a solver's distances from sources (vertices) are off from exact ones, on average.
-    #[pyo3(signature = (sources, geodesic="graph", threads=None, progress=None))]
+    /// By which part of themselves a solver's distances from random vertices are off from exact ones, on average.
+    #[pyo3(signature = (seed, geodesic="graph", threads=None, progress=None))]
     fn error_of_distances(
         &self,
         py: Python<'_>,
-        sources: PyReadonlyArray1<'_, u32>,
+        seed: u64,
         geodesic: &str,
         threads: Option<usize>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<f64> {
         let geodesic = Geodesic::named(geodesic)?;
-        let sources: Vec<u32> = sources.as_array().iter().copied().collect();
-        convert::check_vertices(sources.iter().copied(), self.0.surface.len())?;
         let inner = Arc::clone(&self.0);
         run(py, threads, progress.as_ref(), move |control| {
-            with_solver!(geodesic, inner, control, |solver| error_of_distances(
-                &inner.surface,
-                solver,
-                &sources,
-                control
-            ))
+            with_solver!(geodesic, inner, control, |solver| error_of_distances(&inner.surface, solver, seed, control))
         })
     }
 

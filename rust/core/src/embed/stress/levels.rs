@@ -1,19 +1,17 @@
 //! From coarse to fine: a map of few vertices, then all others in between, and descent on every level.
 //!
 //! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
-//! one level to the next: no map on the way has a fold. A map that is known already is where descent begins on the finest level on
-//! which it can be mended (`mend`).
+//! one level to the next: no map on the way has a fold.
 
 use nalgebra::Vector2;
 
 use super::MapEnergy;
-use super::descent::{Descended, Objective, Until, descend};
+use super::descent::{Descended, Until, descend};
 use super::local::ease;
-use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::{Bands, Pairs};
 use super::springs::Springs;
-use super::triangles::{AreaBound, Shape, TriangleEnergy};
+use super::triangles::{Shape, TriangleEnergy};
 use super::tutte;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -57,7 +55,7 @@ const ROUND: usize = 40;
 
 /// Most rounds of the first descent, which has the farthest way, and of the others.
 const FIRST_ROUNDS: usize = 40;
-const MOST_ROUNDS: usize = 10;
+pub(super) const MOST_ROUNDS: usize = 10;
 
 /// Five steps that gain less than this part of the energy are the end, and so is a round.
 const GAIN: f64 = 1e-4;
@@ -86,7 +84,7 @@ pub(crate) const FINAL: Dials = Dials {
 const WIDEST: f64 = 10.0;
 
 /// [`FINAL`] for a weighting between 0, local, and 1, global.
-fn weighted(weighting: f64) -> Dials {
+pub(super) fn weighted(weighting: f64) -> Dials {
     let near = WIDEST.powf(1.0 - 2.0 * weighting);
     let [all, thirty, ten] = FINAL.bands.weights;
     let bands = Bands { weights: [all, near * thirty, near * ten], ..FINAL.bands };
@@ -183,228 +181,33 @@ pub(crate) fn unfold(
     levels.refined(uv, convergence, finer, &pairs, dials, control)
 }
 
-/// A map that is known already.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Start<'a> {
-    /// The place of each vertex of the finest level, in any unit, at any place, mirrored or not.
-    pub places: &'a [[f64; 2]],
-    /// How many times as many steps as usual there may be, and how many times as little five of them may gain; 1 is usual.
-    pub patience: u32,
-}
-
-impl Start<'_> {
-    /// The places, counterclockwise and around the origin, none farther from there than 3.
-    ///
-    /// # Errors
-    /// [`Error::StartMismatch`], [`Error::StartNotFinite`].
-    pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Vector2<f64>>> {
-        if self.places.len() != surface.len() {
-            return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });
-        }
-        if let Some(vertex) = self.places.iter().position(|place| place.iter().any(|x| !x.is_finite())) {
-            return Err(Error::StartNotFinite { vertex });
-        }
-        let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny places are no numbers
-        let places: Vec<Vector2<f64>> = self.places.iter().map(|place| place.map(small).into()).collect();
-        let centre = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
-        let double = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(|vertex| places[vertex as usize]);
-            (b - a).perp(&(c - a))
-        };
-        let hand = surface.faces().iter().map(double).sum::<f64>().signum();
-        Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
-    }
-}
-
-/// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`]. It begins at the
-/// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
-/// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
-///
-/// # Errors
-/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
-/// start cannot be mended on any level, or descent does not get away from it; and those of [`flatten`].
-///
-/// # Panics
-/// As [`flatten`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::stress::levels::{Levels, Start, flatten_from};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::orient::map_area;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
-/// let (uv, found) = flatten_from(&mut levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
-/// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
-/// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
-pub fn flatten_from(
-    levels: &mut Levels,
-    rows: &DistanceRows,
-    start: Start,
-    weighting: f64,
-    control: &Control,
-) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let places = start.counterclockwise(levels.finest)?;
-    let dials = Dials { patience: start.patience, ..weighted(weighting) };
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
-    let mut first = None;
-    for depth in 0..=levels.coarser.len() {
-        let level = levels.prepare(depth, &pairs, control)?;
-        let mut uv: Vec<_> = levels.vertices[depth].iter().map(|&vertex| places[vertex as usize]).collect();
-        level.triangles.fit_area(&mut uv);
-        match mend(&level.triangles, &level.outline, &mut uv, control)? {
-            Some(fault) => {
-                first.get_or_insert(fault);
-            }
-            None => {
-                let settle = || level.settle_again(&mut uv, dials, stage(depth), control);
-                let (convergence, finer) = levels.beside(depth, settle, &pairs, control)?;
-                drop(level);
-                if convergence.energies.last().is_some_and(|&energy| energy < HOPELESS) {
-                    levels.coarser.truncate(depth);
-                    return levels.refined(uv, convergence, finer, &pairs, dials, control);
-                }
-                first.get_or_insert(Fault::Stuck);
-            }
-        }
-    }
-    Err(match first {
-        Some(Fault::Crossing(crossings)) => Error::StartCrosses { crossings },
-        Some(Fault::Folded(triangles)) => Error::StartFolded { triangles },
-        Some(Fault::Stuck) => Error::StartStuck,
-        None => unreachable!("there is a level"),
-    })
-}
-
-/// A map without folds (mm), led on to where no triangle's area changes by more than a factor, against the area of the whole: what is
-/// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
-/// found, and is told as not converged.
-///
-/// # Errors
-/// Those of [`flatten`].
-///
-/// # Panics
-/// As [`flatten`]; or if there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::levels::{Levels, bounded, flatten};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::Rows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let (mut points, faces) = shapes::sheet(8, 8);
-/// points.iter_mut().for_each(|point| point[2] = -0.05 * ((point[0] - 4.0).powi(2) + (point[1] - 4.0).powi(2))); // a dome
-/// let dome = shapes::surface((points, faces));
-/// let graph = GeodesicGraph::new(&dome, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&dome, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
-/// let (_, found) = bounded(&levels, &rows, &uv, 0.5, 1.1, &control)?;
-/// assert!(found.converged);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
-pub fn bounded(
-    levels: &Levels,
-    rows: &DistanceRows,
-    uv: &[[f64; 2]],
-    weighting: f64,
-    max_area: f64,
-    control: &Control,
-) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    let pairs = Pairs::new(rows, levels.judged(), control)?;
-    let mut level = levels.prepare(0, &pairs, control)?;
-    let mut uv: Vec<Vector2<f64>> = uv.iter().map(|&place| place.into()).collect();
-    assert_eq!(uv.len(), levels.finest.len(), "one place a vertex");
-    level.check_unfolded(&uv)?;
-    let is_apart = level.outline.crossings(&uv, control)? == 0;
-    let most = max_area.ln();
-    let [mut mean, mut worst] = level.triangles.area_change(&uv);
-    let mut best = (worst, uv.clone());
-    let mut energies = Vec::new();
-    let mut weight = FIRST_PRICE;
-    for _ in 0..DEARER {
-        if worst <= most {
-            break;
-        }
-        level.triangles.bound = Some(AreaBound { mean, most: most * WITHIN, weight });
-        let apart = Some((&level.outline, APART)).filter(|_| is_apart);
-        let stage = "keeping areas within their bound";
-        energies.extend(level.rounds(&level.pairs, &mut uv, weighted(weighting), 2, apart, stage, control)?.energies);
-        [mean, worst] = level.triangles.area_change(&uv);
-        if worst < best.0 {
-            best = (worst, uv.clone());
-        }
-        weight *= PRICE_GROWTH;
-    }
-    let uv = best.1.into_iter().map(Into::into).collect();
-    Ok((uv, Convergence { energies, converged: best.0 <= most }))
-}
-
-/// The price of the square of what areas change beyond a bound, at first, how much it grows, and how often; what it begins at, as a part
-/// of the bound.
-const FIRST_PRICE: f64 = 1.0;
-const PRICE_GROWTH: f64 = 4.0;
-const DEARER: usize = 12;
-const WITHIN: f64 = 0.98;
-
 /// What the user is told, on the finest level and on coarser ones.
-fn stage(depth: usize) -> &'static str {
+pub(super) fn stage(depth: usize) -> &'static str {
     if depth == 0 { "keeping distances and shapes" } else { "keeping distances and shapes, coarsely" }
 }
 
 /// How far vertices of the boundary may come out of a coarser map, if the boundary crosses itself by the one before.
 const OVERHANGS: [f64; 5] = [f64::INFINITY, 0.1, 1e-2, 1e-3, 1e-4];
 
-/// Triangles of a start with less than this part of their area are eased before descent, which they would hold back.
-const TINY: f64 = 0.02;
-
-/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
-/// without area hold descent back, and there it ends.
-const HOPELESS: f64 = 100.0;
-
-/// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
-/// narrowed.
-const WIDEST_SCALE: f64 = 2.0;
-const NARROWINGS: usize = 26;
-
 /// What the gaps of the outline count beside the stress, where it is kept from running into itself.
-const APART: f64 = 1e-3;
+pub(super) const APART: f64 = 1e-3;
 
 /// Coarser and coarser surfaces, all of them with the landmarks.
 #[derive(Debug)]
 pub struct Levels<'a> {
     finest: &'a Surface,
     landmarks: Vec<u32>,
-    coarser: Vec<Decimation>,
+    pub(super) coarser: Vec<Decimation>,
     /// The vertices of every level, as those of the finest.
-    vertices: Vec<Vec<u32>>,
+    pub(super) vertices: Vec<Vec<u32>>,
 }
 
 /// What descent on a level needs.
-struct Level {
-    pairs: Pairs,
-    triangles: TriangleEnergy,
+pub(super) struct Level {
+    pub(super) pairs: Pairs,
+    pub(super) triangles: TriangleEnergy,
     springs: Springs,
-    outline: Outline,
+    pub(super) outline: Outline,
 }
 
 impl<'a> Levels<'a> {
@@ -483,7 +286,7 @@ impl<'a> Levels<'a> {
         DistanceRows::new(self.landmarks.iter().map(number).collect(), judged.len(), rows.into_data())
     }
 
-    fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
+    pub(super) fn prepare(&self, depth: usize, pairs: &Pairs, control: &Control) -> Result<Level> {
         let surface = self.surface(depth);
         let triangles = TriangleEnergy::new(surface);
         let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
@@ -491,7 +294,7 @@ impl<'a> Levels<'a> {
     }
 
     /// Descent on a level, and beside it what the next finer one needs, of which much is the work of one thread.
-    fn beside(
+    pub(super) fn beside(
         &self,
         depth: usize,
         settle: impl FnOnce() -> Result<Convergence> + Send,
@@ -505,7 +308,7 @@ impl<'a> Levels<'a> {
 
     /// The map of the finest level from that of the coarsest that is left, and how descent went there. Levels are dropped when they
     /// have served.
-    fn refined(
+    pub(super) fn refined(
         &mut self,
         mut uv: Vec<Vector2<f64>>,
         mut convergence: Convergence,
@@ -549,7 +352,7 @@ impl<'a> Levels<'a> {
 }
 
 impl Level {
-    fn check_unfolded(&self, uv: &[Vector2<f64>]) -> Result<()> {
+    pub(super) fn check_unfolded(&self, uv: &[Vector2<f64>]) -> Result<()> {
         let triangles = self.triangles.folded(uv);
         if triangles > 0 { Err(Error::Folded { triangles }) } else { Ok(()) }
     }
@@ -586,71 +389,19 @@ impl Level {
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
     }
 
-    /// The same from a map that is known and lies nowhere on itself.
-    fn settle_again(
-        &self,
-        uv: &mut Vec<Vector2<f64>>,
+    pub(super) fn energy<'a>(
+        &'a self,
+        pairs: &'a Pairs,
         dials: Dials,
-        stage: &'static str,
-        control: &Control,
-    ) -> Result<Convergence> {
-        let apart = Some((&self.outline, APART));
-        self.scale(uv, dials, apart, control)?;
-        let mut is_held = vec![true; uv.len()];
-        for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
-            if growth < TINY {
-                corners.iter().for_each(|&vertex| is_held[vertex as usize] = false);
-            }
-        }
-        let inside = self.inside(uv.len());
-        let may_move: Vec<bool> = is_held.iter().zip(inside).map(|(held, inside)| !held && inside).collect();
-        ease(&self.triangles, dials.shape, &may_move, uv, control)?;
-        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
-    }
-
-    /// Brings a map to the scale at which its energy is least, by golden sections.
-    fn scale(
-        &self,
-        uv: &mut [Vector2<f64>],
-        dials: Dials,
-        outline: Option<(&Outline, f64)>,
-        control: &Control,
-    ) -> Result<()> {
-        let energy = self.energy(&self.pairs, dials, outline);
-        let at = |log: f64| {
-            control.check()?;
-            let scaled: Vec<_> = uv.iter().map(|place| place * log.exp()).collect();
-            Ok(energy.evaluate(&scaled, control)?.0)
-        };
-        let golden = 0.5 * (5f64.sqrt() - 1.0);
-        let (mut low, mut high) = (-WIDEST_SCALE.ln(), WIDEST_SCALE.ln());
-        let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];
-        let [mut a, mut b] = inner(low, high);
-        let (mut of_a, mut of_b) = (at(a)?, at(b)?);
-        for _ in 0..NARROWINGS {
-            if of_a <= of_b {
-                (high, b, of_b) = (b, a, of_a);
-                a = inner(low, high)[0];
-                of_a = at(a)?;
-            } else {
-                (low, a, of_a) = (a, b, of_b);
-                b = inner(low, high)[1];
-                of_b = at(b)?;
-            }
-        }
-        let best = (0.5 * (low + high)).exp();
-        uv.iter_mut().for_each(|place| *place *= best);
-        Ok(())
-    }
-
-    fn energy<'a>(&'a self, pairs: &'a Pairs, dials: Dials, outline: Option<(&'a Outline, f64)>) -> MapEnergy<'a> {
+        outline: Option<(&'a Outline, f64)>,
+    ) -> MapEnergy<'a> {
         let Self { triangles, springs, .. } = self;
         let Dials { bands, shape, stiffness, rough, .. } = dials;
         MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline }
     }
 
     /// Of each vertex, is it inside?
-    fn inside(&self, vertices: usize) -> Vec<bool> {
+    pub(super) fn inside(&self, vertices: usize) -> Vec<bool> {
         let mut inside = vec![true; vertices];
         self.outline.vertices().for_each(|vertex| inside[vertex as usize] = false);
         inside
@@ -674,7 +425,7 @@ impl Level {
 
     /// Descent in rounds, until little is gained.
     #[expect(clippy::too_many_arguments)]
-    fn rounds(
+    pub(super) fn rounds(
         &self,
         pairs: &Pairs,
         uv: &mut Vec<Vector2<f64>>,

@@ -1,5 +1,6 @@
 //! Stress: places in the plane whose distances are near geodesic ones, over triangles that keep their shape and never fold.
 
+pub mod area_bound;
 pub(crate) mod descent;
 pub mod levels;
 pub(crate) mod local;
@@ -8,6 +9,7 @@ pub(crate) mod outline;
 pub(crate) mod pairs;
 mod past;
 pub(crate) mod springs;
+pub mod start;
 pub(crate) mod triangles;
 pub(crate) mod tutte;
 

@@ -390,7 +390,7 @@ fn a_start_that_is_none_is_refused() {
     let control = Control::default();
     let mut levels = Levels::new(&surface, rows.sources(), &control).unwrap();
     let mut from = |places: &[[f64; 2]]| {
-        levels::flatten_from(&mut levels, &rows, levels::Start { places, patience: 1 }, 0.5, &control).err()
+        start::flatten_from(&mut levels, &rows, start::Start { places, patience: 1 }, 0.5, &control).err()
     };
     let mut places: Vec<[f64; 2]> = plan(&surface).into_iter().map(Into::into).collect();
     assert_eq!(from(&places[1..]), Some(Error::StartMismatch { places: surface.len() - 1, points: surface.len() }));

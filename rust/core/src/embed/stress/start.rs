@@ -1,0 +1,191 @@
+//! A map that is known already: descent goes on from it, on the finest level on which it can be mended (`mend`).
+
+use nalgebra::Vector2;
+
+use super::descent::Objective;
+use super::levels::{APART, Convergence, Dials, Level, Levels, MOST_ROUNDS, stage, weighted};
+use super::local::ease;
+use super::mend::{Fault, mend};
+use super::outline::Outline;
+use super::pairs::Pairs;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::rows::DistanceRows;
+use crate::surface::Surface;
+
+/// Triangles of a start with less than this part of their area are eased before descent, which they would hold back.
+const TINY: f64 = 0.02;
+
+/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
+/// without area hold descent back, and there it ends.
+const HOPELESS: f64 = 100.0;
+
+/// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
+/// narrowed.
+const WIDEST_SCALE: f64 = 2.0;
+const NARROWINGS: usize = 26;
+
+/// A map that is known already.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start<'a> {
+    /// The place of each vertex of the finest level, in any unit, at any place, mirrored or not.
+    pub places: &'a [[f64; 2]],
+    /// How many times as many steps as usual there may be, and how many times as little five of them may gain; 1 is usual.
+    pub patience: u32,
+}
+
+impl Start<'_> {
+    /// The places, counterclockwise and around the origin, none farther from there than 3.
+    ///
+    /// # Errors
+    /// [`Error::StartMismatch`], [`Error::StartNotFinite`].
+    pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Vector2<f64>>> {
+        if self.places.len() != surface.len() {
+            return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });
+        }
+        if let Some(vertex) = self.places.iter().position(|place| place.iter().any(|x| !x.is_finite())) {
+            return Err(Error::StartNotFinite { vertex });
+        }
+        let largest = self.places.as_flattened().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        let small = |x: f64| if largest > 0.0 { x / largest } else { x }; // products of huge or tiny places are no numbers
+        let places: Vec<Vector2<f64>> = self.places.iter().map(|place| place.map(small).into()).collect();
+        let centre = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
+        let double = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|vertex| places[vertex as usize]);
+            (b - a).perp(&(c - a))
+        };
+        let hand = surface.faces().iter().map(double).sum::<f64>().signum();
+        Ok(places.iter().map(|place| (place - centre).component_mul(&Vector2::new(hand, 1.0))).collect())
+    }
+}
+
+/// The map (mm) of least energy near one that is known: descent goes on from there, with the promises of [`flatten`](super::levels::flatten). It begins at the
+/// scale of least energy. Vertices whose triangles are turned over are put where they are not, and lips of a cut that lie on each other
+/// are drawn apart a little; where that is not enough, descent begins on the finest of the coarser levels where it is.
+///
+/// # Errors
+/// [`Error::StartMismatch`], [`Error::StartNotFinite`]; [`Error::StartFolded`], [`Error::StartCrosses`] and [`Error::StartStuck`] if the
+/// start cannot be mended on any level, or descent does not get away from it; and those of [`flatten`](super::levels::flatten).
+///
+/// # Panics
+/// As [`flatten`](super::levels::flatten).
+///
+/// # Examples
+/// ```
+/// use voxflat::control::Control;
+/// use voxflat::embed::stress::levels::Levels;
+/// use voxflat::embed::stress::start::{Start, flatten_from};
+/// use voxflat::geodesic::graph::GeodesicGraph;
+/// use voxflat::orient::map_area;
+/// use voxflat::sources::Sources;
+/// use voxflat::surface::mesh::shapes;
+///
+/// let control = Control::default();
+/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
+/// let graph = GeodesicGraph::new(&sheet, &control)?;
+/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
+/// let mut levels = Levels::new(&sheet, &sources, &control)?;
+/// let rows = levels.measure(&graph, &control)?;
+/// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
+/// let (uv, found) = flatten_from(&mut levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
+/// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
+/// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
+/// # Ok::<(), voxflat::Error>(())
+/// ```
+pub fn flatten_from(
+    levels: &mut Levels,
+    rows: &DistanceRows,
+    start: Start,
+    weighting: f64,
+    control: &Control,
+) -> Result<(Vec<[f64; 2]>, Convergence)> {
+    let places = start.counterclockwise(levels.finest())?;
+    let dials = Dials { patience: start.patience, ..weighted(weighting) };
+    let pairs = Pairs::new(rows, levels.judged(), control)?;
+    let mut first = None;
+    for depth in 0..=levels.coarser.len() {
+        let level = levels.prepare(depth, &pairs, control)?;
+        let mut uv: Vec<_> = levels.vertices[depth].iter().map(|&vertex| places[vertex as usize]).collect();
+        level.triangles.fit_area(&mut uv);
+        match mend(&level.triangles, &level.outline, &mut uv, control)? {
+            Some(fault) => {
+                first.get_or_insert(fault);
+            }
+            None => {
+                let settle = || level.settle_again(&mut uv, dials, stage(depth), control);
+                let (convergence, finer) = levels.beside(depth, settle, &pairs, control)?;
+                drop(level);
+                if convergence.energies.last().is_some_and(|&energy| energy < HOPELESS) {
+                    levels.coarser.truncate(depth);
+                    return levels.refined(uv, convergence, finer, &pairs, dials, control);
+                }
+                first.get_or_insert(Fault::Stuck);
+            }
+        }
+    }
+    Err(match first {
+        Some(Fault::Crossing(crossings)) => Error::StartCrosses { crossings },
+        Some(Fault::Folded(triangles)) => Error::StartFolded { triangles },
+        Some(Fault::Stuck) => Error::StartStuck,
+        None => unreachable!("there is a level"),
+    })
+}
+
+impl Level {
+    /// Descent to the map of least energy from a map that is known and lies nowhere on itself.
+    fn settle_again(
+        &self,
+        uv: &mut Vec<Vector2<f64>>,
+        dials: Dials,
+        stage: &'static str,
+        control: &Control,
+    ) -> Result<Convergence> {
+        let apart = Some((&self.outline, APART));
+        self.scale(uv, dials, apart, control)?;
+        let mut is_held = vec![true; uv.len()];
+        for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
+            if growth < TINY {
+                corners.iter().for_each(|&vertex| is_held[vertex as usize] = false);
+            }
+        }
+        let inside = self.inside(uv.len());
+        let may_move: Vec<bool> = is_held.iter().zip(inside).map(|(held, inside)| !held && inside).collect();
+        ease(&self.triangles, dials.shape, &may_move, uv, control)?;
+        self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+    }
+
+    /// Brings a map to the scale at which its energy is least, by golden sections.
+    fn scale(
+        &self,
+        uv: &mut [Vector2<f64>],
+        dials: Dials,
+        outline: Option<(&Outline, f64)>,
+        control: &Control,
+    ) -> Result<()> {
+        let energy = self.energy(&self.pairs, dials, outline);
+        let at = |log: f64| {
+            control.check()?;
+            let scaled: Vec<_> = uv.iter().map(|place| place * log.exp()).collect();
+            Ok(energy.evaluate(&scaled, control)?.0)
+        };
+        let golden = 0.5 * (5f64.sqrt() - 1.0);
+        let (mut low, mut high) = (-WIDEST_SCALE.ln(), WIDEST_SCALE.ln());
+        let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];
+        let [mut a, mut b] = inner(low, high);
+        let (mut of_a, mut of_b) = (at(a)?, at(b)?);
+        for _ in 0..NARROWINGS {
+            if of_a <= of_b {
+                (high, b, of_b) = (b, a, of_a);
+                a = inner(low, high)[0];
+                of_a = at(a)?;
+            } else {
+                (low, a, of_a) = (a, b, of_b);
+                b = inner(low, high)[1];
+                of_b = at(b)?;
+            }
+        }
+        let best = (0.5 * (low + high)).exp();
+        uv.iter_mut().for_each(|place| *place *= best);
+        Ok(())
+    }
+}
