@@ -97,6 +97,24 @@ def told(what: str, took: tuple[float, float]) -> None:
     print(f"  {what:26} {took[0]:6.0f} {took[1]:6.0f}")
 
 
+def alone(viewer: napari.Viewer, pulse: Pulse, surface: tuple[np.ndarray, ...]) -> None:
+    """Tell what napari takes for the same without voxflat: what of the stalls is its own. The layers stay."""
+    volume = np.random.default_rng(0).random((200, 200, 60), dtype=np.float32)
+    told("a layer of 9 x 9 comes", pulse.during(lambda: viewer.add_image(np.eye(9)), lambda: True))
+    viewer.layers.clear()
+    told("a surface comes", pulse.during(lambda: viewer.add_surface(surface, name="sheet", units="mm"), lambda: True))
+    told("a volume comes", pulse.during(lambda: viewer.add_image(volume, name="volume", units="mm"), lambda: True))
+    told("it turns to 3D", pulse.during(lambda: setattr(viewer.dims, "ndisplay", 3), lambda: True))
+    told("a layer is hidden", pulse.during(lambda: setattr(viewer.layers["sheet"], "visible", False), lambda: True))
+    colours = np.random.default_rng(0).random((len(surface[0]), 3), dtype=np.float32)
+    more = viewer.add_surface(surface[:2], vertex_colors=colours, visible=False, name="more", units="mm")
+    live(1)
+    told("a coloured surface shows", pulse.during(lambda: setattr(more, "visible", True), lambda: True))
+    viewer.layers.remove(more)
+    viewer.layers["sheet"].visible = True
+    told("it turns to 2D", pulse.during(lambda: setattr(viewer.dims, "ndisplay", 2), lambda: True))
+
+
 def main() -> None:
     """Flatten once, let the map come many times, and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -109,10 +127,16 @@ def main() -> None:
 
     viewer = napari.Viewer()
     viewer.window.resize(1600, 960)
-    viewer.add_surface((points, faces, values), name="sheet", units="mm")
-    viewer.add_image(np.random.default_rng(0).random((200, 200, 60), dtype=np.float32), name="volume", units="mm")
     live(2)
-    workbench, pulse, process = Workbench.of(viewer), Pulse(), psutil.Process()
+    pulse, process = Pulse(), psutil.Process()
+    print(f"{len(points):,} points; longest stall, ms, and the most CPU time of one")
+    came = pulse.during(lambda: viewer.open_sample("voxflat", "demo_cortex"), lambda: len(viewer.layers) == 3)
+    told("the sample, as the first", came)
+    viewer.layers.clear()
+    print("napari without voxflat")
+    alone(viewer, pulse, (points, faces, values))
+    print("with voxflat")
+    workbench = Workbench.of(viewer)
     pool = ThreadPoolExecutor(1)
 
     def another() -> Run:
@@ -121,7 +145,6 @@ def main() -> None:
             live(0.02)
         return Run(made.result(), "sheet")
 
-    print(f"{len(flat_map):,} points; longest stall, ms, and the most CPU time of one")
     run = another()
     found: list[FlatMapDock] = []
     told("the dock opens", pulse.during(lambda: found.append(open_flat_map(viewer)), lambda: True))
@@ -160,11 +183,6 @@ def main() -> None:
     print("  over the surface, 3D         {:6.1f} {:6.1f}".format(*moves(canvas_widget(dock), dock)))
     for name in [layer.name for layer in viewer.layers]:
         told(f"{name} goes", pulse.during(partial(viewer.layers.remove, name), lambda: dock.is_drawn))
-    viewer.dims.ndisplay = 2
-    told("a layer of napari's", pulse.during(partial(viewer.add_image, np.eye(9)), lambda: True))
-    viewer.layers.clear()
-    came = pulse.during(lambda: viewer.open_sample("voxflat", "demo_cortex"), lambda: len(viewer.layers) == 3)
-    told("the sample", came)
     viewer.close()
 
 

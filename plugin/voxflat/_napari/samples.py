@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+import threading
 import weakref
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -42,6 +45,7 @@ def demo_cortex() -> list[LayerData]:
     seed: LayerData = ([SEED_POINT], {**MARKER, "units": ("mm",) * 3}, "points")
     if viewer is None:
         return [*cortex.run(lambda *_: None), seed]
+    _import_meanwhile()
     _add_when_read(viewer, cortex)
     return [seed]
 
@@ -81,6 +85,22 @@ class _Cortex:
             (t1.data, {"name": "T1", "contrast_limits": (0, 1), **place}, "image"),
             (labels, {"name": "white matter", "features": parts, **place}, "labels"),
         ]
+
+
+def _import_meanwhile() -> None:
+    """Have imported what napari's first layer needs, in another thread, while the window is drawn."""
+    from qtpy.QtCore import QCoreApplication, QEventLoop
+
+    def load() -> None:
+        with suppress(ImportError):  # another napari may need others
+            importlib.import_module("pandas")
+            importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the table of units
+
+    thread = threading.Thread(target=load, daemon=True)
+    thread.start()
+    while thread.is_alive():  # what the user does meanwhile waits
+        QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
+        thread.join(0.005)
 
 
 def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
