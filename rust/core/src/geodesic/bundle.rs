@@ -21,8 +21,14 @@ use crate::error::Result;
 /// Most sources of a bundle: as many distances as lie in one line of the cache.
 pub const MOST_SOURCES: usize = 16;
 
-/// Fewer sources of one surface lie too far apart for bundles.
-pub(super) const FEWEST_SOURCES: usize = 96;
+/// Fewer sources of one surface lie too far apart for bundles,
+const FEWEST_SOURCES: usize = 96;
+
+/// unless all distances of a bundle, to so many vertices, lie in the cache, wherever its sources are;
+const CACHED: usize = 1 << 12;
+
+/// then fewer than these.
+const FEWEST_CACHED: usize = 32;
 
 /// Vertices of a window, in square roots of their number in all: so many that what lies in them fits into the cache.
 const WINDOW: f64 = 4.0;
@@ -178,7 +184,8 @@ impl BundleScratch {
 /// [`crate::Error::Cancelled`].
 pub(super) fn bundles(graph: &impl Links, sources: &[u32], threads: usize, control: &Control) -> Result<Vec<Vec<u32>>> {
     let numbers = 0..sources.len() as u32;
-    if sources.len() < FEWEST_SOURCES {
+    let fewest = if graph.vertices() > CACHED { FEWEST_SOURCES } else { FEWEST_CACHED };
+    if sources.len() < fewest {
         return Ok(numbers.map(|number| vec![number]).collect());
     }
     let most = MOST_SOURCES.min(sources.len().div_ceil(threads));
@@ -421,7 +428,7 @@ mod tests {
             let links: Vec<_> = links.into_iter().filter(|link| link.0 != link.1).collect();
             let graph = Listed::new(150, &links);
             let found = bundles(&graph, &sources, threads, &Control::default()).unwrap();
-            let most = if sources.len() < FEWEST_SOURCES { 1 } else { MOST_SOURCES.min(sources.len().div_ceil(threads)) };
+            let most = if sources.len() < FEWEST_CACHED { 1 } else { MOST_SOURCES.min(sources.len().div_ceil(threads)) };
             prop_assert!(found.iter().all(|bundle| (1..=most).contains(&bundle.len())));
             let mut numbers: Vec<u32> = found.into_iter().flatten().collect();
             numbers.sort_unstable();
