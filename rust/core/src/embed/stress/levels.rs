@@ -83,7 +83,7 @@ const FIRST_LANDMARKS: usize = 96;
 
 /// What makes the map (docs/decisions/0013).
 pub(crate) const FINAL: Dials = Dials {
-    bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.05] },
+    bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.02] },
     shape: Shape { barrier: 0.02, area: 3.0, outlier: 0.2 },
     stiffness: 0.25,
     rough: false,
