@@ -69,19 +69,19 @@ bench: setup ## distances against navis-fastcore and scipy, in one run
 bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
-bench-flatten: setup ## maps beside fsaverage5's own, ARAP, SLIM, autoflatten and Floater's; growth; weighting; hard shapes (long)
-	$(RUN) --group bench python docs/benchmarks/maps.py
-	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
-
-bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
-	$(RUN) python docs/benchmarks/surfaces.py
-
 PUBLISHED := .tools/published
 
 $(PUBLISHED):
 	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
 
-bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened, beside SUIT's own map
+bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM, autoflatten and Floater's; growth; weighting; hard shapes (long)
+	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
+	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
+
+bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; areal distortion beside Workbench's
+	$(RUN) python docs/benchmarks/surfaces.py
+
+bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
 
 bench-optimum: setup $(PUBLISHED) ## how near the optimum: descent from 20 starts a surface, and what no map can beat (hours)

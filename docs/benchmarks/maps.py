@@ -4,8 +4,8 @@
     python docs/benchmarks/maps.py --only fsaverage5,pareto
 
 Every map is made in a process of its own; wall and CPU time, s, are without reading input. Compare ratios, machines
-differ. Peers: the flat maps that fsaverage5 comes with, ARAP and SLIM (libigl), `autoflatten flatten`, and in `texture`
-Floater's shape-preserving map.
+differ. Peers: the flat maps that fsaverage5 and SUIT's cerebellum come with, ARAP and SLIM (libigl), `autoflatten
+flatten`, and in `texture` Floater's shape-preserving map.
 """
 
 import argparse
@@ -19,10 +19,12 @@ import maps_known
 import maps_makers
 import maps_pareto
 import maps_peers
+import maps_published
 import maps_sampling
 import maps_texture
 
 SECTIONS = {
+    "published": maps_published.published,
     "fsaverage5": maps_peers.fsaverage5,
     "whole": maps_peers.whole,
     "mni152": maps_peers.mni152,
@@ -44,10 +46,17 @@ def main():
     parser.add_argument("--only", help=f"sections, with commas between: {', '.join(SECTIONS)}")
     parser.add_argument("--makers", nargs="+", default=list(maps_makers.USUAL), choices=maps_makers.MAKERS)
     parser.add_argument("--sides", nargs="+", default=list(anatomy.SIDES), choices=anatomy.SIDES)
-    parser.add_argument("--kinds", nargs="+", default=["white", "mid", "pial"], choices=["white", "mid", "pial"])
+    parser.add_argument("--kinds", nargs="+", default=list(maps_published.KINDS), choices=maps_published.KINDS)
     parser.add_argument("--sources", type=int, default=300, help="that maps of fsaverage5 are judged from")
+    parser.add_argument("--suit", type=Path, help="into which suitpy was put, as `make bench-published` does")
+    parser.add_argument("--more", nargs="*", type=Path, default=[], help=".npz files with V, F and flat")
     parser.add_argument("--whole", type=float, default=0.7, help="voxels of the whole hemisphere, mm")
-    parser.add_argument("--whole-sources", type=int, default=100, help="that maps of whole hemispheres are judged from")
+    parser.add_argument(
+        "--whole-sources",
+        type=int,
+        default=100,
+        help="that maps of whole hemispheres and published ones are judged from",
+    )
     sheets = [30_000, 300_000, 900_000]
     parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
     parser.add_argument("--spacings", nargs="+", type=float, default=[2.3, 1.35, 1.0, 0.7, 0.6], help="of growth, mm")

@@ -14,6 +14,10 @@ BOUNDS = {30_000: (10.0, None), 150_000: (20.0, 0.7), 890_000: (100.0, 2.5), 3_0
 NEAR = 0.15
 """A surface has about so many vertices if it has this share more or less."""
 
+MOST_OFF = 0.001
+"""Of lengths on the map of a developable sheet."""
+
+OFF = "error of a million distances, %"
 
 SAID = "of which taken, and said before"
 """Memory that a map takes beside packages and input."""
@@ -46,82 +50,74 @@ def powers(sizes, costs):
     return f"With the vertices, {names[0]} grows to the power of {told[0]}, {names[1]} to that of {told[1]}."
 
 
-def growth(options):
-    """Flatten whole hemispheres of voxels, from coarse to fine."""
-    hemisphere = anatomy.fsaverage5("left")
+def grown(title, kind, first, surfaces, options):
+    """Flatten surfaces from small to large, and say what that takes.
+
+    Parameters
+    ----------
+    title, kind : str
+        Of the table; what a surface is called where it misses a target.
+    first : str
+        Names the first column.
+    surfaces : iterable of tuple
+        Of each surface the first cell, the job, and what the map's error is beside the true places, or None.
+    options : argparse.Namespace
+    """
     rows, sizes, costs = [], [], []
-    for spacing in options.spacings:
-        labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
-        made = made_by(["voxflat"], {"labels": labels, "affine": affine}, options).get("voxflat")
+    for cell, job, error in surfaces:
+        made = made_by(["voxflat"], job, options).get("voxflat")
         if made is None:
             continue
         size = len(made.places)
         wall, peak = bounds(size)
-        named = f"whole hemisphere, {size:,} vertices"
+        name = f"{kind}, {size:,} vertices"
+        off = "" if error is None else judged(100 * error(made.places), ".4f", 100 * MOST_OFF, f"{name}, error %")
         rows.append(
             [
-                f"{spacing} mm",
+                cell,
                 f"{size:,}",
-                judged(made.wall, ".1f", wall, f"{named}, wall s"),
+                judged(made.wall, ".1f", wall, f"{name}, wall s"),
                 f"{made.cpu:.1f}",
                 f"{1e6 * made.cpu / size:.0f}",
-                judged(made.peak, ".2f", peak, f"{named}, GiB"),
-                said(made, named),
+                judged(made.peak, ".2f", peak, f"{name}, GiB"),
+                said(made, name),
+                off,
                 str(len(made.descent["energies"])),
                 "yes" if made.descent["converged"] else "no",
             ]
         )
         sizes.append(size)
         costs.append((made.cpu, made.taken))
-    note = powers(sizes, costs)
-    columns = ("voxels", "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", SAID, "steps", "converged")
-    table("Growth: fsaverage5 white left, whole, with surface and cuts", columns, rows, note)
+    columns = (first, "vertices", "wall s", "CPU s", "CPU µs a vertex", "GiB", SAID, OFF, "steps", "converged")
+    table(title, columns, rows, powers(sizes, costs))
 
 
-MOST_OFF = 0.001
-"""Of lengths on the map of a developable sheet."""
+def growth(options):
+    """Flatten whole hemispheres of voxels, from coarse to fine."""
+    hemisphere = anatomy.fsaverage5("left")
+
+    def of(spacing):
+        labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
+        return f"{spacing} mm", {"labels": labels, "affine": affine}, None
+
+    title = "Growth: fsaverage5 white left, whole, with surface and cuts"
+    grown(title, "whole hemisphere", "voxels", map(of, options.spacings), options)
 
 
 def sheets(options):
     """Flatten rolled, waving sheets of irregular triangles, whose flat places are known."""
-    rows, sizes, costs = [], [], []
-    for count in options.sheets:
+
+    def of(count):
         true, points, faces = waving_sheet(count)
-        made = made_by(["voxflat"], {"points": points, "faces": faces}, options).get("voxflat")
-        if made is None:
-            continue
         far = np.random.default_rng(0).integers(len(true), size=(2, 1_000_000))
         far = far[:, far[0] != far[1]]
-        off = lengths(made.places, far) / lengths(true, far) - 1
-        wall, peak = bounds(len(true))
-        name = f"sheet of {len(true):,} vertices"
-        error = judged(100 * np.mean(np.abs(off)), ".4f", 100 * MOST_OFF, f"{name}, error %")
-        rows.append(
-            [
-                f"{len(true):,}",
-                judged(made.wall, ".1f", wall, f"{name}, wall s"),
-                f"{made.cpu:.1f}",
-                f"{1e6 * made.cpu / len(true):.0f}",
-                judged(made.peak, ".2f", peak, f"{name}, GiB"),
-                said(made, name),
-                error,
-                str(len(made.descent["energies"])),
-            ]
+        return (
+            f"{count:,}",
+            {"points": points, "faces": faces},
+            lambda places: np.mean(np.abs(lengths(places, far) / lengths(true, far) - 1)),
         )
-        sizes.append(len(true))
-        costs.append((made.cpu, made.taken))
-    note = powers(sizes, costs)
-    columns = (
-        "vertices",
-        "wall s",
-        "CPU s",
-        "CPU µs a vertex",
-        "GiB",
-        SAID,
-        "error of a million distances, %",
-        "steps",
-    )
-    table("Growth: a rolled, waving sheet of irregular triangles", columns, rows, note)
+
+    grown("Growth: a rolled, waving sheet of irregular triangles", "sheet", "asked", map(of, options.sheets), options)
 
 
 def lengths(places, pairs):

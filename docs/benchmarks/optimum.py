@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import anatomy
+import maps_published
 import maps_tables
 import numpy as np
 import optimum_bound
@@ -51,8 +52,7 @@ def main():
             continue
         rows.append(row(name, *found, options, wrong))
     for path in options.more:
-        with np.load(path) as file:
-            rows.append(row(path.stem, file["V"].astype(float), file["F"], file["flat"], options, wrong))
+        rows.append(row(path.stem, *maps_published.file_disk(path), options, wrong))
     columns = ["surface", "vertices", "starts", "energy", "least", "below %", "from", "within 1 %", "CPU s"]
     columns += ["error among points %", "least map's", "no map below"]
     table("How near the optimum", columns, rows)
@@ -74,15 +74,7 @@ def _mni152(options):
 
 
 def _suit(kind):
-    def found(options):
-        if options.suit is None:
-            return None
-        folder = options.suit / "SUITPy/surfaces"
-        surface = voxflat.surface(folder / f"{kind}_SUIT.surf.gii")
-        flat = voxflat.io.read_mesh(folder / "FLAT.surf.gii")
-        return surface.points, surface.faces, flat.points[surface.vertices, :2]
-
-    return found
+    return lambda options: None if options.suit is None else maps_published.suit_disk(options.suit, kind)
 
 
 def _sheet(options):
@@ -101,7 +93,7 @@ def _sheet(options):
 SURFACES = {
     f"{kind}-{side}": _fsaverage5(side, kind) for side in ("left", "right") for kind in ("white", "mid", "pial")
 }
-SURFACES |= {"mni152-left": _mni152, "suit-pial": _suit("PIAL"), "suit-white": _suit("WHITE"), "sheet": _sheet}
+SURFACES |= {"mni152-left": _mni152, "suit-pial": _suit("pial"), "suit-white": _suit("white"), "sheet": _sheet}
 
 
 # -------------------------------------------------------------------------------------------------- starts

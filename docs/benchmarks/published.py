@@ -1,11 +1,11 @@
-"""Published surfaces of cerebellum, hippocampus and dentate gyrus as they are: what is mended, and the maps.
+"""Published surfaces of cerebellum, hippocampus and dentate gyrus as they are: what is mended, and how they flatten.
 
     make bench-published
 
 The files are those of SUIT (suitpy 2.1.2, MIT) and of HippoMaps 0.1.17 (GPL 3), which `make` puts into a folder of
 their own. They are read as data; neither package is imported, nor are its requirements installed. Every surface must
 open, flatten without a triangle turned over, and keep the number of every vertex that a triangle has. No cuts are made
-beside those that the surfaces come with.
+beside those that the surfaces come with. Maps that are published stand beside ours in `maps_published.py`.
 """
 
 import argparse
@@ -16,23 +16,23 @@ from pathlib import Path
 import distances_tables
 import nibabel
 import numpy as np
+from maps_published import SUIT
 
 import voxflat
 from voxflat.errors import InputError
 
-SUIT = "SUITPy/surfaces"
 HIPPOCAMPUS = "hippomaps/resources/canonical_surfs"
 DENSITIES = ("2mm", "1mm", "0p5mm", "unfoldiso")
 
 
 def main():
-    """Print the table of all surfaces, and that of SUIT's flat map."""
+    """Print the table of all surfaces."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="into which suitpy and HippoMaps were put")
     parser.add_argument("--sources", type=int, default=100, help="that maps are judged from")
     options = parser.parse_args()
     logging.disable(logging.WARNING)
-    wrong = surfaces(options) + suit(options)
+    wrong = surfaces(options)
     if wrong:
         raise SystemExit("\n".join(wrong))
 
@@ -85,40 +85,6 @@ def surfaces(options):
     columns = ["surface", "vertices", "without mending", "dropped", "flipped away", "merged", "split", "numbers lost"]
     distances_tables.table("Eleven surfaces", [*columns, "error %", "turned over", "crossings", "wall s"], rows)
     return wrong
-
-
-def suit(options):
-    """Judge SUIT's flat map of the cerebellum beside voxflat's, with SUIT's cuts; return what is not as it must be."""
-    folder = options.folder / SUIT
-    rows, wrong = [], []
-    white, pial = (folder / f"{name}_SUIT.surf.gii" for name in ("WHITE", "PIAL"))
-    for name, whole in {
-        "pial": voxflat.surface(pial),
-        "midway": voxflat.surface(white, pial=pial),
-        "white": voxflat.surface(white),
-    }.items():
-        maps = {"voxflat": voxflat.flatten(whole, relax=False), "SUIT's FLAT": folder / "FLAT.surf.gii"}
-        judged = voxflat.compare(whole, maps, sources=options.sources)
-        rows += [[name, of, *figures(judged[of])] for of in maps]
-        ours, theirs = (judged[of].best_scale.relative_error for of in maps)
-        if ours >= theirs:
-            wrong.append(f"{name}: {100 * ours:.1f} % beside {100 * theirs:.1f} %")
-    columns = ["surface", "map", "all %", "≤ 30 mm %", "≤ 10 mm %", "stress-1", "scale", "area: median, 95 %"]
-    distances_tables.table("SUIT's cerebellum", [*columns, "turned over"], rows)
-    return wrong
-
-
-def figures(distortion):
-    """Return the cells of one map."""
-    best, error, of = distortion.best_scale, distortion.standard_error.best_scale, distortion.triangles
-    shares = ("relative_error", "relative_error_30mm", "relative_error_10mm")
-    return [
-        *(f"{100 * getattr(best, name):.1f} ± {100 * getattr(error, name):.1f}" for name in shares),
-        f"{best.stress_1:.3f}",
-        f"{best.scale:.2f}",
-        f"{of.areal_median:.2f}, {of.areal_p95:.2f}",
-        str(of.flipped),
-    ]
 
 
 if __name__ == "__main__":

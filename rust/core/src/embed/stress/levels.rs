@@ -3,6 +3,8 @@
 //! The coarsest map is spread by springs (`tutte`), which fold nothing. Descent keeps it so, and so does re-insertion from
 //! one level to the next: no map on the way has a fold.
 
+use std::iter;
+
 use nalgebra::Vector2;
 
 use super::MapEnergy;
@@ -35,7 +37,7 @@ pub const MOST_JUDGED: usize = 15_000;
 
 /// What descent keeps of a vertex, bytes: twenty past steps and changes of the gradient, 320; two triangles, 160; most of the
 /// rest is the factored matrix of springs; and all of that half again for the coarser surfaces.
-const VERTEX_BYTES: u64 = 1050;
+const VERTEX_BYTES: u64 = 1110;
 
 /// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
@@ -47,7 +49,15 @@ const VERTEX_BYTES: u64 = 1050;
 /// assert!(memory_need(100_000, 200) < memory_need(100_000, 400));
 /// ```
 pub fn memory_need(points: usize, sources: usize) -> u64 {
-    VERTEX_BYTES * points as u64 + 3 * 4 * (points.min(MOST_JUDGED) * sources) as u64
+    let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
+    let judged = sizes().find(|&size| size <= MOST_JUDGED).or_else(|| sizes().last()).unwrap_or(points);
+    VERTEX_BYTES * points as u64 + 3 * 4 * (judged * sources) as u64
+}
+
+/// How many vertices the level has that is next coarser than one, if there is one.
+fn coarser(vertices: usize, landmarks: usize) -> Option<usize> {
+    let size = (vertices as f64 / FALL) as usize;
+    (size >= COARSEST.max(FOR_A_LANDMARK * landmarks)).then_some(size)
 }
 
 /// Steps between two looks at what the springs and the scale should be.
@@ -73,7 +83,7 @@ const FIRST_LANDMARKS: usize = 96;
 
 /// What makes the map (docs/decisions/0013).
 pub(crate) const FINAL: Dials = Dials {
-    bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.05] },
+    bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.02] },
     shape: Shape { barrier: 0.02, area: 3.0, outlier: 0.2 },
     stiffness: 0.25,
     rough: false,
@@ -219,13 +229,9 @@ impl<'a> Levels<'a> {
         let vertices = vec![(0..finest.len() as u32).collect()];
         let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
         let mut keep = landmarks.to_vec();
-        let coarsest = COARSEST.max(FOR_A_LANDMARK * landmarks.len());
         loop {
             let finer = levels.surface(levels.coarser.len());
-            let size = (finer.len() as f64 / FALL) as usize;
-            if size < coarsest {
-                return Ok(levels);
-            }
+            let Some(size) = coarser(finer.len(), landmarks.len()) else { return Ok(levels) };
             let level = decimate(finer, &keep, &decimate::Options { vertices: size, ..Default::default() }, control)?;
             if level.survivors.len() as f64 > 0.8 * finer.len() as f64 {
                 return Ok(levels);
