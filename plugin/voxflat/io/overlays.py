@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_path
+from voxflat.arguments import checked_path, checked_text
 from voxflat.errors import InputError
 from voxflat.io import formats, freesurfer, gifti, patches
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
@@ -159,6 +159,7 @@ def read_region(
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
+    name = None if name is None else checked_text(name, "name of a label")
     path = checked_path(path)
     with naming(path, REMEDY):
         data = contents(path)

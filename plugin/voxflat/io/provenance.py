@@ -215,7 +215,7 @@ def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
     InputError
         If it is there already, and does not say that it is ours.
     """
-    if overwrite or not beside.exists():
+    if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
     is_ours = False
     if beside.is_file():

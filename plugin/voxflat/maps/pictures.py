@@ -89,6 +89,8 @@ def values_at(picture: NDArray[Any], coordinates: NDArray[np.float64], repeat: b
     height, width = picture.shape[:2]
     at = [(1 - coordinates[..., 1]) * height - 0.5, coordinates[..., 0] * width - 0.5]
     values = picture.view(np.uint8) if picture.dtype.kind == "b" else picture
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy knows no others
+        values = values.astype(np.float64)
     channels = values[..., None] if values.ndim == 2 else values
     mode = "grid-wrap" if repeat else "nearest"
     found = [

@@ -323,7 +323,8 @@ def _columns(
 
 
 def _pair(depth: object) -> tuple[float, float]:
-    if not isinstance(depth, Sequence | np.ndarray) or isinstance(depth, str) or len(depth) != 2:
+    depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
+    if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
         raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
     return depth[0], depth[1]
 

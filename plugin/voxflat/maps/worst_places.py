@@ -13,7 +13,16 @@ import scipy
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, checked_kind, checked_number, checked_path, checked_threads, is_whole
+from voxflat.arguments import (
+    Progress,
+    checked_kind,
+    checked_number,
+    checked_path,
+    checked_switch,
+    checked_threads,
+    is_whole,
+    shown,
+)
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, saving, telling
@@ -407,10 +416,10 @@ def worst_places(
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
-        raise InputError(f"count is {count!r}; give how many places to find, a whole number")
+        raise InputError(f"count is {shown(count)}; give how many places to find, a whole number")
     factor = checked_number(beyond, "beyond")
-    if not 1 < factor < np.inf:
-        raise InputError(f"beyond is {beyond!r}; give a factor greater than 1, such as 1.5")
+    if factor is None or not 1 < factor < np.inf:
+        raise InputError(f"beyond is {shown(beyond)}; give a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:
         raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
     areas, logs = area_changes(flat_map)
@@ -428,7 +437,7 @@ def worst_places(
         _place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, start=1)
     ]
     error = np.nan
-    if cuts and places:
+    if checked_switch(cuts, "cuts") and places:
         ways = _Ways(flat_map, checked_threads(threads), progress)
         error = ways.error
         places = [replace(place, cut=ways.relieving(place)) for place in places]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress
+from voxflat.arguments import Progress, checked_switch
 from voxflat.errors import InputError
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume, as_volume
@@ -52,6 +52,7 @@ def of_volume(
     InputError
         If the probability image does not fit, or the foreground has no surface.
     """
+    sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))
     metadata = dict(given.metadata)

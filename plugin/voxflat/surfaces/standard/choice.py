@@ -70,8 +70,8 @@ def chosen(
     InputError
         If a template is asked for and does not fit, or there is no sphere and the surface cannot be registered.
     """
-    asked: str | Path | None = STANDARD if cuts == STANDARD and isinstance(cuts, str) else None
-    if asked is None and cuts != AUTOMATIC and isinstance(cuts, str | os.PathLike) and is_template(Path(cuts)):
+    asked: str | Path | None = STANDARD if isinstance(cuts, str) and cuts == STANDARD else None
+    if asked is None and isinstance(cuts, str | os.PathLike) and cuts != AUTOMATIC and is_template(Path(cuts)):
         asked = Path(cuts)
     if asked is not None:
         found, remarks = _needed_sphere(whole, sphere, threads, progress)
