@@ -94,6 +94,7 @@ CALLS = {
     "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give maps by their names"),
     "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of one length"),
     "reference": (lambda s: voxflat.measure(s, POINTS[:, :2], reference=ARRAY), "reference is array"),
+    "name": (lambda s: voxflat.measure(s, "\ud800"), "the path is"),
     "on surface": (lambda s: voxflat.measure(s, POINTS[:, :2], on_surface="no"), "on_surface is 'no'; give True"),
     "sources": (lambda s: voxflat.measure(s, POINTS[:, :2], sources=ARRAY), "sources is array"),
     "threads": (lambda s: voxflat.surface(VOLUME, threads=np.array("x")), "threads is array"),

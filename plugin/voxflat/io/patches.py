@@ -122,8 +122,13 @@ def is_patch(path: str | os.PathLike[str]) -> bool:
     Returns
     -------
     bool
+
+    Raises
+    ------
+    InputError
+        If it cannot be a name.
     """
-    with Path(path).open("rb") as file:
+    with checked_path(path).open("rb") as file:
         return file.read(4) == b"\xff\xff\xff\xff"
 
 

@@ -250,7 +250,7 @@ mod tests {
     }
 
     /// Numbers of sources that are searched one by one, and that are bundled.
-    const COUNTS: [u32; 2] = [40, 130];
+    const COUNTS: [u32; 2] = [20, 130];
 
     fn sources(graph: &VoxelGraph, count: u32) -> Vec<u32> {
         (0..count).map(|n| n * (graph.vertices() as u32 / count)).collect()
