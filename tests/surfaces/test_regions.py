@@ -68,7 +68,7 @@ def test_older_freesurfer_values(tmp_path):
             "has the shape .5, 1, 1, 1. by its header, but ends after 24 of",
         ),
         ("s.mgh", struct.pack(">6i", 1, 5, 5, 1, 1, 3) + bytes(400), "values at N points have"),
-        ("s.mgz", b"\x1f\x8bhello", "complete"),
+        ("s.mgz", b"\x1f\x8bhello", "is gzip, and damaged"),
         ("lh.annot", b"\xff\xff\xff\xf0", "which is damaged"),
         ("lh.annot", struct.pack(">5i", 2, 1, 0, 0, 0), "does not name the points in their order"),
         ("s.txt", b"1\n2\nthree\n", "three"),

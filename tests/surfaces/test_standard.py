@@ -343,7 +343,7 @@ def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [0, 2, 0]]}]}, "unit sphere"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [1, 0, 0]]}]}, "at one place"),
         ({"cuts": [{"name": "a", "line": [[1, 0, 0], [-1, 0, 0]]}]}, "too far apart"),
-        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "finite numbers"),
+        ({"cuts": [{"name": "a", "line": [[1, 0, 0], [float("nan"), 0, 0]]}]}, "NaN is no number of JSON"),
         ({"cuts": [{"name": "a", "line": [[1, 0], [0, 1]]}]}, "rows of 3"),
         ({"cuts": [], "outlines": []}, "neither outlines nor cuts"),
         ({"side": "right"}, "of side right, the sphere .* of left"),
