@@ -19,6 +19,7 @@ from click.testing import CliRunner
 import voxflat
 from voxflat import cli
 from voxflat.distances import store as _store
+from voxflat.distances.rows import damaged_rows
 from voxflat.distances.table import Table
 
 fcntl = pytest.importorskip("fcntl")
@@ -329,6 +330,21 @@ def test_garbage_in_the_journal_costs_no_more_than_its_lines(stored, expected, l
     np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
     assert any(re.match(r"1 rows were in the store", message) for message in messages(log))
     voxflat.open_rows(stored.store).verify()
+
+
+@pytest.mark.parametrize("wrong", ["fffffffff", "-1"])
+def test_a_checksum_that_is_none_is_no_entry(stored, wrong):
+    journal = stored.store / "journal.jsonl"
+    journal.write_text(re.sub(r'("row": 1, "crc32": ")\w+', rf"\g<1>{wrong}", journal.read_text()))
+    with pytest.raises(voxflat.InputError, match="is not complete"):
+        voxflat.open_rows(stored.store)
+
+
+def test_rows_that_the_table_lacks_are_not_taken_for_sound(stored):
+    rows = len(stored)
+    with pytest.raises(voxflat.InputError, match=f"has {rows} rows, but the journal knows row {rows}; measure again"):
+        damaged_rows(stored.store, {0: 0, rows: 0})
+    assert damaged_rows(stored.store, {0: 0}) == [0]
 
 
 def test_a_journal_without_its_first_line_is_refused(stored):

@@ -36,7 +36,7 @@ from voxflat.io.reading import note
 from voxflat.maps.raster import FlatImage, FlatStack
 from voxflat.maps.sampler import check_origin
 
-__all__ = ["Atlas", "numbers_of"]
+__all__ = ["Atlas", "figures_of"]
 
 _SHOWN = 12  # pieces in a table
 _ARRAYS = ("points", "faces", "ids", "piece_ids", "stretch", "starts", "vertex_ids", "uv", "uv_faces", "measured")
@@ -372,7 +372,7 @@ class Atlas(FlatPieces, ABC):
             return cls._of_file(text, arrays)
 
 
-def numbers_of(told: Mapping[str, Any]) -> dict[str, float]:
+def figures_of(told: Mapping[str, Any]) -> dict[str, float]:
     """Return figures that a file tells; ValueError if one is no number."""
     if not all(is_number(one) for one in told.values()):
         raise ValueError(f"{dict(told)} are no numbers")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_path
-from voxflat.atlases.atlas import Atlas, numbers_of
+from voxflat.atlases.atlas import Atlas, figures_of
 from voxflat.atlases.glued import GluedAtlas
 from voxflat.atlases.glued import glue as _glue
 from voxflat.atlases.pieces import Piece
@@ -238,7 +238,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
 
     @classmethod
     def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> FlatAtlas:
-        certificate = Certificate(**numbers_of(text.pop("certificate")))
+        certificate = Certificate(**figures_of(text.pop("certificate")))
         return cls(**arrays, patch_ids=arrays["piece_ids"], certificate=certificate, **text)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, checked_threads, is_number, log, shown
-from voxflat.atlases.atlas import Atlas, numbers_of
+from voxflat.atlases.atlas import Atlas, figures_of
 from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
@@ -188,8 +188,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
 
     @classmethod
     def _of_file(cls, text: dict[str, Any], arrays: dict[str, Any]) -> GluedAtlas:
-        seams, metadata = Seams(**numbers_of(text.pop("seams"))), text.pop("metadata")
-        figures: dict[str, Any] = {**numbers_of(text)}
+        seams, metadata = Seams(**figures_of(text.pop("seams"))), text.pop("metadata")
+        figures: dict[str, Any] = {**figures_of(text)}
         return cls(**arrays, **figures, seams=seams, metadata=metadata)
 
 

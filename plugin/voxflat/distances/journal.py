@@ -74,8 +74,8 @@ def read_journal(store: Path) -> Journal:
         try:
             entry = from_json(line)
             is_complete |= entry.get("complete") is True
-            if entry.get("row") in range(rows):
-                checksums[int(entry["row"])] = int(entry["crc32"], 16)
+            if entry.get("row") in range(rows) and 0 <= (sum_ := int(entry["crc32"], 16)) < 1 << 32:
+                checksums[int(entry["row"])] = sum_
         except (ValueError, AttributeError, KeyError, TypeError):
             continue
     return Journal(first, rows, columns, checksums, is_complete)

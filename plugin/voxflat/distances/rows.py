@@ -215,4 +215,6 @@ def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
     if len(shape) != 2:
         raise InputError(f"{store / 'rows.npy'} holds values of shape {shape}, not of rows and columns; {FINISH}")
     rows, columns = shape
+    if max(checksums, default=0) >= rows:
+        raise InputError(f"{store / 'rows.npy'} has {rows} rows, but the journal knows row {max(checksums)}; {FINISH}")
     return _core.damaged_rows(store, columns, [checksums.get(row) for row in range(rows)])
