@@ -84,6 +84,7 @@ CALLS = {
     "way": (lambda s: voxflat.path(s, 0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: voxflat.path(s, 0, (0, 0, 2)), r"the stops are \[0, \(0, 0, 2\)\]; give rows of one length"),
     "sampling": (lambda s: voxflat.geodesic(s, 9, sampling=1e19), r"the sampling is 1e\+19; give text"),
+    "no sources": (lambda s: voxflat.geodesic(s, None), "sources are None; give how many, or points"),
     "seeds": (lambda s: voxflat.patches(s, 5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
     "side": (lambda s: voxflat.register(s, side=ARRAY), "side is array.*; give 'left' or 'right'"),
     "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*; give True or False"),
@@ -111,6 +112,10 @@ CALLS = {
     "values of a volume": (
         lambda s: io.Volume([1, [2, 3]], np.eye(4)),
         r"values are \[1, \[2, 3\]\]; give rows",
+    ),
+    "a long volume": (
+        lambda s: io.Volume(np.broadcast_to(np.uint8(0), (2**31, 1, 1)), np.eye(4)),
+        "has an axis of more than 2147483647 voxels",
     ),
     "volume of one number": (lambda s: io.Volume(2**64, np.eye(4)), "values of type object are no bool"),
     "geometry": (
@@ -172,6 +177,10 @@ ON_MAPS = {
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
     "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "the background is 1j; give a number"),
+    "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
+    "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
+    "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
+    "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
     "polygon": (lambda m, a: m.regions({"a": m.uv[:3] + 0j}), "a polygon has"),
     "zero": (lambda m, a: figures.flat_map(m, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
     "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),

@@ -130,16 +130,17 @@ def test_nothing_is_left_of_it(path, ending, tmp_path):
     code += f"apart.apart(os.path.getsize, 'vtkmodules', pathlib.Path({str(path)!r})); "
     code += "print(apart._child.pid, flush=True)"
     caller = subprocess.Popen(
-        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", code + ("; input()" if ending else "")],
+        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", code + "; input()"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         cwd=tmp_path if sys.version_info >= (3, 11) else None,
     )
-    child = psutil.Process(int(caller.stdout.readline()))
+    child = psutil.Process(int(caller.stdout.readline()))  # it lives while the caller waits
     if ending:
         caller.send_signal(ending)
-    caller.communicate()
+    caller.communicate(b"\n")  # without a signal it goes on, to its end
+    assert ending or caller.returncode == 0
     child.wait(20)
 
 

@@ -319,6 +319,32 @@ def test_bytes_in_the_other_order(tmp_path, flat_map):
     np.testing.assert_array_equal(found.heat_map().data, flat_map.heat_map().data)
 
 
+@pytest.mark.parametrize(
+    ("floats", "integers"), [(np.float32, np.int32), (np.longdouble, np.uint64), (np.float64, np.int16)]
+)
+def test_numbers_of_other_sizes(tmp_path, flat_map, atlas, floats, integers):
+    """The core takes one size of each: what it was written in is what it is read as."""
+    change = {"f": floats, "i": integers, "u": integers}
+    for made, load in ((flat_map, voxflat.load), (atlas, voxflat.load_atlas)):
+        path = tmp_path / f"{load.__name__}.npz"
+        made.save(path)
+        with np.load(path) as file:
+            arrays = {name: one.astype(change.get(one.dtype.kind, one.dtype)) for name, one in file.items()}
+            types = {name: one.dtype for name, one in file.items() if one.dtype.kind in "iuf"}
+        np.savez(path, **arrays)
+        found = load(path)
+        for name in types.keys() & vars(found).keys():
+            assert getattr(found, name).dtype == types[name], name
+        shown, known = ((one if load is voxflat.load else one.page()).heat_map().data for one in (found, made))
+        np.testing.assert_allclose(shown, known, atol=1e-4)
+
+
+def test_whole_numbers_beyond_those_of_a_map(tmp_path, flat_map):
+    flat_map.save(tmp_path / "map.npz")
+    changed(tmp_path / "map.npz", "bridges", lambda bridges: np.full((1, 3), 2**63, np.uint64))
+    refuses(tmp_path / "map.npz", r"its bridges are not all from -9223372036854775808 to", voxflat.load)
+
+
 def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
     atlas.save(tmp_path / "atlas.npz")
     changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))

@@ -245,6 +245,19 @@ class TestOmeZarr:
         with pytest.raises(InputError, match="is a directory"):
             m.image(tmp_path, 0.4)
 
+    @pytest.mark.parametrize(
+        ("axis", "length", "message"),
+        [(3, 2**31, "an axis of more than 2147483647 voxels"), (0, 2**31 - 1, "of memory are needed")],
+    )
+    def test_a_shape_beyond_all_files(self, m, values, tmp_path, axis, length, message):
+        """Chunks that are not there are zero, so that a header alone may say so."""
+        path = ome(tmp_path / "v.zarr", values)
+        header = json.loads((path / "0" / ".zarray").read_text())
+        header["shape"][axis] = length
+        (path / "0" / ".zarray").write_text(json.dumps(header))
+        with pytest.raises(InputError, match=message):
+            m.image(path, 0.4, channel=0)
+
     def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
         path = ome(tmp_path / "v.zarr", values)
         images = m.images(path, 0.4)

@@ -28,6 +28,7 @@ from voxflat.io.files import (
     check_shapes,
     from_json,
     holding,
+    in_types,
     naming,
 )
 from voxflat.io.provenance import Record, saving
@@ -367,8 +368,7 @@ class Atlas(FlatPieces, ABC):
             if text.pop("format") != cls._format:
                 raise InputError(f"{path} was written by another version of voxflat; make the patches again")
             with naming(path, AGAIN):
-                _check(arrays, text["metadata"])
-                arrays = {name: one.astype(np.int64) if one.dtype.kind in "iu" else one for name, one in arrays.items()}
+                arrays = _checked(arrays, text["metadata"])
             return cls._of_file(text, arrays)
 
 
@@ -380,25 +380,25 @@ def figures_of(told: Mapping[str, Any]) -> dict[str, float]:
 
 
 _LAYOUT = {
-    "points": ("f", "points 3"),
-    "faces": ("iu", "faces 3"),
-    "piece_ids": ("iu", "faces"),
-    "patch_ids": ("iu", "faces"),
-    "stretch": ("f", "faces 2"),
-    "starts": ("iu", "?"),
-    "vertex_ids": ("iu", "rows"),
-    "uv": ("f", "rows 2"),
-    "uv_faces": ("iu", "faces 3"),
-    "measured": ("f", "pieces ?"),
-    "planes": ("f", "pieces 4 3"),
+    "points": ("f8", "points 3"),
+    "faces": ("i8", "faces 3"),
+    "piece_ids": ("i8", "faces"),
+    "patch_ids": ("i8", "faces"),
+    "stretch": ("f8", "faces 2"),
+    "starts": ("i8", "?"),
+    "vertex_ids": ("i8", "rows"),
+    "uv": ("f8", "rows 2"),
+    "uv_faces": ("i8", "faces 3"),
+    "measured": ("f8", "pieces ?"),
+    "planes": ("f8", "pieces 4 3"),
 }
-"""Kinds and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of a file's arrays, as `check_shapes` takes them."""
 
 
-def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
-    """Check the arrays of a file against each other, and against what it was made of."""
-    ids = "points 3" if metadata.get("kind") == "voxels" else "points"
-    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", ids)})
+def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file, checked against each other, and against what it was made of."""
+    layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
+    check_shapes(arrays, layout)
     points, rows, starts = len(arrays["points"]), len(arrays["uv"]), arrays["starts"].astype(np.int64)
     pieces = len(starts) - 1
     if (
@@ -415,3 +415,4 @@ def _check(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> None:
         raise InputError(f"it measured too little: {AGAIN}")
     check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])
+    return in_types(arrays, layout)

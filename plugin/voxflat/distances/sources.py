@@ -88,7 +88,8 @@ def source_choice(
                 f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
             )
         return SourceChoice(part, int(sources), None, sampling, seed)
-    assert sources is not None
+    if sources is None:
+        raise InputError("sources are None; give how many, or points of the surface")
     found = part.find(sources, "sources")
     unique, counts = np.unique(found, return_counts=True)
     if (counts > 1).any():

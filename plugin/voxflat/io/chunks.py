@@ -21,13 +21,16 @@ from voxflat.errors import InputError
 from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
 from voxflat.io.files import REMEDY, naming, require
-from voxflat.io.grid import Affine
+from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
 
 __all__ = ["PLACE_BYTES", "Chunked", "chunked_of", "is_chunked", "is_zarr_path", "voxels_at"]
 
 PLACE_BYTES = 360
 """How much memory sampling takes for each place (a pixel at one depth), beside one chunk at a time, bytes."""
+
+_CHANNEL_BYTES = 1000
+"""How much memory a channel takes before any of its voxels is read, bytes."""
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
 _ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
@@ -236,6 +239,7 @@ def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | Non
     if len(array.shape) == 3:
         return _channels([Chunked(array)], [""]), None, None
     if len(array.shape) == 4:
+        check_room(_CHANNEL_BYTES * array.shape[3])
         each = [Chunked(array, fixed=((3, n),)) for n in range(array.shape[3])]
         return _channels(each, [""] * len(each)), None, None
     raise InputError(f"has the shape {tuple(array.shape)}: give (I, J, K), or (I, J, K, C) of C channels")
@@ -246,6 +250,7 @@ def _check(array: Any, chunks: Any) -> None:
         raise InputError(f"values of type {array.dtype} are no bool, integer or float: convert them")
     if 0 in array.shape or 0 in chunks:
         raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
+    check_axes(tuple(array.shape))
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 
@@ -307,6 +312,7 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
     if abs(np.linalg.det(affine)) == 0:
         raise InputError("its axes have no extent, or two run along the same: its affine would be singular")
     others = [axis for axis in range(len(names)) if axis not in spatial]
+    check_room(_CHANNEL_BYTES * math.prod(array.shape[axis] for axis in others))
     each, titles = [], []
     for number in np.ndindex(*(array.shape[axis] for axis in others)):
         fixed = tuple(zip(others, map(int, number), strict=True))

@@ -179,20 +179,38 @@ def _finite(number: str) -> float:
 def check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> None:
     """Compare arrays of one file with each other.
 
-    Of each, by its name, the kinds of NumPy type that it may have, and its axes, apart by blanks: numbers, or names,
-    which are as long wherever they stand. Axes that may vary are called "?".
+    Of each, by its name, the NumPy type that it has once it is loaded (`in_types`), of which it may have the kind
+    alone, and its axes, apart by blanks: numbers, or names, which are as long wherever they stand. Axes that may vary
+    are called "?".
     """
     lengths: dict[str, tuple[int, str]] = {}
-    for name, (kinds, axes) in layout.items():
+    for name, (wanted_type, axes) in layout.items():
         if name not in arrays:
             continue
         array, wanted = arrays[name], axes.split()
-        if array.dtype.kind not in kinds or array.ndim != len(wanted):
+        if not _is_of_kind(array, np.dtype(wanted_type)) or array.ndim != len(wanted):
             raise InputError(f"its {name} are {array.dtype} of shape {array.shape}: {AGAIN}")
         for length, axis in zip(array.shape, wanted, strict=True):
             known, by = (int(axis), "its kind") if axis.isdigit() else lengths.setdefault(axis, (length, name))
             if axis != "?" and length != known:
                 raise InputError(f"its {name} have the shape {array.shape}, which does not fit {by}: {AGAIN}")
+
+
+def in_types(arrays: Mapping[str, NDArray[Any]], layout: Mapping[str, tuple[str, str]]) -> dict[str, NDArray[Any]]:
+    """Return arrays in the types of a layout, as whoever takes them expects; refuse whole numbers beyond."""
+    made = dict(arrays)
+    for name in made.keys() & layout.keys():
+        array, wanted = made[name], np.dtype(layout[name][0])
+        if wanted.kind in "iu" and array.size:
+            bounds = np.iinfo(wanted)
+            if int(array.min()) < bounds.min or int(array.max()) > bounds.max:
+                raise InputError(f"its {name} are not all from {bounds.min} to {bounds.max}: {AGAIN}")
+        made[name] = array.astype(wanted, copy=False)
+    return made
+
+
+def _is_of_kind(array: NDArray[Any], wanted: np.dtype[Any]) -> bool:
+    return array.dtype.kind in ("iu" if wanted.kind in "iu" else wanted.kind)
 
 
 def check_range(arrays: Mapping[str, NDArray[Any]], limits: Mapping[str, int]) -> None:

@@ -15,6 +15,7 @@ from voxflat.errors import InputError
 Affine: TypeAlias = NDArray[np.float64]
 
 _MAX_SHEAR = 1e-3  # largest |cosine| between two axes of the voxel grid
+_LONGEST = 2**31 - 1  # voxels along an axis: their indices are kept in 32 bits
 
 FARTHEST = _core.FARTHEST
 """mm from the origin: brains in nm have room, and what comes of squares and volumes stays finite."""
@@ -94,4 +95,11 @@ def volume_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
     colour = len(kept) == 4 and kept[3] in (3, 4) and dtype == np.uint8
     if (len(kept) != 3 and not colour) or min(kept) < 1:
         raise InputError(f"shape {shape} is no volume: pick one of shape (I, J, K), or uint8 colours (I, J, K, 3 or 4)")
+    check_axes(kept)
     return kept
+
+
+def check_axes(shape: tuple[int, ...]) -> None:
+    """Refuse axes that an index of 32 bits does not reach to the end of."""
+    if max(shape) > _LONGEST:
+        raise InputError(f"shape {shape} has an axis of more than {_LONGEST} voxels: crop it, or copy it again")

@@ -28,6 +28,7 @@ from voxflat.io.files import (
     check_shapes,
     from_json,
     holding,
+    in_types,
     naming,
 )
 from voxflat.io.meshes import Mesh, write_mesh
@@ -245,10 +246,12 @@ class FlatMap(Planar):
         Raises
         ------
         InputError
-            If there is not one value a point.
+            If there is not one value a point, or the type of the values cannot hold the background.
         """
         values = array_of(values, "values")
         checked_number(background, "background")
+        if not _holds(values.dtype, background):
+            raise InputError(f"the background is {background}, which is no {values.dtype}; convert the values")
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint")
@@ -462,6 +465,16 @@ def mesh_of_vertices(
     return Mesh(placed, ids[faces[is_kept]], structure=structure)
 
 
+def _holds(dtype: np.dtype[Any], number: float) -> bool:
+    """Say whether a number is one of a type, but for the digits that rounding takes."""
+    if dtype.kind in "iu":
+        bounds = np.iinfo(dtype)
+        return bool(bounds.min <= number <= bounds.max) and int(number) == number
+    if dtype.kind == "b":
+        return number in (0, 1)
+    return dtype.kind != "f" or not np.isfinite(number) or abs(float(number)) <= float(np.finfo(dtype).max)
+
+
 def load(path: str | os.PathLike[str]) -> FlatMap:
     """Load a flat map that was saved with `FlatMap.save`.
 
@@ -491,7 +504,7 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         note(path)
         uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
         with naming(path, AGAIN):
-            _check(arrays, uv, ids, metadata)
+            arrays = _checked(arrays, uv, ids, metadata)
         distortion = metadata.pop("distortion")
         more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
         triangles = more.pop("triangles")
@@ -505,31 +518,34 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
 
 
 _LAYOUT = {
-    "uv": ("f", "points 2"),
-    "points": ("f", "points 3"),
-    "normals": ("f", "points 3"),
-    "faces": ("iu", "faces 3"),
-    "torn": ("b", "faces"),
-    "sources": ("iu", "sources"),
-    "eigenvalues": ("f", "?"),
-    "rows": ("f", "sources ?"),
-    "bridges": ("iu", "? 3"),
-    "curvature": ("f", "points"),
-    "sulcal_depth": ("f", "points"),
-    "white_points": ("f", "points 3"),
-    "pial_points": ("f", "points 3"),
-    "distortion_per_point": ("f", "points"),
-    "distortion_scatter": ("f", "? 2"),
-    "distortion_areal": ("f", "points"),
-    "distortion_is_flipped": ("b", "faces"),
+    "uv": ("f8", "points 2"),
+    "points": ("f8", "points 3"),
+    "normals": ("f8", "points 3"),
+    "faces": ("u4", "faces 3"),
+    "torn": ("?", "faces"),
+    "sources": ("i8", "sources"),
+    "eigenvalues": ("f8", "?"),
+    "rows": ("f4", "sources ?"),
+    "bridges": ("i8", "? 3"),
+    "curvature": ("f8", "points"),
+    "sulcal_depth": ("f8", "points"),
+    "white_points": ("f8", "points 3"),
+    "pial_points": ("f8", "points 3"),
+    "distortion_per_point": ("f8", "points"),
+    "distortion_scatter": ("f8", "? 2"),
+    "distortion_areal": ("f8", "points"),
+    "distortion_is_flipped": ("?", "faces"),
 }
-"""Kinds and axes of a file's arrays, as `check_shapes` takes them."""
+"""Types and axes of a file's arrays, as `check_shapes` takes them."""
 
 
-def _check(arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]) -> None:
-    """Check the arrays of a file against each other, and against what it was made of."""
-    axes = "points 3" if metadata.get("kind") == "voxels" else "points"
-    check_shapes(arrays, {**_LAYOUT, "ids": ("iu", axes)})
+def _checked(
+    arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file, checked against each other, and against what it was made of."""
+    layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
+    check_shapes(arrays, layout)
     check_range(arrays, {"faces": len(uv), "sources": len(uv)})
     check_places({"uv": uv, "points": arrays["points"]})
     check_origin(metadata, ids)
+    return in_types(arrays, layout)
