@@ -102,3 +102,74 @@ pub fn judge_all<S: Solver>(
         measure(maps, &PassingRows::new(solver, reference, kept), seed, control)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geodesic::exact::Exact;
+    use crate::surface::mesh::shapes;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn memory_is_816_bytes_a_point_and_less_where_there_are_fewer_points_than_sources() {
+        assert_eq!(memory_need(1000) - WORK_BYTES, 816 * 1000);
+        assert_eq!(memory_need(100) - WORK_BYTES, (4 * 100 + 16) * 100);
+        assert_eq!((WORK_BYTES >> 20, KEPT_BYTES >> 20), (40, 256));
+    }
+
+    #[test]
+    fn reference_sources_are_the_random_ones_of_the_next_seed() {
+        assert_eq!(reference_sources(1000, 200, 4), sources::random(1000, 200, 5));
+        let mut all = reference_sources(50, 200, u64::MAX);
+        all.sort_unstable();
+        assert_eq!(all, (0..50).collect::<Vec<u32>>());
+    }
+
+    /// Exact distances, and how many rows of them were asked for.
+    struct Counting<'a>(Exact<'a>, AtomicUsize);
+
+    impl<'a> Solver for Counting<'a> {
+        type Scratch = <Exact<'a> as Solver>::Scratch;
+
+        fn scratch(&self) -> Self::Scratch {
+            self.0.scratch()
+        }
+
+        fn columns(&self) -> usize {
+            self.0.columns()
+        }
+
+        fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.row(source, row, scratch, control)
+        }
+
+        fn fingerprint(&self, control: &Control) -> Result<u64> {
+            self.0.fingerprint(control)
+        }
+    }
+
+    #[test]
+    fn rows_that_are_not_kept_are_computed_twice_and_figures_are_the_same() {
+        let (control, sheet) = (Control::default(), shapes::surface(shapes::sheet(6, 4)));
+        let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [1.1 * p.x, p.y]).collect();
+        let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
+        let reference = [0, 7, 30];
+        let judged = |kept| {
+            let solver = Counting(Exact::new(&sheet), AtomicUsize::new(0));
+            let found = judge_all(&solver, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
+            (found, solver.1.into_inner())
+        };
+        let all = 4 * 3 * 35; // bytes of three rows to 35 points
+        let (kept, rows) = judged(all);
+        assert_eq!(rows, 3);
+        assert!(kept.len() == 2 && kept[0].raw.relative_error < 0.1 && kept[1].raw.relative_error > 0.2);
+        for bytes in [all - 1, 4 * 35, 0] {
+            let (passed, rows) = judged(bytes);
+            assert_eq!((format!("{passed:?}"), rows), (format!("{kept:?}"), 6), "{bytes}");
+        }
+        let alone = judge(&Exact::new(&sheet), &uv, 3, 3, &control).unwrap();
+        let same = judge_all(&Exact::new(&sheet), &[&uv], &reference_sources(35, 3, 3), 0, 3, &control).unwrap();
+        assert_eq!(format!("{alone:?}"), format!("{:?}", same[0]));
+    }
+}

@@ -366,6 +366,23 @@ mod tests {
         let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
         assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));
         assert_eq!(counts(&[[0, 1, 2], [0, 1, 2]], &uv), (0, 2));
+        // a corner without end, along either axis
+        for far in [[f64::INFINITY, 1.0], [1.0, f64::INFINITY], [f64::NEG_INFINITY; 2]] {
+            let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 1.0], far];
+            assert_eq!(counts(&[[0, 1, 2], [3, 4, 5]], &uv), (0, 0), "{far:?}");
+            assert_eq!(counts(&[[0, 1, 2], [4, 3, 5]], &uv), (0, 0), "{far:?}");
+        }
+    }
+
+    #[test]
+    fn steps_of_the_progress_are_of_256_searches() {
+        assert_eq!(chunks(600).collect::<Vec<_>>(), [0..256, 256..512, 512..600]);
+        assert!(chunks(0).collect::<Vec<_>>().is_empty());
+        let (uv, faces) = grid(30, 20);
+        let control = Control::default();
+        overlaps(&faces, &uv, &control).unwrap();
+        let progress = control.progress();
+        assert_eq!((progress.done, progress.total), (6, 6)); // 100 edges, and 1,200 triangles
     }
 
     #[test]

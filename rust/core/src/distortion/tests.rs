@@ -184,6 +184,13 @@ fn blocks_threads_and_other_maps_change_no_bit() {
     let rows = rows_of(&sources, &uv, uneven);
     let (expected, alone) = (judged(&uv, &rows), judged(&other, &rows));
     assert!(!same(&expected, &alone));
+    let errors = pairs(&uv, &rows).iter().map(|(delta, d)| (d - delta).abs() / delta).collect::<Vec<f64>>();
+    for point in [1, 4095, 4096, 4999] {
+        // no source, so that it is one of 4,999 others of each
+        let others =
+            errors.chunks(4999).zip(&sources).map(|(row, &source)| row[point - usize::from(point > source as usize)]);
+        assert!((expected.per_point[point] - mean(others)).abs() < 1e-12, "{point}");
+    }
     for (threads, block) in [(1, 1), (2, 5), (5, 37), (3, 64)] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let maps: [&[[f64; 2]]; 2] = [&other, &uv];
@@ -222,6 +229,28 @@ fn the_best_scale_and_its_figures_are_those_of_brute_force() {
     ] {
         assert!((found / exact - 1.0).abs() < 2e-6, "{found} {exact}");
     }
+}
+
+#[test]
+fn the_scatter_is_of_pairs_of_all_sources() {
+    let uv = scattered(40);
+    let sources = [0, 7, 21, 39];
+    let rows = rows_of(&sources, &uv, uneven);
+    let (found, all) = (judged(&uv, &rows).scatter, pairs(&uv, &rows));
+    assert_eq!(found.len(), 4 * 39);
+    let of = |[delta, d]: &[f64; 2]| all.iter().position(|pair| pair.0 == *delta && (pair.1 - d).abs() < 1e-12);
+    let numbers: Vec<usize> = found.iter().map(|pair| of(pair).unwrap()).collect();
+    assert!(numbers.iter().map(|n| n / 39).is_sorted()); // by their sources
+    assert!((0..4).all(|source| numbers.iter().filter(|&&n| n / 39 == source).count() > 20));
+    // points before and behind a source, from the first to the last
+    let mut points: Vec<usize> = numbers.iter().map(|n| n % 39).collect();
+    points.sort_unstable();
+    points.dedup();
+    assert!(points.len() > 30 && points[0] < 3 && points[points.len() - 1] > 35, "{points:?}");
+    let many: Vec<u32> = (0..600).collect();
+    assert_eq!(judged(&uv, &rows_of(&many[..40], &uv, uneven)).scatter.len(), 40 * 39);
+    let uv = scattered(600);
+    assert_eq!(judged(&uv, &rows_of(&many[..40], &uv, uneven)).scatter.len(), SCATTER);
 }
 
 #[test]
@@ -307,6 +336,57 @@ fn standard_errors_of_three_sources_are_those_of_all_draws() {
             assert!((field(&errors) / expected[n] - 1.0).abs() < 0.05, "{n}: {} {}", field(&errors), expected[n]);
         }
     }
+    // those of figures that have no scale
+    let parts: Vec<Sums> = (0..3).map(|n| of_source(n, 1.0)).collect();
+    let exact_of = |figure: fn(&Sums) -> f64, error: f64| {
+        let draws: Vec<f64> = (0..27)
+            .map(|draw| figure(&[draw % 3, draw / 3 % 3, draw / 9].iter().map(|&n| &parts[n]).sum::<Sums>()))
+            .collect();
+        let all = mean(draws.iter().copied());
+        let exact = mean(draws.iter().map(|draw| (draw - all).powi(2))).sqrt() * (1.5 * (1.0f64 - 3.0 / 400.0)).sqrt();
+        assert!((error / exact - 1.0).abs() < 0.05, "{error} {exact}");
+        exact
+    };
+    let of_correlation = exact_of(Sums::correlation, found.standard_error.pearson_r);
+    let of_distance = exact_of(Sums::mean_geodesic, found.standard_error.mean_geodesic);
+    assert!(of_correlation < 0.1 * of_distance, "{of_correlation} {of_distance}");
+}
+
+#[test]
+fn a_standard_error_is_the_deviation_of_a_thousand_draws() {
+    // of each source one pair, and only its δ counts
+    let deltas = [2.0, 5.0, 11.0, 26.0];
+    let parts = deltas.map(|delta| {
+        let mut sums = Sums::default();
+        sums.add(delta, 1.0);
+        sums
+    });
+    let found = standard_errors(&parts, &parts, 9, 6, &Control::default()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let draws: Vec<f64> =
+        (0..1000).map(|_| mean((0..4).map(|_| deltas[rand::Rng::random_range(&mut rng, 0..4)]))).collect();
+    let all = mean(draws.iter().copied());
+    let variance = draws.iter().map(|draw| (draw - all).powi(2)).sum::<f64>() / 999.0;
+    let exact = (variance * 4.0 / 3.0 * (1.0 - 4.0 / 9.0)).sqrt();
+    assert!((found.mean_geodesic / exact - 1.0).abs() < 1e-12, "{} {exact}", found.mean_geodesic);
+    assert!(found.raw.scale.is_nan() && found.best_scale.scale.is_nan());
+}
+
+#[test]
+fn the_best_scale_alone_is_that_of_the_figures() {
+    let uv = scattered(200);
+    // the first source is off by far: ratios have to be counted again, elsewhere
+    for first in [3.0, 50.0, 0.3] {
+        let sources: Vec<u32> = (0..20).map(|n| 7 * n).collect();
+        let rows = rows_of(&sources, &uv, |a, b| uneven(a, b) * if a == 0 { first } else { 3.0 });
+        let scale = judged(&uv, &rows).best_scale.scale;
+        assert!((1.0..5.0).contains(&scale), "{scale}");
+        for block in [1, 6, 20] {
+            assert_eq!(best_scale(&uv, &Few(&rows, block), &Control::default()), Ok(scale), "{first} {block}");
+        }
+    }
+    let one = vec![[1.0, 2.0]; 30];
+    assert!(best_scale(&one, &rows_of(&[3], &scattered(30), |_, _| 1.0), &Control::default()).unwrap().is_nan());
 }
 
 #[test]

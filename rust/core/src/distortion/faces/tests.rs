@@ -136,6 +136,7 @@ fn what_is_undefined_is_nan_and_counted() {
     flat[0] = [0.5, 0.5]; // on the opposite side of its one triangle
     let collapsed = measured(&points, &faces, &flat);
     assert_eq!((collapsed.flipped.count, collapsed.flipped.collapsed), (0, 1));
+    assert!(collapsed.flipped.per_face.iter().all(|is| !is));
     assert!(collapsed.areal.values[0].is_nan() && collapsed.areal.summary.undefined == 1);
     assert_eq!(collapsed.stretch[0][1], 0.0);
     for measure in [&collapsed.quasi_conformal, &collapsed.angle, &collapsed.isometric, &collapsed.symmetric_dirichlet]
@@ -148,6 +149,7 @@ fn what_is_undefined_is_nan_and_counted() {
     let whole = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
     let torn = measured(&in_space(&line, |x, _| x), &[[0, 1, 2], [0, 2, 3]], &whole);
     assert!(torn.stretch[0].iter().all(|s| s.is_nan()) && torn.areal.values[1].is_nan());
+    assert!(torn.angle.values[0].is_nan() && torn.angle.values[1].is_finite());
     assert!(torn.areal.values[0].is_finite() && torn.flipped.collapsed == 0);
     // an edge of 0 mm, and a vertex without place
     let twice = [[0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [7.0, 7.0]];
@@ -226,8 +228,80 @@ fn shares_beyond_factors_are_of_the_surface_whatever_the_maps_scale() {
             assert!(found.iter().zip(expected).all(|(share, known)| (share - known).abs() < 1e-12), "{found:?}");
         }
     }
+    // by exactly a factor is not beyond it
+    let (uv, faces) = grid(4, 1);
+    let points = in_space(&uv, |_, _| 0.0);
+    let x = [0.0, 2.0, 2.5, 3.0, 4.0];
+    let map: Vec<[f64; 2]> = uv.iter().map(|&[at, y]| [x[at as usize], y]).collect();
+    assert_eq!(measured(&points, &faces, &map).area_beyond, [0.75, 0.75, 0.0]);
     let nowhere = vec![[0.0; 2]; uv.len()];
     assert!(measured(&points, &faces, &nowhere).area_beyond.iter().all(|share| share.is_nan()));
+}
+
+#[test]
+fn areas_at_the_scale_that_keeps_the_whole_area() {
+    for (s, bend) in [(0.3, 0.0), (1.0, 0.4), (4.0, 0.4)] {
+        let (uv, faces) = grid(9, 7);
+        let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
+        let points: Vec<_> =
+            in_space(&uv, |_, _| 0.0).iter().map(|p| turn * p + Vector3::new(30.0, -70.0, 5.0)).collect();
+        let map: Vec<[f64; 2]> = uv
+            .iter()
+            .map(|&[x, y]| [s * (x + bend * (0.7 * x).sin()) - 40.0, s * (y + bend * y.cos()) + 9.0])
+            .collect();
+        let found = measured(&points, &faces, &map);
+        // the outline stays a rectangle: its sides are the map's area, whatever the triangles in it do
+        let width = 9.0 + bend * (0.7f64 * 9.0).sin();
+        let height = 7.0 + bend * (7f64.cos() - 1.0);
+        let scale = (63.0 / (s * s * width * height)).sqrt();
+        assert!((found.equal_area_scale / scale - 1.0).abs() < 1e-12);
+        let values: Vec<f64> = found.areal.values.iter().map(|log| (log + (scale * scale).log2()).abs()).collect();
+        let expected = Summary::of(&values, |_| 1.0);
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-9;
+        assert!(close(found.equal_area.mean, expected.mean) && close(found.equal_area.max, expected.max));
+        assert!(close(found.equal_area.median, expected.median) && close(found.equal_area.p95, expected.p95));
+        assert_eq!((found.equal_area.undefined, expected.max > 0.1), (0, bend > 0.0));
+    }
+}
+
+#[test]
+fn a_triangle_alone_has_the_stretch_of_the_map() {
+    let points = [[1.0, 2.0, 0.0], [4.0, 2.5, 0.0], [0.0, 7.0, 0.0]].map(Vector3::from);
+    let [most, least] = stretch_of(points, points.map(|p| [3.0 * p.x, 9.0 - 0.5 * p.y]));
+    assert!((most - 3.0).abs() < 1e-12 && (least - 0.5).abs() < 1e-12);
+}
+
+#[test]
+fn what_is_no_wider_than_rounding_has_no_area() {
+    let needle = |height: f64| [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, height, 0.0]].map(Vector3::from);
+    for turns in 0..3 {
+        let area = |epsilons: f64| {
+            let corners = needle(epsilons * f64::EPSILON);
+            doubled_area(&[0, 1, 2].map(|k| corners[(turns + k) % 3])).norm()
+        };
+        assert_eq!((area(4.0), area(-4.0)), (0.0, 0.0));
+        assert_eq!((area(5.0), area(-5.0)), (5.0 * f64::EPSILON, 5.0 * f64::EPSILON));
+        let mut corners = needle(1.0);
+        corners[turns].x = f64::NAN;
+        assert!(doubled_area(&corners).iter().all(|x| x.is_nan()));
+        corners[turns].x = 1e200; // its square is beyond all numbers
+        assert!(doubled_area(&corners).iter().all(|x| x.is_nan()));
+    }
+}
+
+#[test]
+fn what_has_no_place_has_no_share() {
+    // three squares side by side: one is turned over, of another a triangle has no place
+    let (uv, faces) = grid(3, 1);
+    let points = in_space(&uv, |_, _| 0.0);
+    let mut map = uv.clone();
+    map[0] = [f64::NAN, 0.0];
+    map[7] = [1.9, 0.4];
+    let found = measured(&points, &faces, &map).flipped;
+    let placed = faces.iter().filter(|face| !face.contains(&0)).count() as f64;
+    assert_eq!((found.count, found.collapsed), (1, 0));
+    assert!((found.area_share - 1.0 / placed).abs() < 1e-12, "{}", found.area_share);
+    assert_eq!(found.per_face.iter().filter(|&&is| is).count(), 1);
 }
 
 #[test]
@@ -255,6 +329,24 @@ fn vertices_share_out_the_area_of_the_faces() {
 }
 
 proptest! {
+    #[test]
+    fn angles_are_those_between_sides(
+        corners in prop::array::uniform3(prop::array::uniform3(-5.0..5.0f64)),
+        places in prop::array::uniform3(prop::array::uniform2(-5.0..5.0f64)),
+    ) {
+        let (p, q) = (corners.map(Vector3::from), places.map(|[u, v]| Vector3::new(u, v, 0.0)));
+        let wide = |c: &[Vector3<f64>; 3]| (c[1] - c[0]).cross(&(c[2] - c[0])).norm() > 0.1;
+        prop_assume!(wide(&p) && wide(&q));
+        // law of cosines
+        let angle = |c: &[Vector3<f64>; 3], k: usize| {
+            let [a, b, x] = [(k, (k + 1) % 3), (k, (k + 2) % 3), ((k + 1) % 3, (k + 2) % 3)].map(|(m, n)| (c[m] - c[n]).norm());
+            ((a * a + b * b - x * x) / (2.0 * a * b)).clamp(-1.0, 1.0).acos().to_degrees()
+        };
+        let expected = (0..3).map(|k| (angle(&p, k) - angle(&q, k)).abs()).sum::<f64>() / 3.0;
+        let found = measured(&p, &[[0, 1, 2]], &places).angle.values[0];
+        prop_assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+    }
+
     #[test]
     fn singular_values_are_those_of_the_jacobian(
         corners in prop::array::uniform3(prop::array::uniform3(-5.0..5.0f64)),
