@@ -217,12 +217,14 @@ impl Trials {
     /// The cut, no longer than `longest` mm, that is worth most; none if none gains enough.
     ///
     /// A cut gains less once another is made near it, hardly ever more. So those that were worth most when they were tried
-    /// last are tried first, and none that was worth less than another is now (Minoux 1978).
+    /// last are tried first, and none that was worth less than another is now (Minoux 1978). None gains more than all the energy
+    /// that there is, so that on a surface that is nearly flat few are tried.
     fn best(&mut self, longest: f64, control: &Control) -> Result<Option<Trial>> {
         let mut untried = self.slits(longest, control)?;
         let mut best: Option<(f64, Trial)> = None;
         loop {
-            let worth = |(n, slit): &(usize, Slit)| self.worth(self.tips[*n].gain, slit.length);
+            let most = |n: usize| self.tips[n].gain.min(self.sketch.energy);
+            let worth = |(n, slit): &(usize, Slit)| self.worth(most(*n), slit.length);
             untried.sort_by(|a, b| worth(b).total_cmp(&worth(a)).then(a.1.tip.cmp(&b.1.tip)));
             let bar = best.as_ref().map_or(0.0, |best| best.0);
             let count = untried.iter().take(AT_A_TIME).take_while(|slit| worth(slit) > bar).count();
