@@ -1,3 +1,4 @@
+import gc
 import os
 import signal
 from collections import Counter
@@ -9,6 +10,8 @@ from hypothesis import settings
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # pytest's processes share the cores already
     os.environ.setdefault(name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+gc.set_threshold(50_000, 20, 100)  # what tests leave goes by itself: to look for more took a twentieth of their time
 
 settings.register_profile("without a clock", deadline=None)
 settings.load_profile("without a clock")

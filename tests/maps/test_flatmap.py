@@ -86,6 +86,12 @@ class TestImage:
         bare = sheet_map.image(volume.data, 0.2)  # an array lies where the flattened volume lies
         np.testing.assert_array_equal(bare.data, image.data)
 
+    @pytest.mark.parametrize("dtype", [np.float16, np.longdouble])
+    def test_floats_of_any_width(self, sheet_map, dtype):
+        values = np.random.default_rng(0).integers(0, 100, (42, 32, 3))  # which half precision holds
+        expected = sheet_map.image(values.astype(np.float64), 0.2).data
+        np.testing.assert_array_equal(sheet_map.image(values.astype(dtype), 0.2).data, expected)
+
     def test_a_volume_on_another_grid(self, sheet_map):
         affine = np.array([[0.8, 0, 0, -10], [0, 0, 0.7, -10], [0, -0.9, 0, 8], [0, 0, 0, 1]])
         volume = Volume(linear_volume((60, 20, 60), affine), affine)

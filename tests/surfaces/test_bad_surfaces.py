@@ -208,6 +208,13 @@ def test_true_and_false_are_no_numbers(bad):
             call()
 
 
+@pytest.mark.parametrize("jump", [10**20, 10**400])
+def test_a_jump_beyond_what_computers_count_cuts_nowhere(jump):
+    heights = np.array([[0.0, 100.0], [0.0, 100.0]])
+    whole = voxflat.range_image(heights, 1.0, jump=np.inf)
+    assert len(voxflat.range_image(heights, 1.0, jump=jump).faces) == len(whole.faces) == 2
+
+
 @pytest.mark.slow
 def test_check_is_the_same_with_any_number_of_threads():
     sphere = pv_sphere()

@@ -42,3 +42,8 @@ def test_several_labels_are_listed(values):
 def test_intensities_want_a_threshold():
     with pytest.raises(InputError, match=r"holds intensities \(float64, 0 to 0.5\); give a threshold"):
         foreground(np.array([[[0.0, 0.25, 0.5]]]))
+
+
+def test_nothing_of_half_precision_is_above_what_it_cannot_hold():
+    with pytest.raises(InputError, match="no voxel is above the threshold 100000"):  # warnings are errors
+        foreground(np.ones((2, 2, 2), np.float16), threshold=1e5)

@@ -72,6 +72,8 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
 
     def channel(values: NDArray[Any]) -> NDArray[np.float64]:
         found = image.copy()
+        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy knows no others
+            values = values.astype(np.float64)
         found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")
         return found
 

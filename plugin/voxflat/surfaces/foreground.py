@@ -190,7 +190,8 @@ def _counted(data: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
     if not np.isfinite(threshold):
         raise InputError(f"the threshold is {threshold}; give a finite number")
-    mask = np.asarray(data > threshold)
+    with np.errstate(over="ignore"):  # beyond what half precision holds nothing is
+        mask = np.asarray(data > threshold)
     if not mask.any():
         raise InputError(f"no voxel is above the threshold {threshold}; the largest value is {data.max()}")
     return mask

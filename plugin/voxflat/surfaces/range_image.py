@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -56,6 +57,7 @@ def range_image(
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
         raise InputError(f"the jump is {shown(jump)} mm; give a positive difference of depth, or np.inf to cut nowhere")
+    limit = float(limit) if limit <= sys.float_info.max else np.inf
     is_there = np.isfinite(heights)
     faces = _faces(heights)
     inside = is_there.ravel()[faces].all(axis=1)
