@@ -83,6 +83,7 @@ fn pairwise_sum(values: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::adjacency::Links;
+    use crate::distortion::tests::Altered;
     use crate::geodesic::graph::GeodesicGraph;
     use crate::geodesic::marching::{Marching, Wave};
     use crate::surface::mesh::shapes;
@@ -110,38 +111,16 @@ mod tests {
         assert!((1e-4..0.03).contains(&error), "{error}");
     }
 
-    /// Exact distances, but twice as long beyond some, mm.
-    struct Stretched<'a>(Exact<'a>, f32);
-
-    impl<'a> Solver for Stretched<'a> {
-        type Scratch = <Exact<'a> as Solver>::Scratch;
-
-        fn scratch(&self) -> Self::Scratch {
-            self.0.scratch()
-        }
-
-        fn columns(&self) -> usize {
-            self.0.columns()
-        }
-
-        fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
-            self.0.row(source, row, scratch, control)?;
-            row.iter_mut().filter(|distance| **distance > self.1).for_each(|distance| *distance *= 2.0);
-            Ok(())
-        }
-
-        fn fingerprint(&self, control: &Control) -> Result<u64> {
-            self.0.fingerprint(control)
-        }
-    }
-
     #[test]
     fn on_large_surfaces_the_nearest_are_compared() {
         let control = Control::default();
         let error = |side: usize, beyond: f32| {
             let surface = shapes::surface(shapes::sheet(side, side));
             let corner = [0]; // from where 10,000 vertices reach 113 mm
-            error_from(&corner, &surface, &Stretched(Exact::new(&surface), beyond), &control).unwrap()
+            let stretched = Altered(Exact::new(&surface), |row: &mut [f32]| {
+                row.iter_mut().filter(|distance| **distance > beyond).for_each(|distance| *distance *= 2.0);
+            });
+            error_from(&corner, &surface, &stretched, &control).unwrap()
         };
         assert_eq!(error(144, 120.0), 0.0);
         assert!((error(144, 56.0) - 0.88).abs() < 0.02); // twice as far as they are, it reaches all
@@ -149,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn two_random_sources_are_compared_and_on_more_than_20_000_vertices_eight() {
+    fn two_random_sources_are_compared_and_20_000_vertices_are_not_many() {
         let (control, surface) = (Control::default(), shapes::surface(shapes::sphere(3)));
         let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
         for seed in [0, 5] {

@@ -106,6 +106,7 @@ pub fn judge_all<S: Solver>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distortion::tests::Altered;
     use crate::geodesic::exact::Exact;
     use crate::surface::mesh::shapes;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -125,30 +126,6 @@ mod tests {
         assert_eq!(all, (0..50).collect::<Vec<u32>>());
     }
 
-    /// Exact distances, and how many rows of them were asked for.
-    struct Counting<'a>(Exact<'a>, AtomicUsize);
-
-    impl<'a> Solver for Counting<'a> {
-        type Scratch = <Exact<'a> as Solver>::Scratch;
-
-        fn scratch(&self) -> Self::Scratch {
-            self.0.scratch()
-        }
-
-        fn columns(&self) -> usize {
-            self.0.columns()
-        }
-
-        fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
-            self.1.fetch_add(1, Ordering::Relaxed);
-            self.0.row(source, row, scratch, control)
-        }
-
-        fn fingerprint(&self, control: &Control) -> Result<u64> {
-            self.0.fingerprint(control)
-        }
-    }
-
     #[test]
     fn rows_that_are_not_kept_are_computed_twice_and_figures_are_the_same() {
         let (control, sheet) = (Control::default(), shapes::surface(shapes::sheet(6, 4)));
@@ -156,9 +133,14 @@ mod tests {
         let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
         let reference = [0, 7, 30];
         let judged = |kept| {
-            let solver = Counting(Exact::new(&sheet), AtomicUsize::new(0));
-            let found = judge_all(&solver, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap();
-            (found, solver.1.into_inner())
+            let rows = AtomicUsize::new(0);
+            let counting = Altered(Exact::new(&sheet), |_: &mut [f32]| {
+                rows.fetch_add(1, Ordering::Relaxed);
+            });
+            (
+                judge_all(&counting, &[&uv, &squeezed], &reference, kept, 3, &control).unwrap(),
+                rows.load(Ordering::Relaxed),
+            )
         };
         let all = 4 * 3 * 35; // bytes of three rows to 35 points
         let (kept, rows) = judged(all);

@@ -3,7 +3,34 @@
 use super::*;
 use proptest::prelude::*;
 
+use crate::geodesic::Solver;
+use crate::geodesic::exact::Exact;
 use crate::rows::DistanceRows;
+
+/// Exact distances, each row of which something is done with.
+pub(super) struct Altered<'a, F>(pub Exact<'a>, pub F);
+
+impl<'a, F: Fn(&mut [f32]) + Sync> Solver for Altered<'a, F> {
+    type Scratch = <Exact<'a> as Solver>::Scratch;
+
+    fn scratch(&self) -> Self::Scratch {
+        self.0.scratch()
+    }
+
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    fn row(&self, source: u32, row: &mut [f32], scratch: &mut Self::Scratch, control: &Control) -> Result<()> {
+        self.0.row(source, row, scratch, control)?;
+        (self.1)(row);
+        Ok(())
+    }
+
+    fn fingerprint(&self, control: &Control) -> Result<u64> {
+        self.0.fingerprint(control)
+    }
+}
 
 fn rows_of(sources: &[u32], points: &[[f64; 2]], wrong: impl Fn(usize, usize) -> f64) -> DistanceRows {
     let (points, wrong) = (&points, &wrong);
