@@ -345,6 +345,17 @@ def test_whole_numbers_beyond_those_of_a_map(tmp_path, flat_map):
     refuses(tmp_path / "map.npz", r"its bridges are not all from -9223372036854775808 to", voxflat.load)
 
 
+@pytest.mark.parametrize("area", [0, -1, np.nan, np.inf])
+def test_an_atlas_whose_pieces_have_no_area(tmp_path, atlas, area):
+    def other(measured):
+        measured[:, -3] = area
+        return measured
+
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", "measured", other)
+    refuses(tmp_path / "atlas.npz", r"its pieces have the areas .* mm²", voxflat.load_atlas)
+
+
 def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
     atlas.save(tmp_path / "atlas.npz")
     changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))

@@ -258,6 +258,13 @@ class TestOmeZarr:
         with pytest.raises(InputError, match=message):
             m.image(path, 0.4, channel=0)
 
+    @pytest.mark.parametrize("scale", [[1, 500, np.inf, 500], [1, np.nan, 500, 500], [1, 1e300, 500, 500]])
+    def test_a_scale_that_is_no_number(self, m, values, tmp_path, scale):
+        steps = [{"type": "scale", "scale": scale}, {"type": "scale", "scale": scale}]
+        data = [{"path": "0", "coordinateTransformations": steps}]
+        with pytest.raises(InputError, match=r"its axes are scaled by .*: give finite numbers"):
+            m.image(ome(tmp_path / "v.zarr", values, datasets=data), 0.4, channel=0)
+
     def test_a_chunk_that_is_damaged(self, m, values, tmp_path):
         path = ome(tmp_path / "v.zarr", values)
         images = m.images(path, 0.4)

@@ -15,6 +15,7 @@ from voxflat import cli
 from voxflat.io import Volume
 from voxflat.io.channels import Timing
 from voxflat.io.meshes import Mesh
+from voxflat.maps.sampling import Mixing
 
 COUNT, SIZE = 5, 60
 AFFINES = {
@@ -114,6 +115,15 @@ def test_a_frame_is_what_one_overlay_is(shells, interpolation):
     for n in range(3):
         one = flat.image(values[:, n], 0.7, interpolation=interpolation)
         np.testing.assert_allclose(series[n].data, one.data, rtol=1e-12, atol=1e-12)
+
+
+def test_nan_that_signals_is_nan():
+    values = np.array([1.5, 0.0], np.float32)
+    values.view(np.uint32)[1] = 0x7FA00000  # what damaged files have: to convert it warns, and warnings are errors
+    mixing = Mixing.of(
+        np.array([True, True, False]), 2, 1, lambda part: (np.array([[0], [1]])[part], np.ones((2, 1))[part])
+    )
+    np.testing.assert_array_equal(mixing(values), [1.5, np.nan, np.nan])
 
 
 # --------------------------------------------------------------------------------------------- time

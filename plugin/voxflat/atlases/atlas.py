@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_choice, checked_number, checked_path, is_number
+from voxflat.arguments import checked_choice, checked_number, checked_path, is_number, shown
 from voxflat.atlases.layout import PACKINGS, lay_out, usual_gap
 from voxflat.atlases.page import FlatPage
 from voxflat.atlases.pieces import FlatPieces
@@ -31,6 +31,7 @@ from voxflat.io.files import (
     in_types,
     naming,
 )
+from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record, saving
 from voxflat.io.readers import read_arrays
 from voxflat.io.reading import note
@@ -413,6 +414,9 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
         raise InputError(f"it measured too little: {AGAIN}")
+    areas = arrays["measured"][:, -3]
+    if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
+        raise InputError(f"its pieces have the areas {shown(areas)} mm²: {AGAIN}")
     check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})
     check_origin(metadata, arrays["ids"])
     return in_types(arrays, layout)

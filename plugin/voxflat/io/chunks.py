@@ -288,15 +288,20 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         raise InputError(f"its axes are {', '.join(names)}, its shape {tuple(array.shape)}: a volume has x, y and z")
     _check(array, array.chunks)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
-    for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
-        if step.get("type") == "scale":
-            scale, shift = scale * step["scale"], shift * step["scale"]
-        elif step.get("type") == "translation":
-            shift = shift + step["translation"]
-        elif step.get("type") != "identity":
-            raise InputError(
-                f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
-            )
+    with np.errstate(invalid="ignore", over="ignore"):  # looked at below
+        for step in [*found.get("coordinateTransformations", []), *told.get("coordinateTransformations", [])]:
+            if step.get("type") == "scale":
+                scale, shift = scale * step["scale"], shift * step["scale"]
+            elif step.get("type") == "translation":
+                shift = shift + step["translation"]
+            elif step.get("type") != "identity":
+                raise InputError(
+                    f"its coordinates are transformed by {step.get('type')!r}: scale and translation are known"
+                )
+    if not (np.isfinite(scale).all() and np.isfinite(shift).all()):
+        raise InputError(
+            f"its axes are scaled by {scale.tolist()} and shifted by {shift.tolist()}: give finite numbers"
+        )
     spatial = tuple(names.index(axis) for axis in "xyz")
     affine = np.zeros((4, 4))
     affine[3, 3] = 1

@@ -322,7 +322,9 @@ class Mixing:
     def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Return the values at the places, in the shape of `inside`; NaN outside."""
         found = np.full(self.inside.shape, np.nan)
-        found[self.inside] = self.matrix @ values[self.used].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # of NaN that signal, as damaged files have
+            used = values[self.used].astype(np.float64)
+        found[self.inside] = self.matrix @ used
         return found
 
 
