@@ -16,6 +16,11 @@ const KEPT: f64 = 1e-4;
 /// Times that a step is made shorter at most.
 const MOST_SHORTER: usize = 14;
 
+/// Steps that are shorter than this part of their direction tell that springs no longer fit the map: they are made anew after so many,
+/// or where descent would end otherwise.
+const SHORT: f64 = 0.02;
+const MOST_SHORT: usize = 4;
+
 /// Steps over which progress is judged.
 const JUDGED: usize = 5;
 
@@ -76,7 +81,8 @@ pub fn descend(
     control: &Control,
 ) -> Result<Descended> {
     let (mut energy, mut gradient) = objective.evaluate(uv, control)?;
-    let factor = objective.factor(uv)?;
+    let mut factor = objective.factor(uv)?;
+    let (mut since, mut short) = (0, 0);
     let mut past = Past::default();
     let mut energies = vec![energy];
     while energies.len() <= until.steps && energy > until.enough {
@@ -118,8 +124,14 @@ pub fn descend(
         (*uv, energy, gradient) = (next, reached, next_gradient);
         energies.push(energy);
         control.advance();
-        let before = energies.len().checked_sub(1 + JUDGED);
-        if before.is_some_and(|before| energies[before] - energy < until.gain * energy.abs()) {
+        short += usize::from(length < SHORT);
+        let is_little = |before: usize| energies[before] - energy < until.gain * energy.abs();
+        let ends = energies.len().checked_sub(1 + JUDGED).is_some_and(|before| before >= since && is_little(before));
+        if (short >= MOST_SHORT || ends && short > 0) && !is_little(since) {
+            factor = objective.factor(uv)?;
+            past.clear();
+            (since, short) = (energies.len() - 1, 0);
+        } else if ends {
             return Ok(Descended { energies, converged: true });
         }
     }

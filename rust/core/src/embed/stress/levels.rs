@@ -71,12 +71,14 @@ pub(super) const MOST_ROUNDS: usize = 10;
 const GAIN: f64 = 1e-4;
 const ROUND_GAIN: f64 = 2e-3;
 
+/// Triangles with less than this part of their area would hold descent back.
+const TINY: f64 = 0.1;
+
 /// The first descent: far distances as they are, from some of the landmarks, and triangles with a barrier.
 const FIRST: Dials = Dials {
     bands: Bands { weights: [1.0, 0.0, 0.0], outliers: [f64::INFINITY; 2] },
     shape: Shape { barrier: 1.0, area: 0.0, outlier: f64::INFINITY },
     stiffness: 0.1,
-    rough: false,
     patience: 1,
 };
 const FIRST_LANDMARKS: usize = 96;
@@ -86,7 +88,6 @@ pub(crate) const FINAL: Dials = Dials {
     bands: Bands { weights: [1.0, 4.0, 0.5], outliers: [1.0, 0.02] },
     shape: Shape { barrier: 0.02, area: 3.0, outlier: 0.2 },
     stiffness: 0.25,
-    rough: false,
     patience: 1,
 };
 
@@ -108,8 +109,6 @@ pub(crate) struct Dials {
     pub shape: Shape,
     /// β, the weight of the triangles beside the distances.
     pub stiffness: f64,
-    /// Springs are of a stiffness that is guessed: what the search for relaxation cuts was judged with.
-    pub rough: bool,
     /// How many times as many steps there may be, and how many times as little five of them may gain.
     pub patience: u32,
 }
@@ -389,10 +388,24 @@ impl Level {
         stage: &'static str,
         control: &Control,
     ) -> Result<Convergence> {
+        self.ease_tiny(uv, dials.shape, control)?;
         ease(&self.triangles, dials.shape, &self.inside(uv.len()), uv, control)?;
         let is_apart = self.outline.crossings(uv, control)? == 0;
         let apart = Some((&self.outline, APART)).filter(|_| is_apart);
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
+    }
+
+    /// Eases the triangles that have hardly any area left as if none were an outlier, which would be let lie. Vertices of the boundary
+    /// stay.
+    pub(super) fn ease_tiny(&self, uv: &mut [Vector2<f64>], shape: Shape, control: &Control) -> Result<()> {
+        let mut may_move = vec![false; uv.len()];
+        for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
+            if growth < TINY {
+                corners.iter().for_each(|&vertex| may_move[vertex as usize] = true);
+            }
+        }
+        self.outline.vertices().for_each(|vertex| may_move[vertex as usize] = false);
+        ease(&self.triangles, Shape { outlier: f64::INFINITY, ..shape }, &may_move, uv, control)
     }
 
     pub(super) fn energy<'a>(
@@ -402,8 +415,8 @@ impl Level {
         outline: Option<(&'a Outline, f64)>,
     ) -> MapEnergy<'a> {
         let Self { triangles, springs, .. } = self;
-        let Dials { bands, shape, stiffness, rough, .. } = dials;
-        MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline }
+        let Dials { bands, shape, stiffness, .. } = dials;
+        MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline }
     }
 
     /// Of each vertex, is it inside?
@@ -425,7 +438,7 @@ impl Level {
     ) -> Result<Convergence> {
         ease(&self.triangles, FIRST.shape, may_move, uv, control)?;
         let few = self.pairs.of_first(FIRST_LANDMARKS);
-        self.rounds(&few, uv, Dials { rough: dials.rough, ..FIRST }, FIRST_ROUNDS, outline, stage, control)?;
+        self.rounds(&few, uv, FIRST, FIRST_ROUNDS, outline, stage, control)?;
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, outline, stage, control)
     }
 

@@ -38,8 +38,6 @@ pub(crate) struct MapEnergy<'a> {
     pub stiffness: f64,
     /// Springs along the triangles' edges.
     pub springs: &'a Springs,
-    /// Their stiffness is a guess.
-    pub rough: bool,
     /// The boundary, where it is kept from running into itself, and what that counts.
     pub outline: Option<(&'a Outline, f64)>,
 }
@@ -57,16 +55,11 @@ impl Objective for MapEnergy<'_> {
 
     fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
         let mut ground = vec![0.0; uv.len()];
-        self.pairs.add_curvature(&self.bands, &mut ground);
+        self.pairs.add_curvature(uv, &self.bands, &mut ground);
         if let Some((outline, weight)) = self.outline {
             outline.add_curvature(uv, weight, &mut ground);
         }
-        let stiffness = if self.rough {
-            self.triangles.rough_stiffness(uv, self.stiffness)
-        } else {
-            self.triangles.stiffness(uv, self.shape, self.stiffness)
-        };
-        self.springs.factor(&stiffness, &ground)
+        self.springs.factor(&self.triangles.stiffness(uv, self.shape, self.stiffness), &ground)
     }
 
     fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {

@@ -20,7 +20,7 @@ use crate::surface::Surface;
 
 /// The gap as a part of the least height of a triangle at the boundary: a map that keeps shapes has no vertex so near to an
 /// edge of its own triangles.
-const GAP: f64 = 0.25;
+const GAP: f64 = 0.5;
 
 /// A vertex that comes so near to an edge's line beyond its end, as a part of the edge, counts as meeting it.
 const BESIDE: f64 = 1e-6;

@@ -28,6 +28,10 @@ const NEAREST_PART: f32 = 1e-5;
 /// What keeps flat distances from 0, as a part of the nearest that has a say.
 const APART: f32 = 1e-6;
 
+/// The part of what pairs bend upwards, along and across together, that holds a vertex where it is. The other vertex of a pair may come
+/// along, and in the motions that are left to the end most do (docs/decisions/0013).
+const HELD: f64 = 1.0 / 16.0;
+
 /// How far the bands reach, mm.
 pub const BANDS: [f32; 3] = [f32::INFINITY, 30.0, 10.0];
 
@@ -170,17 +174,40 @@ impl Pairs {
         Ok(energy)
     }
 
-    /// The curvature of the stress by each vertex' own place, as if every pair pulled in all directions; added to `diagonal`.
-    pub fn add_curvature(&self, bands: &Bands, diagonal: &mut [f64]) {
+    /// How firmly springs hold each vertex where it is, for what the stress around a map bends upwards by its own place; added to
+    /// `diagonal`. A pair bends ρ''/δ² along, and ρ'/(δ d) across.
+    pub fn add_curvature(&self, uv: &[Vector2<f64>], bands: &Bands, diagonal: &mut [f64]) {
         let steps = self.steps(bands);
-        for (&vertex, row) in self.vertices.iter().zip(self.table.chunks(self.width.max(1))) {
-            for (&landmark, &distance) in self.landmarks.iter().zip(row) {
-                if distance > self.nearest {
-                    let pull = 2.0 * f64::from(weight(steps, distance) / (distance * distance));
-                    diagonal[vertex as usize] += pull;
-                    diagonal[landmark as usize] += pull;
+        let places: Vec<Vector2<f32>> = self.landmarks.iter().map(|&landmark| uv[landmark as usize].cast()).collect();
+        let sharp = bands.outliers.map(|outlier| outlier.recip() as f32);
+        let bend = |place: Vector2<f32>, other: Vector2<f32>, distance: f32| {
+            let flat = (place - other).norm().max(APART * self.nearest);
+            let error = flat / distance - 1.0;
+            let root = (1.0 + (error * if distance > BANDS[1] { sharp[0] } else { sharp[1] }).powi(2)).sqrt();
+            let (along, across) = ((root * root * root).recip(), (error / root * distance / flat).max(0.0));
+            2.0 * weight(steps, distance) * (along + across) / (distance * distance)
+        };
+        let of_batch = |(vertices, table): (&[u32], &[f32])| {
+            let (mut of_vertices, mut of_landmarks) = (Vec::with_capacity(vertices.len()), vec![0.0; places.len()]);
+            for (&vertex, row) in vertices.iter().zip(table.chunks_exact(self.width.max(1))) {
+                let place = uv[vertex as usize].cast();
+                let mut sum = 0.0;
+                for ((of_landmark, &other), &distance) in of_landmarks.iter_mut().zip(&places).zip(row) {
+                    if distance > self.nearest {
+                        let bend = HELD * f64::from(bend(place, other, distance));
+                        *of_landmark += bend;
+                        sum += bend;
+                    }
                 }
+                of_vertices.push(sum);
             }
+            (of_vertices, of_landmarks)
+        };
+        let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
+        let parts: Vec<(Vec<f64>, Vec<f64>)> = batches.map(of_batch).collect();
+        for ((of_vertices, of_landmarks), vertices) in parts.iter().zip(self.vertices.chunks(BATCH)) {
+            vertices.iter().zip(of_vertices).for_each(|(&vertex, bend)| diagonal[vertex as usize] += bend);
+            self.landmarks.iter().zip(of_landmarks).for_each(|(&vertex, bend)| diagonal[vertex as usize] += bend);
         }
     }
 }

@@ -4,7 +4,6 @@ use nalgebra::Vector2;
 
 use super::descent::Objective;
 use super::levels::{APART, Convergence, Dials, Level, Levels, MOST_ROUNDS, stage, weighted};
-use super::local::ease;
 use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::Pairs;
@@ -12,9 +11,6 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
-
-/// Triangles of a start with less than this part of their area are eased before descent, which they would hold back.
-const TINY: f64 = 0.02;
 
 /// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
 /// without area hold descent back, and there it ends.
@@ -142,15 +138,7 @@ impl Level {
     ) -> Result<Convergence> {
         let apart = Some((&self.outline, APART));
         self.scale(uv, dials, apart, control)?;
-        let mut is_held = vec![true; uv.len()];
-        for (corners, growth) in self.triangles.corners().zip(self.triangles.growths(uv)) {
-            if growth < TINY {
-                corners.iter().for_each(|&vertex| is_held[vertex as usize] = false);
-            }
-        }
-        let inside = self.inside(uv.len());
-        let may_move: Vec<bool> = is_held.iter().zip(inside).map(|(held, inside)| !held && inside).collect();
-        ease(&self.triangles, dials.shape, &may_move, uv, control)?;
+        self.ease_tiny(uv, dials.shape, control)?;
         self.rounds(&self.pairs, uv, dials, MOST_ROUNDS, apart, stage, control)
     }
 

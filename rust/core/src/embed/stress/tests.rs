@@ -43,7 +43,6 @@ fn with_energy(check: impl Fn(&mut MapEnergy, &Surface)) {
             shape,
             stiffness: 0.2,
             springs: &springs,
-            rough: false,
             outline: None,
         },
         &surface,
@@ -398,4 +397,102 @@ fn a_start_that_is_none_is_refused() {
     assert_eq!(from(&line), Some(Error::StartStuck));
     places[5][1] = f64::INFINITY;
     assert_eq!(from(&places), Some(Error::StartNotFinite { vertex: 5 }));
+}
+
+#[test]
+fn vertices_are_held_as_their_pairs_bend_upwards() {
+    let surface = shapes::surface(shapes::sheet(45, 9)); // with all three bands
+    let (source, others) = (7, surface.len());
+    let data: Vec<f32> =
+        (0..others).map(|v| (surface.points()[source] - surface.points()[v]).norm() as f32 * 1.1).collect();
+    let rows = DistanceRows::new(vec![source as u32], others, data);
+    let all: Vec<u32> = (0..others as u32).collect();
+    let pairs = Pairs::new(&rows, &all, &Control::default()).unwrap();
+    let bands = Bands { weights: [1.0, 4.0, 0.5], outliers: [0.3, 0.05] };
+    let uv = shaken(&surface, 0.3);
+    let mut held = vec![0.0; others];
+    pairs.add_curvature(&uv, &bands, &mut held);
+    let mut sum = 0.0;
+    for vertex in (0..others).filter(|&vertex| vertex != source) {
+        // of one source, a vertex is in one pair, whose bend along and across are the eigenvalues of the Hessian
+        let stress = |by: Vector2<f64>| {
+            let mut moved = uv.clone();
+            moved[vertex] += by;
+            plain_stress(&rows, &bands, &moved)
+        };
+        let step = 1e-4;
+        let along = (uv[vertex] - uv[source]).normalize() * step;
+        let across = Vector2::new(-along.y, along.x);
+        let bend = |by: Vector2<f64>| (stress(by) - 2.0 * stress(Vector2::zeros()) + stress(-by)) / (step * step);
+        let expected = (bend(along).max(0.0) + bend(across).max(0.0)) / 16.0;
+        assert!((held[vertex] - expected).abs() < 1e-3 * expected + 1e-7, "{vertex}: {} {expected}", held[vertex]);
+        sum += held[vertex];
+    }
+    assert!((held[source] - sum).abs() < 1e-9 * sum);
+}
+
+/// A valley, narrow one way, along which no step is long by springs that were made far from where they are.
+struct Narrow<'a> {
+    springs: &'a Springs,
+    /// From how far on springs do not fit any more.
+    fit: f64,
+    made: std::sync::Mutex<Vec<Vector2<f64>>>,
+}
+
+impl Objective for Narrow<'_> {
+    fn evaluate(&self, uv: &[Vector2<f64>], _: &Control) -> Result<(f64, Vec<Vector2<f64>>)> {
+        Ok((1.0 + 0.5 * uv.iter().map(|place| place.norm_squared()).sum::<f64>(), uv.to_vec()))
+    }
+
+    fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor> {
+        self.made.lock().unwrap().push(uv[0]);
+        self.springs.factor(&[[-1e-9; 3]], &[1.0; 3])
+    }
+
+    fn farthest_step(&self, uv: &[Vector2<f64>], _: &[Vector2<f64>]) -> f64 {
+        let made = self.made.lock().unwrap();
+        if (uv[0] - made[made.len() - 1]).norm() > self.fit { 1e-6 } else { 0.5 }
+    }
+}
+
+#[test]
+fn where_steps_get_short_springs_are_made_anew_and_descent_goes_on() {
+    let springs = Springs::new(vec![[0, 1, 2]], 3, &Control::default()).unwrap();
+    let valley = Narrow { springs: &springs, fit: 3.0, made: Default::default() };
+    let mut uv = vec![Vector2::new(20.0, 0.0); 3];
+    let until = descent::Until { steps: 200, gain: 1e-4, enough: f64::NEG_INFINITY };
+    let run = descent::descend(&valley, &mut uv, until, &Control::default()).unwrap();
+    assert!(run.converged && uv[0].norm() < 0.1, "{uv:?} {:?}", run.energies);
+    let made = valley.made.into_inner().unwrap();
+    assert!((2..20).contains(&made.len()), "{made:?}");
+}
+
+#[test]
+fn where_new_springs_help_no_more_descent_ends() {
+    let springs = Springs::new(vec![[0, 1, 2]], 3, &Control::default()).unwrap();
+    let valley = Narrow { springs: &springs, fit: -1.0, made: Default::default() };
+    let mut uv = vec![Vector2::new(20.0, 0.0); 3];
+    let until = descent::Until { steps: 200, gain: 1e-4, enough: f64::NEG_INFINITY };
+    let run = descent::descend(&valley, &mut uv, until, &Control::default()).unwrap();
+    assert!(run.converged && run.energies.len() < 10, "{:?}", run.energies);
+    assert_eq!(valley.made.into_inner().unwrap().len(), 1);
+}
+
+#[test]
+fn triangles_with_hardly_any_area_left_are_eased_though_they_are_outliers() {
+    let (surface, rows) = sheet();
+    let control = Control::default();
+    let levels = Levels::new(&surface, rows.sources(), &control).unwrap();
+    let pairs = Pairs::new(&rows, levels.judged(), &control).unwrap();
+    let level = levels.prepare(0, &pairs, &control).unwrap();
+    let shape = levels::FINAL.shape;
+    let vertex = (0..surface.len()).find(|&v| surface.points()[v].xy() == Vector2::new(10.0, 7.0)).unwrap();
+    let mut uv = plan(&surface);
+    uv[vertex].x += 0.9999; // next to the neighbour, across which two triangles lie
+    let least = |uv: &[Vector2<f64>]| level.triangles.growths(uv).into_iter().fold(f64::INFINITY, f64::min);
+    assert!(least(&uv) > 0.0 && least(&uv) < 1e-3);
+    level.ease_tiny(&mut uv, shape, &control).unwrap();
+    assert!(least(&uv) > 0.5, "{}", least(&uv));
+    let moved = uv.iter().zip(plan(&surface)).filter(|(one, other)| *one != other).count();
+    assert!(moved < 12, "{moved}"); // its neighbours alone
 }

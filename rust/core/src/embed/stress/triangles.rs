@@ -297,28 +297,12 @@ impl TriangleEnergy {
     /// energy around a map: for corners 01, 02, 12. A triangle that has hardly any area left is as stiff as it is: were it softer,
     /// the first step would turn it over, and all others would have to wait for it.
     pub fn stiffness(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64) -> Vec<[f64; 3]> {
-        self.springs(uv, weight, |rest, jacobian| {
-            let price = self.price(rest, jacobian, shape);
-            let upward: f64 = price.curvatures(jacobian).iter().map(|bend| bend.max(0.0)).sum();
-            (upward / MODES).clamp(SOFTEST, STIFFEST)
-        })
-    }
-
-    /// The same by a guess of the stiffness within narrow limits, whatever the shape's dials.
-    pub fn rough_stiffness(&self, uv: &[Vector2<f64>], weight: f64) -> Vec<[f64; 3]> {
-        self.springs(uv, weight, |_, jacobian| {
-            let (stretch, inverse) = (jacobian.norm_squared(), jacobian.determinant().powi(2).recip());
-            (1.0 + inverse * (1.0 + stretch * inverse).min(8.0)).clamp(1.0, 20.0)
-        })
-    }
-
-    fn springs(
-        &self,
-        uv: &[Vector2<f64>],
-        weight: f64,
-        stiff: impl Fn(&Rest, &Matrix2<f64>) -> f64 + Sync,
-    ) -> Vec<[f64; 3]> {
-        let of_triangle = |rest: &Rest| rest.springs(weight / self.area * rest.area * stiff(rest, &rest.jacobian(uv)));
+        let of_triangle = |rest: &Rest| {
+            let jacobian = rest.jacobian(uv);
+            let price = self.price(rest, &jacobian, shape);
+            let upward: f64 = price.curvatures(&jacobian).iter().map(|bend| bend.max(0.0)).sum();
+            rest.springs(weight / self.area * rest.area * (upward / MODES).clamp(SOFTEST, STIFFEST))
+        };
         self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect()
     }
 

@@ -29,7 +29,6 @@ const WORTH: Dials = Dials {
     bands: Bands { outliers: [0.3, 0.05], ..FINAL.bands },
     shape: Shape { barrier: 0.05, area: 1.0, outlier: f64::INFINITY },
     stiffness: 0.08,
-    rough: true,
     patience: 1,
 };
 
@@ -114,8 +113,8 @@ impl Sketch {
         let triangles = TriangleEnergy::new(&self.surface);
         let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
         let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
-        let Dials { bands, shape, stiffness, rough, .. } = WORTH;
-        let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, rough, outline };
+        let Dials { bands, shape, stiffness, .. } = WORTH;
+        let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
         let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
         self.energy = energies[energies.len() - 1];
         Ok(())
