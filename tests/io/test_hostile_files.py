@@ -356,6 +356,13 @@ def test_an_atlas_whose_pieces_have_no_area(tmp_path, atlas, area):
     refuses(tmp_path / "atlas.npz", r"its pieces have the areas .* mm²", voxflat.load_atlas)
 
 
+def test_areas_of_an_atlas_in_numbers_that_hold_no_limit_of_ours(tmp_path, atlas):
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", "measured", lambda measured: measured.astype(np.float16))
+    with warnings.catch_warnings(action="error"):
+        voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
 def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
     atlas.save(tmp_path / "atlas.npz")
     changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))
