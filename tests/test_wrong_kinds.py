@@ -22,6 +22,7 @@ FACES = np.concatenate(
 
 VALUES = np.arange(36.0)
 ARRAY = np.zeros(3)
+SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
 @pytest.mark.parametrize("path", [None, 3, 1j, b"x", [], {1}, "", "a\0b", "\ud800\udfff", np.zeros(2)])
@@ -153,6 +154,7 @@ CALLS = {
         r"shape \(3,\) and type float64; give \(H",
     ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
     "number of a cut": (lambda s: voxflat.cut(s, relax=False).title(0), "the number of a cut is 0; there are 0"),
     "numbers of a cut": (
@@ -171,6 +173,14 @@ ON_MAPS = {
     "average": (lambda m, a: m.images(VALUES, average=ARRAY), "average is array.*; give True or False"),
     "layering": (lambda m, a: m.image(VALUES, layering=ARRAY), "layering is array.*; give 'equivolume' or"),
     "depth": (lambda m, a: m.image(VALUES, depth=[0.0, [1.0]]), r"the depth is \[1.0\]; give a number"),
+    "depth of no length": (
+        lambda m, a: m.image(VALUES, depth=np.array(1.0)),
+        r"the depth is array\(1\.\); give a",
+    ),
+    "depths of no length": (
+        lambda m, a: m.regions({"a": SQUARE}).volume(io.Volume(VOLUME, np.eye(4)), depth=np.array(3.0)),
+        r"depth is array\(3\.\); give two numbers",
+    ),
     "no depth": (lambda m, a: m.image(VALUES, depth=[0.0, None]), "the depth is None; give a number"),
     "interpolation": (lambda m, a: m.image(VALUES, interpolation=ARRAY), "interpolation is array"),
     "phases": (lambda m, a: m.image(VALUES, interpolation=ARRAY, period=3), "interpolation is array"),
@@ -194,6 +204,13 @@ ON_MAPS = {
     ),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
+    "number of places": (
+        lambda m, a: voxflat.worst_places(m, np.ones((9, 9))),
+        "count is array.*; give how many",
+    ),
+    "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None; give a factor greater than 1"),
+    "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
+    "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),
     "polygon": (lambda m, a: m.regions({"a": m.uv[:3] + 0j}), "a polygon has"),
     "zero": (lambda m, a: figures.flat_map(m, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
     "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),
