@@ -116,6 +116,7 @@ MESHES = {
     "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), ENDED),
     "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "has no faces"),
     "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), ENDED),
+    "tags.vtp": (VTP + "<Piece NumberOfPoints\n" * 100_000, ENDED),
     "axes.surf.gii": (GIFTI.replace('ity="2"', 'ity="2000000000"'), "has 2000000000 dimensions"),
     "nested.surf.gii": (GIFTI.replace("<Data>", "<Data>" * 9).replace("</Data>", "</Data>" * 9), "within its data"),
     "lines.stl": ("solid x\n" + "\n" * 200_000 + "endsolid", "no points|in 0 facets"),
