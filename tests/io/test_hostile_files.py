@@ -21,6 +21,7 @@ from voxflat.io.files import nibabel_image, one_line
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
 from voxflat.io.overlays import holds_volume, read_overlay, read_region
+from voxflat.io.patches import read_patch
 from voxflat.io.volumes import read_volume
 from voxflat.maps.colours import all_whole
 from voxflat.maps.parcels import parcels_of
@@ -534,6 +535,16 @@ def test_values_that_are_no_whole_numbers_or_signal_print_no_warning(sheet):
         labels[:] = 1e30
         with pytest.raises(voxflat.InputError, match="labels"):
             sheet.regions(labels, pixel_size=1.0)
+
+
+def test_numbers_of_patches_and_labels_that_are_none_are_refused_without_a_warning(tmp_path):
+    (tmp_path / "lh.patch").write_bytes(struct.pack(">3i3I", -1, 1, 1, *[0x7FA00000] * 3))
+    brain = nib.cifti2.BrainModelAxis.from_mask(np.ones(64, bool), "CortexLeft")
+    names = nib.cifti2.LabelAxis(["a"], [{0: ("x", (0, 0, 0, 0))}])
+    nib.save(nib.Cifti2Image(np.full((1, 64), np.inf, np.float32), (names, brain)), tmp_path / "v.dlabel.nii")
+    with warnings.catch_warnings(action="error"):
+        refuses(tmp_path / "lh.patch", r"entry 0 of the patch lies at \[nan, nan, nan\]", read_patch)
+        refuses(tmp_path / "v.dlabel.nii", "has the label inf", read_overlay, 64)
 
 
 def test_pictures_of_half_precision_are_looked_up_as_others():
