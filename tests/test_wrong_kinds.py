@@ -196,6 +196,7 @@ ON_MAPS = {
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
     "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "the background is 1j; give a number"),
+    "None as background": (lambda m, a: m.paint(VALUES, background=None), "the background is None; give a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
     "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
     "background of many digits": (

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import array_of, checked_number, checked_path, checked_switch, log, shown
+from voxflat.arguments import array_of, checked_path, checked_switch, is_number, log, shown
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
@@ -250,7 +250,8 @@ class FlatMap(Planar):
             If there is not one value a point, or the type of the values cannot hold the background.
         """
         values = array_of(values, "values")
-        checked_number(background, "background")
+        if not is_number(background):
+            raise InputError(f"the background is {shown(background)}; give a number")
         if not _holds(values.dtype, background):
             raise InputError(f"the background is {shown(background)}, which is no {values.dtype}; convert the values")
         if values.ndim not in (1, 2) or len(values) != len(self):
