@@ -1,13 +1,15 @@
 """Whatever is handed over, an error is one line that names the argument and the value; arguments.py says so for all."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import voxflat
 from voxflat import figures, io
-from voxflat.arguments import checked_kind, checked_limit, checked_path, numbers_of, shown
+from voxflat.arguments import checked_kind, checked_limit, checked_number, checked_path, numbers_of, shown
 
 VOLUME = np.zeros((8, 8, 5), np.uint8)
 VOLUME[:, :, 2] = 1
@@ -20,6 +22,7 @@ FACES = np.concatenate(
 
 VALUES = np.arange(36.0)
 ARRAY = np.zeros(3)
+SQUARE = [[1.0, 1], [1, 20], [20, 20], [20, 1]]
 
 
 @pytest.mark.parametrize("path", [None, 3, 1j, b"x", [], {1}, "", "a\0b", "\ud800\udfff", np.zeros(2)])
@@ -47,6 +50,12 @@ def test_numbers_stay():
     assert numbers_of(np.float32(3), "places") == 3
 
 
+def test_whole_numbers_that_no_float_holds_are_infinite():
+    assert checked_number(10**400, "depth") == np.inf
+    assert checked_number(-(10**400), "depth") == -np.inf
+    assert checked_number(2**62, "depth") == 2.0**62
+
+
 def test_a_limit_is_finite():
     for limit in (float("nan"), float("inf"), "x", np.ones((9, 9))):
         with pytest.raises(voxflat.InputError, match=r"^the memory limit is [^\n]*; give a number of bytes$"):
@@ -55,7 +64,8 @@ def test_a_limit_is_finite():
 
 def test_values_are_shown_on_one_short_line():
     assert "\n" not in shown(np.ones((99, 99)))
-    assert len(shown("x" * 999)) <= 80
+    assert shown("x" * 999) == "'" + 75 * "x" + " ..."
+    assert shown(10**9999) == "a number of the type int"
     checked_kind([], "list", "append", "a list")
     with pytest.raises(voxflat.InputError, match=r"^the list is 3; give a list$"):
         checked_kind(3, "list", "append", "a list")
@@ -144,6 +154,7 @@ CALLS = {
         r"shape \(3,\) and type float64; give \(H",
     ),
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
+    "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
     "number of a cut": (lambda s: voxflat.cut(s, relax=False).title(0), "the number of a cut is 0; there are 0"),
     "numbers of a cut": (
@@ -162,6 +173,14 @@ ON_MAPS = {
     "average": (lambda m, a: m.images(VALUES, average=ARRAY), "average is array.*; give True or False"),
     "layering": (lambda m, a: m.image(VALUES, layering=ARRAY), "layering is array.*; give 'equivolume' or"),
     "depth": (lambda m, a: m.image(VALUES, depth=[0.0, [1.0]]), r"the depth is \[1.0\]; give a number"),
+    "depth of no length": (
+        lambda m, a: m.image(VALUES, depth=np.array(1.0)),
+        r"the depth is array\(1\.\); give a",
+    ),
+    "depths of no length": (
+        lambda m, a: m.regions({"a": SQUARE}).volume(io.Volume(VOLUME, np.eye(4)), depth=np.array(3.0)),
+        r"depth is array\(3\.\); give two numbers",
+    ),
     "no depth": (lambda m, a: m.image(VALUES, depth=[0.0, None]), "the depth is None; give a number"),
     "interpolation": (lambda m, a: m.image(VALUES, interpolation=ARRAY), "interpolation is array"),
     "phases": (lambda m, a: m.image(VALUES, interpolation=ARRAY, period=3), "interpolation is array"),
@@ -177,10 +196,22 @@ ON_MAPS = {
     "sidecar": (lambda m, a: m.save("x.npz", sidecar=ARRAY), "sidecar is array.*; give True or False"),
     "paint": (lambda m, a: m.paint([1, [2, 3]]), r"the values are \[1, \[2, 3\]\]; give rows of one length"),
     "background": (lambda m, a: m.paint(VALUES, background=1j), "the background is 1j; give a number"),
+    "None as background": (lambda m, a: m.paint(VALUES, background=None), "the background is None; give a number"),
     "large background": (lambda m, a: m.paint(VALUES.astype(int), background=2**64), "is 18446744073709551616, which"),
     "half a background": (lambda m, a: m.paint(VALUES > 3, background=0.5), "background is 0.5, which is no bool"),
+    "background of many digits": (
+        lambda m, a: m.paint(VALUES, background=10**400),
+        r"is 10+ \.\.\., which is no float64",
+    ),
     "infinite background": (lambda m, a: m.paint(VALUES.astype("f4"), background=1e39), "which is no float32"),
     "no background": (lambda m, a: m.paint(VALUES.astype("u1"), background=np.nan), "is nan, which is no uint8"),
+    "number of places": (
+        lambda m, a: voxflat.worst_places(m, np.ones((9, 9))),
+        "count is array.*; give how many",
+    ),
+    "no factor": (lambda m, a: voxflat.worst_places(m, beyond=None), "beyond is None; give a factor greater than 1"),
+    "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
+    "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),
     "polygon": (lambda m, a: m.regions({"a": m.uv[:3] + 0j}), "a polygon has"),
     "zero": (lambda m, a: figures.flat_map(m, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
     "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),
@@ -216,6 +247,16 @@ def test_functions_say_it_so(name, of_mesh):
 @pytest.fixture(scope="module")
 def on_mesh(of_mesh):
     return voxflat.flatten(of_mesh, sources=9), voxflat.patches(of_mesh, bound=1.2)
+
+
+def test_backgrounds_that_the_type_of_the_values_holds():
+    """In numbers of any kind, without a warning."""
+    flat_map = voxflat.flatten(VOLUME, sources=9)
+    values = np.ones(len(flat_map))
+    for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
+        with warnings.catch_warnings(action="error"):
+            painted = flat_map.paint(values, background)
+        assert_array_equal(painted[VOLUME == 0], np.float64(background))
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """What it costs that ITK and VTK read in a process of their own: files of 100 MB, there and in this process.
 
     python docs/benchmarks/reading.py
+    python docs/benchmarks/reading.py .vtp .vtk     # only these
 
 Medians of 5 rounds in turn, seconds by the clock: in the other process, and with the same function called here.
 """
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -67,9 +69,14 @@ def here(function: Callable[..., Any], _: str, path: Path, *arguments: Any, **_o
 
 def main() -> None:
     """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("endings", nargs="*", default=[""], help="of the names of files that are read; by default all")
+    endings = tuple(parser.parse_args().endings)
     print("| file | MB | apart, s | here, s | ratio |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for path, read in files(Path(folder)).items():
+            if not path.name.endswith(endings):
+                continue
             seconds: dict[str, list[float]] = {"apart": [], "here": []}
             for _ in range(ROUNDS + 1):
                 for where, found in seconds.items():

@@ -10,9 +10,11 @@ whatever tool, and `compare` several of them; `worst_places` says where a map ch
 ``voxflat.vtk`` has filters of VTK; it is imported when it is first asked for.
 """
 
+from voxflat import _interrupt  # noqa: F401  (first: Ctrl-C while the program starts)
+
+# isort: split
 from typing import TYPE_CHECKING
 
-from voxflat import _interrupt  # noqa: F401  (first: Ctrl-C while the program starts)
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import Certificate, FlatAtlas, FlatPatch, Plane, load_atlas

@@ -7,7 +7,6 @@ import logging
 import math
 import os
 import platform
-import textwrap
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from numbers import Integral, Real
@@ -25,6 +24,7 @@ Progress = Callable[[str, int, int], bool | None]
 
 _PIXELS = (16, 16384)  # of a side of a picture; graphics cards draw no more
 _MOST_THREADS = 256  # far more than cores only take turns, and starting them takes minutes
+_LINE = 80  # characters of a value in a message
 
 log = logging.getLogger("voxflat")
 """Says what memory is needed, and warns of what the user should know of a map."""
@@ -35,7 +35,11 @@ log = logging.getLogger("voxflat")
 
 def shown(value: object) -> str:
     """Return what was handed over as one short line."""
-    return textwrap.shorten(repr(value), 80, placeholder=" ...")
+    try:
+        line = " ".join(repr(value).split())
+    except ValueError:  # whole numbers of too many digits
+        line = f"a number of the type {type(value).__name__}"
+    return line if len(line) <= _LINE else line[: _LINE - 4] + " ..."
 
 
 def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
@@ -129,7 +133,15 @@ def checked_number(value: float | None, name: str) -> float | None:
     """Return a number, or None where there is none."""
     if value is not None and not is_number(value):
         raise InputError(f"the {name} is {shown(value)}; give a number")
-    return None if value is None else float(value)
+    return None if value is None else as_float(value)
+
+
+def as_float(value: float) -> float:
+    """Return a number as a float; infinity for a whole one that none holds."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def array_of(values: object, name: str) -> NDArray[Any]:

@@ -21,8 +21,11 @@ from voxflat.io.files import nibabel_image, one_line
 from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
 from voxflat.io.overlays import holds_volume, read_overlay, read_region
+from voxflat.io.patches import read_patch
 from voxflat.io.volumes import read_volume
-from voxflat.maps.pictures import as_picture
+from voxflat.maps.colours import all_whole
+from voxflat.maps.parcels import parcels_of
+from voxflat.maps.pictures import as_picture, values_at
 
 META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"
@@ -114,6 +117,7 @@ MESHES = {
     "quotes.vtp": (VTP.replace('NumberOfPoints="3"', "NumberOfPoints='-3'"), ENDED),
     "blanks.vtp": (VTP.replace('NumberOfPolys="1"', 'NumberOfPolys = "-1"'), "has no faces"),
     "components.vtp": (VTP.replace('Components="3"', "Components = '-3'"), ENDED),
+    "tags.vtp": (VTP + "<Piece NumberOfPoints\n" * 100_000, ENDED),
     "axes.surf.gii": (GIFTI.replace('ity="2"', 'ity="2000000000"'), "has 2000000000 dimensions"),
     "nested.surf.gii": (GIFTI.replace("<Data>", "<Data>" * 9).replace("</Data>", "</Data>" * 9), "within its data"),
     "lines.stl": ("solid x\n" + "\n" * 200_000 + "endsolid", "no points|in 0 facets"),
@@ -356,6 +360,13 @@ def test_an_atlas_whose_pieces_have_no_area(tmp_path, atlas, area):
     refuses(tmp_path / "atlas.npz", r"its pieces have the areas .* mm²", voxflat.load_atlas)
 
 
+def test_areas_of_an_atlas_in_numbers_that_hold_no_limit_of_ours(tmp_path, atlas):
+    atlas.save(tmp_path / "atlas.npz")
+    changed(tmp_path / "atlas.npz", "measured", lambda measured: measured.astype(np.float16))
+    with warnings.catch_warnings(action="error"):
+        voxflat.load_atlas(tmp_path / "atlas.npz")
+
+
 def test_unsigned_numbers_of_an_atlas(tmp_path, atlas):
     atlas.save(tmp_path / "atlas.npz")
     changed(tmp_path / "atlas.npz", "starts", lambda starts: starts.astype(np.uint64))
@@ -470,15 +481,74 @@ def test_what_nibabel_warns_of_is_logged_with_the_file(tmp_path, caplog):
     assert f"{path}: Extension size is not a multiple of 16 bytes" in caplog.text
 
 
-def test_tags_of_a_picture_that_are_damaged_are_not_told(tmp_path):
+@pytest.fixture(scope="module")
+def sheet():
+    """The map of a mesh of 36 points."""
     i, j = np.indices((6, 6)).reshape(2, -1)
     corner = np.arange(36).reshape(6, 6)[:-1, :-1].ravel()
     faces = np.concatenate([corner[:, None] + [0, 6, 1], corner[:, None] + [1, 6, 7]])
-    flat_map = voxflat.flatten((np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), sources=9)
-    path = tmp_path / "rois.tif"
-    Image.fromarray(np.ones((4, 4), np.uint8)).save(path, tiffinfo={270: "Pixel size: 1 mm"})
+    return voxflat.flatten((np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), sources=9)
+
+
+def damaged_tag(path, shape, tag, kind, change):
+    """Write a small TIFF of which one entry of the directory, 12 bytes, is changed."""
+    Image.fromarray(np.ones(shape, np.uint8)).save(path, tiffinfo={270: "Pixel size: 1 mm"})
     data = path.read_bytes()
-    at = data.index(struct.pack("<HH", 270, 2))
-    path.write_bytes(data[: at + 4] + struct.pack("<L", 10**8) + data[at + 8 :])
-    with warnings.catch_warnings(action="error"), pytest.raises(voxflat.InputError, match=r"rois\.tif"):
-        flat_map.regions(path)
+    at = data.index(struct.pack("<HH", tag, kind))
+    path.write_bytes(data[:at] + change(data[at : at + 12]) + data[at + 12 :])
+
+
+def test_tags_of_a_picture_that_are_damaged_are_not_told(tmp_path, sheet):
+    path = tmp_path / "rois.tif"
+    damaged_tag(path, (4, 4), 270, 2, lambda entry: entry[:4] + struct.pack("<L", 10**8) + entry[8:])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        with pytest.raises(voxflat.InputError, match=r"rois\.tif: the label image has 4 x 4 pixels"):
+            sheet.regions(path)
+        assert (as_picture(path)[0] == 1).all()
+    assert not told
+
+
+@pytest.mark.parametrize("read", [as_picture, "regions"])
+def test_what_pillow_logs_of_a_picture_is_told_by_us_with_the_file(tmp_path, sheet, caplog, read):
+    """More channels than it reads."""
+    path = tmp_path / "rois.tif"
+    damaged_tag(path, (4, 4, 3), 277, 3, lambda entry: entry[:8] + struct.pack("<L", 99))
+    with pytest.raises(voxflat.InputError, match=r"rois\.tif"):
+        (sheet.regions if read == "regions" else read)(path)
+    assert [record.name for record in caplog.records] == ["voxflat"]
+    assert f"{path}: More samples per pixel than can be decoded: 99" in caplog.text
+
+
+def signalling(shape):
+    return np.full(shape, 0x7FA00000, np.uint32).view(np.float32)
+
+
+def test_values_that_are_no_whole_numbers_or_signal_print_no_warning(sheet):
+    """NaN that signals is NaN, and what 64 bits do not hold no label."""
+    values = np.ones(36, np.float32)
+    labels = np.ones(sheet.raster(1.0).shape, np.float32)
+    with warnings.catch_warnings(action="error"):
+        assert all_whole(signalling(3))
+        values[:6] = 1e30
+        assert (parcels_of(sheet, values).labels != 1).sum() == 6
+        labels[:] = 1e30
+        with pytest.raises(voxflat.InputError, match="labels"):
+            sheet.regions(labels, pixel_size=1.0)
+
+
+def test_numbers_of_patches_and_labels_that_are_none_are_refused_without_a_warning(tmp_path):
+    (tmp_path / "lh.patch").write_bytes(struct.pack(">3i3I", -1, 1, 1, *[0x7FA00000] * 3))
+    brain = nib.cifti2.BrainModelAxis.from_mask(np.ones(64, bool), "CortexLeft")
+    names = nib.cifti2.LabelAxis(["a"], [{0: ("x", (0, 0, 0, 0))}])
+    nib.save(nib.Cifti2Image(np.full((1, 64), np.inf, np.float32), (names, brain)), tmp_path / "v.dlabel.nii")
+    with warnings.catch_warnings(action="error"):
+        refuses(tmp_path / "lh.patch", r"entry 0 of the patch lies at \[nan, nan, nan\]", read_patch)
+        refuses(tmp_path / "v.dlabel.nii", "has the label inf", read_overlay, 64)
+
+
+def test_pictures_of_half_precision_are_looked_up_as_others():
+    coordinates = np.random.default_rng(0).random((9, 2))
+    picture = np.arange(16.0).reshape(4, 4)
+    for kind in (np.float16, np.longdouble):
+        np.testing.assert_array_equal(values_at(picture.astype(kind), coordinates), values_at(picture, coordinates))

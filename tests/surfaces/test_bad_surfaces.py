@@ -1,5 +1,7 @@
 """What is wrong with a surface is said in one line that names the place and the remedy; nothing is written."""
 
+import warnings
+
 import numpy as np
 import pytest
 import shapes
@@ -213,6 +215,13 @@ def test_a_jump_beyond_what_computers_count_cuts_nowhere(jump):
     heights = np.array([[0.0, 100.0], [0.0, 100.0]])
     whole = voxflat.range_image(heights, 1.0, jump=np.inf)
     assert len(voxflat.range_image(heights, 1.0, jump=jump).faces) == len(whole.faces) == 2
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_a_jump_in_numbers_of_another_size_prints_nothing(kind):
+    heights = np.array([[0.0, 1.0, 9.0], [0.0, 1.0, 9.0]])
+    with warnings.catch_warnings(action="error"):
+        assert len(voxflat.range_image(heights, 1.0, jump=kind(2)).faces) == 2
 
 
 @pytest.mark.slow

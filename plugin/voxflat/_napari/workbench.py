@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from psygnal import Signal
 from qtpy.QtCore import QTimer
 
+from voxflat._napari.gl_context import keep_canvas_current
 from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.listed import ListedLayers
 from voxflat._napari.results.run import Run
@@ -88,6 +89,7 @@ class Workbench:
         if key not in cls._of:
             bench = cls._of[key] = cls(viewer)
             viewer.layers.events.inserted.connect(bench._adopt)
+            keep_canvas_current(viewer)
             weakref.finalize(viewer, cls._of.pop, key, None)
         return cls._of[key]
 

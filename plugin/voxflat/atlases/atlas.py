@@ -414,7 +414,7 @@ def _checked(arrays: dict[str, NDArray[Any]], metadata: dict[str, Any]) -> dict[
     check_range(arrays, {"patch_ids": len(arrays["faces"])})
     if arrays["measured"].shape[1] < 3:
         raise InputError(f"it measured too little: {AGAIN}")
-    areas = arrays["measured"][:, -3]
+    areas = arrays["measured"][:, -3].astype(np.float64)
     if not (areas >= 0).all() or not 0 < areas.max() <= FARTHEST**2:
         raise InputError(f"its pieces have the areas {shown(areas)} mm²: {AGAIN}")
     check_places({name: arrays[name] for name in ("uv", "points", "planes") if name in arrays})

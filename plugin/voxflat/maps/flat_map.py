@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import array_of, checked_number, checked_path, checked_switch, log
+from voxflat.arguments import array_of, checked_path, checked_switch, is_number, log, shown
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
@@ -249,9 +250,10 @@ class FlatMap(Planar):
             If there is not one value a point, or the type of the values cannot hold the background.
         """
         values = array_of(values, "values")
-        checked_number(background, "background")
+        if not is_number(background):
+            raise InputError(f"the background is {shown(background)}; give a number")
         if not _holds(values.dtype, background):
-            raise InputError(f"the background is {background}, which is no {values.dtype}; convert the values")
+            raise InputError(f"the background is {shown(background)}, which is no {values.dtype}; convert the values")
         if values.ndim not in (1, 2) or len(values) != len(self):
             raise InputError(f"values have shape {values.shape}; the map has {len(self)} points")
         self._triangles.on_surface.need_volume("has no voxels to paint")
@@ -467,12 +469,13 @@ def mesh_of_vertices(
 
 def _holds(dtype: np.dtype[Any], number: float) -> bool:
     """Say whether a number is one of a type, but for the digits that rounding takes."""
+    number = number.item() if isinstance(number, np.generic) else number  # or limits would be cast to its type
     if dtype.kind in "iu":
         bounds = np.iinfo(dtype)
         return bool(bounds.min <= number <= bounds.max) and int(number) == number
     if dtype.kind == "b":
         return number in (0, 1)
-    return dtype.kind != "f" or not np.isfinite(number) or abs(float(number)) <= float(np.finfo(dtype).max)
+    return dtype.kind != "f" or not abs(number) < math.inf or abs(number) <= float(np.finfo(dtype).max)
 
 
 def load(path: str | os.PathLike[str]) -> FlatMap:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from voxflat import _core
-from voxflat.arguments import array_of, is_number, shown
+from voxflat.arguments import array_of, as_float, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.provenance import telling
@@ -57,7 +56,7 @@ def range_image(
     limit = _JUMP * max(steps) if jump is None else jump
     if not is_number(limit) or not limit > 0:
         raise InputError(f"the jump is {shown(jump)} mm; give a positive difference of depth, or np.inf to cut nowhere")
-    limit = float(limit) if limit <= sys.float_info.max else np.inf
+    limit = as_float(limit)
     is_there = np.isfinite(heights)
     faces = _faces(heights)
     inside = is_there.ravel()[faces].all(axis=1)

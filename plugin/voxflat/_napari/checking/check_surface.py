@@ -13,6 +13,7 @@ from voxflat._napari.forms.layer_form import LayerForm
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import from_ras
+from voxflat._napari.workbench import Workbench
 from voxflat.arguments import Progress
 from voxflat.errors import VoxflatError
 from voxflat.surfaces.check import Check, check
@@ -82,6 +83,7 @@ class CheckSurface(Findings):
         super().__init__("Check", self.form)
         self.asked.connect(self.look)
         self._viewer = napari_viewer
+        Workbench.of(napari_viewer)  # for what it sees to while layers go
         self._origin: dict[str, str] = {}
 
     def look(self) -> None:
