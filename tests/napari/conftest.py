@@ -52,7 +52,7 @@ def flattened(open_widget, qtbot):
 
     def opened(*layers, **how):
         viewer, widget = open_widget(*layers, show=True, **how)
-        viewer.window._qt_window.resize(1300, 800)
+        viewer.window._qt_window.resize(1000, 700)
         if isinstance(widget.form.surface.layer, Labels):
             qtbot.waitUntil(lambda: widget.form.label.count() == 1 and "voxels" in widget.form.label.currentText())
         run(widget, qtbot)
