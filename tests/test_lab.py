@@ -13,7 +13,7 @@ import voxflat
 from voxflat import cli
 
 ROOT = Path(__file__).parents[1]
-FEW = 642  # vertices, where it is a matter of commands
+FEW = 162  # vertices, where it is a matter of commands
 AS_GOOD = 1.1  # times the error of the best map that any option gives
 
 
@@ -43,7 +43,7 @@ def subject(tmp_path_factory):
         for section in ("Flatten FreeSurfer and HCP surfaces", "Cut a hemisphere open", "Measure on a map"):
             for command in commands("docs/how-to.md", section):
                 if "..." not in command:
-                    said[command] = run(command.replace("1204 8811 9032", "204 611 532"))
+                    said[command] = run(command.replace("1204 8811 9032", "104 61 132"))
         unwrap(voxflat.load("map.npz"), folder / "unwrapped.obj")
         for command in commands("docs/how-to.md", "Judge a map"):
             said[command] = run(f"{command} --sources 20")
@@ -72,7 +72,7 @@ def test_the_commands_run_and_readmes_are_among_them(subject):
     places, faces = flat.agg_data()
     assert len(places) == FEW
     assert not places[:, 2].any()
-    assert len(faces) > 1000
+    assert len(faces) > 200
 
 
 @pytest.mark.slow

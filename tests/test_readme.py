@@ -18,7 +18,7 @@ def volumes(tmp_path_factory):
     """The files that README speaks of: white matter only around its seed point, and nothing far beyond it."""
     folder = tmp_path_factory.mktemp("volumes")
     white_matter, t1, _ = demo.demo_cortex()
-    near = tuple(slice(at - 14, at + 15) for at in demo.SEED_POINT)
+    near = tuple(slice(at - 6, at + 7) for at in demo.SEED_POINT)
     ends = tuple(slice(at + 19) for at in demo.SEED_POINT)
     part = np.zeros_like(white_matter.data)
     part[near] = white_matter.data[near]
@@ -40,7 +40,7 @@ def test_the_python_example_runs(lab):
     code = re.search(r"```python\n(import voxflat\n.*?)```", README, re.DOTALL)[1]
     names = {"picture": np.zeros((20, 30, 3), np.uint8)}
     exec(code, names)
-    assert len(names["m"]) == len(names["colours"]) > 2000
+    assert len(names["m"]) == len(names["colours"]) > 400
     assert (lab / "t1_flat.tif").stat().st_size > 10_000
     assert names["rows"].shape[0] == 100
     assert names["path"].length > 10

@@ -54,7 +54,7 @@ VOLUMES = {
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(apart, "_SECONDS", 2)
+    monkeypatch.setattr(apart, "_SECONDS", 1)
 
 
 @pytest.mark.slow

@@ -123,7 +123,8 @@ def test_a_study_is_a_workflow_of_nipype(nipypes, tmp_path, monkeypatch):
     made = nipypes.VoxflatBids(**how, level="participant", labels="02").run().outputs
     assert made.surfaces == [str(out / "sub-02" / "anat" / "sub-02_hemi-L_desc-voxflat_flat.surf.gii")]
     assert (made.maps, made.pages) == (str(out), [str(out / "sub-02.html")])
-    assert nipypes.VoxflatBids(**how, level="group").run().outputs.pages == [str(out / "group.html")]
+    group = nipypes.VoxflatBids(**how, level="group")  # which the workflow has run
+    assert group.aggregate_outputs().pages == [str(out / "group.html")]
     with pytest.raises(SystemExit, match="sub-01 lh: error"):
         nipypes.said(nipypes.VoxflatBids(**how, level="participant", labels=["01"]))
 

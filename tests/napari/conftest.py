@@ -1,6 +1,8 @@
 """napari's window, and what happens in it."""
 
 import gc
+from copy import deepcopy
+from functools import cache
 
 import pytest
 from napari_window import map_dock, run, wait_for_threads, wait_until_drawn
@@ -14,6 +16,19 @@ def what_is_imported_is_no_garbage():
     from napari._qt.qt_main_window import Window  # noqa: F401
 
     gc.freeze()  # before each test: much is imported when it is first used
+
+
+@pytest.fixture(scope="session", autouse=True)
+def windows_open_quickly():
+    """Each window reads the manifests of all plugins anew, and writes the settings to disk whenever one is reset."""
+    from napari.settings._base import EventedConfigFileSettings
+    from npe2.manifest import _bases
+
+    parsed = cache(_bases._load_yaml_no_duplicates)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_bases, "_load_yaml_no_duplicates", lambda stream: deepcopy(parsed(stream.read())))
+        patch.setattr(EventedConfigFileSettings, "_maybe_save", lambda _: None)
+        yield
 
 
 @pytest.fixture
@@ -37,7 +52,7 @@ def flattened(open_widget, qtbot):
 
     def opened(*layers, **how):
         viewer, widget = open_widget(*layers, show=True, **how)
-        viewer.window._qt_window.resize(1300, 800)
+        viewer.window._qt_window.resize(1000, 700)
         if isinstance(widget.form.surface.layer, Labels):
             qtbot.waitUntil(lambda: widget.form.label.count() == 1 and "voxels" in widget.form.label.currentText())
         run(widget, qtbot)

@@ -41,8 +41,8 @@ def large_mesh():
 @pytest.fixture(scope="module")
 def large():
     """A thick shell: many seconds of work from 6000 sources within 60 mm, a second or two from a few within 25 mm."""
-    x = np.indices((100, 100, 100)) - 50
-    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 40) < 1.5).astype(np.uint8)
+    x = np.indices((72, 72, 72)) - 36
+    return (np.abs(np.sqrt((x**2).sum(axis=0)) - 28) < 1.5).astype(np.uint8)
 
 
 def start_large(widget, qtbot, large, sources=6000, radius=60):
@@ -195,7 +195,7 @@ def test_window_stays_alive(open_widget, qtbot, large):
     timer.setInterval(5)
     timer.timeout.connect(lambda: ticks.append((time.perf_counter(), len(viewer.layers))))
     wait_until_drawn(viewer, qtbot)
-    start_large(widget, qtbot, large, sources=500, radius=40)
+    start_large(widget, qtbot, large, sources=500, radius=32)
     timer.start()
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)
     timer.stop()

@@ -11,7 +11,7 @@ from voxflat.cli import main
 from voxflat.surfaces.cut import Cut, CutSurface, whereabouts
 
 
-def ball(n=16):
+def ball(n=12):
     """A sphere of radius 30 mm, closed."""
     polar, around = np.meshgrid(np.pi * np.arange(1, n) / n, 2 * np.pi * np.arange(2 * n) / (2 * n), indexing="ij")
     places = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
@@ -178,7 +178,7 @@ def test_a_path_over_voxels_that_have_two_vertices_stays_on_its_side(side):
 
 
 def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
-    points, faces = ball()
+    points, faces = ball(16)
     whole = voxflat.surface((points, faces))
     ways = [voxflat.path(whole, *ends, geodesic="edges").ids for ends in ((480, 0), (481, 448), (224, 232))]
     cuts = (Cut(ways[0], None, "relaxation"), Cut(ways[1], None, "given"), Cut(ways[2], None, "template", "calcarine"))

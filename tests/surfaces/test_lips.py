@@ -5,6 +5,7 @@ import logging
 import re
 
 import freesurfer_rule
+import lab
 import nibabel
 import numpy as np
 import pytest
@@ -204,14 +205,15 @@ def test_a_patch_of_another_surface(tmp_path):
 
 @pytest.mark.slow
 class TestHemisphere:
-    """fsaverage5, without its medial wall, cut open where that relieves the map: as labs do."""
+    """fsaverage5, without its medial wall, cut open by the standard cuts: as labs do."""
 
     @pytest.fixture(scope="class")
     def cut(self, fsaverage):
+        sphere = lab.fsaverage5("sphere_left")[0]
         surface = voxflat.surface(
             (fsaverage["white"], fsaverage["faces"]), pial=(fsaverage["pial"], fsaverage["faces"])
         )
-        return voxflat.cut(surface, drop="medial wall", relax=True).surface
+        return voxflat.cut(surface, drop="medial wall", cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
         flat = voxflat.flatten(cut, method="zigelman2002", sources=100, relax=False)

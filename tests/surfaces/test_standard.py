@@ -18,6 +18,7 @@ from voxflat.surfaces.standard.template import read_template, standard_template
 
 NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
 FEW = {"sources": 60, "threads": 1}
+FEWER = 642  # vertices, of which the first are those of fewer
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,15 @@ def subject(tmp_path_factory, sphere):
     folder = tmp_path_factory.mktemp("subject")
     lab.write(folder)
     nib.freesurfer.write_geometry(folder / "lh.sphere.reg", sphere, lab.hemisphere()[2])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def small_subject(tmp_path_factory, sphere):
+    """Return the folder of a subject of a quarter of the vertices: how long cuts are sought depends on them."""
+    folder = tmp_path_factory.mktemp("small")
+    lab.write(folder, FEWER)
+    nib.freesurfer.write_geometry(folder / "lh.sphere.reg", sphere[:FEWER], lab.hemisphere(FEWER)[2])
     return folder
 
 
@@ -174,8 +184,8 @@ def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subjec
 
 
 @pytest.mark.slow
-def test_check_says_what_standard_and_automatic_cuts_cost(subject):
-    found = voxflat.check(subject / "lh.white")
+def test_check_says_what_standard_and_automatic_cuts_cost(small_subject):
+    found = voxflat.check(small_subject / "lh.white")
     assert found.cuts_by == "standard"
     assert [cut["name"] for cut in found.named_cuts] == NAMES
     assert 0 < found.sketch_errors["automatic"] < found.sketch_errors["standard"] < 0.3
@@ -312,13 +322,13 @@ def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject,
 
 
 @pytest.mark.slow
-def test_a_closed_surface_cut_by_lines_alone_makes_a_template(subject, sphere, tmp_path):
-    cut = voxflat.cut(subject / "lh.white", cuts="automatic", sphere=sphere, relax=150.0)
+def test_a_closed_surface_cut_by_lines_alone_makes_a_template(small_subject, tmp_path):
+    cut = voxflat.cut(small_subject / "lh.white", cuts="automatic", sphere=small_subject / "lh.sphere.reg", relax=150.0)
     cut.save_template(tmp_path / "lines.json")
     template = read_template(tmp_path / "lines.json")
     assert template.outlines == ()
     assert template.cuts[0].root is None
-    assert is_disk(voxflat.cut(subject / "lh.white", cuts=tmp_path / "lines.json"))
+    assert is_disk(voxflat.cut(small_subject / "lh.white", cuts=tmp_path / "lines.json"))
 
 
 def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
@@ -434,12 +444,12 @@ def test_a_turn_onto_places_is_rigid_and_the_best():
 
 
 @pytest.mark.slow
-def test_the_command_line_saves_a_template_and_applies_it(subject, tmp_path, monkeypatch):
+def test_the_command_line_saves_a_template_and_applies_it(small_subject, tmp_path, monkeypatch):
     from click.testing import CliRunner
 
     from voxflat.cli.program import main
 
-    monkeypatch.chdir(subject)
+    monkeypatch.chdir(small_subject)
 
     def run(*words):
         result = CliRunner().invoke(main, [str(word) for word in words])

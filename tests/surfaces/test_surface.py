@@ -143,8 +143,8 @@ class TestSheets:
 
     @pytest.mark.slow
     def test_a_closed_organ_is_cut_open(self):
-        i, j, k = np.indices((60, 44, 34)) - np.array([30, 22, 17])[:, None, None, None]
-        kidney = ((i / 26) ** 2 + ((j - 0.012 * i**2) / 15) ** 2 + (k / 12) ** 2 < 1).astype(np.uint8)
+        i, j, k = np.indices((26, 19, 15)) - np.array([13, 9, 7])[:, None, None, None]
+        kidney = ((i / 10.4) ** 2 + ((j - 0.03 * i**2) / 6) ** 2 + (k / 4.8) ** 2 < 1).astype(np.uint8)
         flat = voxflat.flatten(kidney, sources=200)
         first, *further = flat.metadata["automatic_cuts"]
         assert first["reason"] == "closed sphere"

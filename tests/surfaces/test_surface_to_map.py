@@ -138,7 +138,13 @@ class TestFlatten:
         changed = np.count_nonzero(surface.changed_voxels())
         assert changed <= 0.0015 * labels.sum()
         assert surface.core.topology()["euler"] == 2
-        flat = voxflat.flatten(surface, seed_point=(60, 150, 120), radius=30.0, sources=150, relax=False)
+        seed = (60, 150, 120)  # and a patch of what lies around it: sulcal depth is measured on all of a surface
+        near, ends = tuple(slice(at - 40, at + 40) for at in seed), tuple(slice(at + 44) for at in seed)
+        part, chance = np.zeros((2, *labels.shape), np.float32)
+        part[near], chance[near] = labels[near], probability[near]
+        part = anatomy.largest_component(part[ends] > 0).astype(np.uint8)
+        surface = voxflat.surface(part, affine=affine, probability=chance[ends], repair="voxels")
+        flat = voxflat.flatten(surface, seed_point=seed, radius=30.0, sources=150, relax=False)
         assert flat.distortion.raw.relative_error < 0.1
         assert labels[tuple(flat.ids.T)].mean() > 0.99
 
