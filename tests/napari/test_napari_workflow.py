@@ -136,8 +136,9 @@ def flatten(hand, viewer):
 
 
 def point_at(hand, flat, row):
-    """Point at a place of the map, until the line below says what is there."""
-    u, v = flat.sheet.run.flat_map.uv[row]
+    """Point into a triangle at a vertex of the map, which may lie on its border, until the line below says what is there."""
+    flat_map = flat.sheet.run.flat_map
+    u, v = flat_map.uv[flat_map.faces[(flat_map.faces == row).any(axis=1)][0]].mean(axis=0)
 
     def told():
         hand.move(flat.canvas.viewport(), flat.canvas.position(u, v))

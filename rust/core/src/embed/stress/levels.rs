@@ -71,6 +71,10 @@ pub(super) const MOST_ROUNDS: usize = 10;
 const GAIN: f64 = 1e-4;
 const ROUND_GAIN: f64 = 2e-3;
 
+/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
+/// without area hold descent back, and there it ends.
+pub(super) const HOPELESS: f64 = 1000.0;
+
 /// Triangles with less than this part of their area would hold descent back.
 const TINY: f64 = 0.1;
 
@@ -127,8 +131,8 @@ pub struct Convergence {
 /// to 1, where far distances do; 0.5 is usual. Coarser surfaces are dropped when they have served.
 ///
 /// # Errors
-/// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::TooManySprings`],
-/// [`Error::Cancelled`].
+/// [`Error::Folded`] if triangles are too thin for their areas to be told from nothing, [`Error::Uneven`] if edges are so uneven in
+/// length that descent comes to no map, [`Error::TooManySprings`], [`Error::Cancelled`].
 ///
 /// # Panics
 /// If the rows are others than those of [`Levels::measure`] and [`Levels::take`].
@@ -162,7 +166,9 @@ pub fn flatten(
     weighting: f64,
     control: &Control,
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
-    unfold(levels, rows, places, weighted(weighting), control)
+    let (uv, convergence) = unfold(levels, rows, places, weighted(weighting), control)?;
+    let is_map = convergence.energies.last().is_some_and(|&energy| energy < HOPELESS);
+    if is_map { Ok((uv, convergence)) } else { Err(Error::Uneven) }
 }
 
 /// The same by any dials.

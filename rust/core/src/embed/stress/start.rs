@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::descent::Objective;
-use super::levels::{APART, Convergence, Dials, Level, Levels, MOST_ROUNDS, stage, weighted};
+use super::levels::{APART, Convergence, Dials, HOPELESS, Level, Levels, MOST_ROUNDS, stage, weighted};
 use super::mend::{Fault, mend};
 use super::outline::Outline;
 use super::pairs::Pairs;
@@ -11,10 +11,6 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::rows::DistanceRows;
 use crate::surface::Surface;
-
-/// An energy that is no map's: those of descents that ended well are below 1, and below 10 where near distances count most. Triangles
-/// without area hold descent back, and there it ends.
-const HOPELESS: f64 = 100.0;
 
 /// How many times as large or as small as by its area a start may have to be, and how often the range in which its scale lies is
 /// narrowed.
