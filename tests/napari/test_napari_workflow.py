@@ -136,7 +136,7 @@ def flatten(hand, viewer):
 
 
 def point_at(hand, flat, row):
-    """Point into a triangle at a vertex of the map, which may lie on its border, until the line below says what is there."""
+    """Point into a triangle at a vertex, which may lie on the border, until the line below says what is there."""
     flat_map = flat.sheet.run.flat_map
     u, v = flat_map.uv[flat_map.faces[(flat_map.faces == row).any(axis=1)][0]].mean(axis=0)
 
