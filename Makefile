@@ -119,9 +119,10 @@ bench-napari: setup ## stalls, memory and random use of napari's window (half an
 bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
 	$(RUN) python docs/benchmarks/cluster.py
 
-soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes; signals to all commands; stores killed 20 times
+soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; signals to all commands; stores killed 20 times
 	$(RUN) python docs/benchmarks/fuzz.py
-	VOXFLAT_CASES=20000 cargo test --release --package voxflat --test hostile
+	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
+	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds
 	VOXFLAT_CASES=1000 $(RUN) pytest -q tests/test_orders.py
 	$(RUN) python docs/benchmarks/signals_soak.py
 	$(RUN) python docs/benchmarks/store_soak.py

@@ -171,7 +171,7 @@ pub fn flatten(
     if is_map { Ok((uv, convergence)) } else { Err(Error::Uneven) }
 }
 
-/// The same by any dials.
+/// The same by any dials, whatever the energy in the end.
 ///
 /// # Errors
 /// As [`flatten`].
