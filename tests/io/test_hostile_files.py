@@ -22,6 +22,7 @@ from voxflat.io.label_tables import own_table
 from voxflat.io.meshes import read_mesh
 from voxflat.io.overlays import holds_volume, read_overlay, read_region
 from voxflat.io.patches import read_patch
+from voxflat.io.reading import reading
 from voxflat.io.volumes import read_volume
 from voxflat.maps.colours import all_whole
 from voxflat.maps.parcels import parcels_of
@@ -518,6 +519,25 @@ def test_what_pillow_logs_of_a_picture_is_told_by_us_with_the_file(tmp_path, she
         (sheet.regions if read == "regions" else read)(path)
     assert [record.name for record in caplog.records] == ["voxflat"]
     assert f"{path}: More samples per pixel than can be decoded: 99" in caplog.text
+
+
+@pytest.mark.parametrize("read", [as_picture, "regions"])
+def test_what_decoders_of_pictures_print_is_not_seen(tmp_path, sheet, capfd, read):
+    """A fax of 8 bits a pixel, of which the decoder, in C, prints a line of its own."""
+    path = tmp_path / "rois.tif"
+    damaged_tag(path, (4, 4), 259, 3, lambda entry: entry[:8] + struct.pack("<L", 4))
+    with pytest.raises(voxflat.InputError, match=r"rois\.tif: decoder error -2"):
+        (sheet.regions if read == "regions" else read)(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_a_picture_takes_is_known_before_it_is_decoded(tmp_path, sheet):
+    path = tmp_path / "rois.png"
+    Image.new("L", (12_000, 12_000)).save(path)
+    with reading(1 << 30), pytest.raises(voxflat.InputError, match=r"rois\.png: .*3\.22 GiB of memory are needed"):
+        as_picture(path)
+    with reading(1 << 30), pytest.raises(voxflat.InputError, match=r"rois\.png: .*3\.22 GiB of memory are needed"):
+        sheet.regions(path)
 
 
 def signalling(shape):

@@ -14,7 +14,7 @@ import voxflat
 from voxflat import cli
 from voxflat.errors import InputError
 from voxflat.io import Volume
-from voxflat.io.chunks import PLACE_BYTES, chunked_of, is_chunked
+from voxflat.io.chunks import PLACE_BYTES, Chunked, chunked_of, is_chunked, voxels_at
 
 SHAPE, CHUNKS = (61, 60, 59), (16, 13, 20)
 GRID = np.array([[0.5, 0, 0, -15], [0, 0.5, 0, -15], [0, 0, 0.5, -14], [0, 0, 0, 1.0]])
@@ -296,3 +296,30 @@ def test_what_is_no_volume():
         chunked_of(Counting(np.zeros((3, 3, 3)), (2, 0, 2)))
     with pytest.raises(InputError, match="is empty"):
         chunked_of(Counting(np.zeros((3, 0, 3)), (2, 2, 2)))
+
+
+class Endless:
+    """An array whose values are their indices along i, of as many voxels as one likes."""
+
+    dtype = np.dtype(np.int64)
+
+    def __init__(self, shape, chunks):
+        self.shape, self.chunks = shape, chunks
+
+    def __getitem__(self, key):
+        return np.broadcast_to(np.arange(key[0].start, key[0].stop)[:, None, None], [at.stop - at.start for at in key])
+
+
+def test_chunks_that_are_not_read_take_no_memory():
+    data = Chunked(Endless((1 << 24, 3, 3), (1, 2, 3)))
+    low = np.array([[0, 0, 0], [(1 << 24) - 1, 2, 2], [12345, 1, 1]])
+    tracemalloc.start()
+    found = voxels_at(data, low, np.array([[0, 0, 0], [1, 1, 1]]))
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, [[0, 1], [(1 << 24) - 1] * 2, [12345, 12346]])
+
+
+def test_more_chunks_than_a_number_counts_are_refused():
+    with pytest.raises(InputError, match=r"is in \d+ chunks: a number of 64 bits does not count them"):
+        chunked_of(Endless((2**31 - 1,) * 3, (1, 1, 1)))

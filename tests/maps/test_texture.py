@@ -103,6 +103,12 @@ class TestPictures:
         Image.fromarray(chessboard().astype(np.uint16) * 257).save(tmp_path / "deep.png")
         np.testing.assert_array_equal(cylinder_map.textured(tmp_path / "deep.png").picture[..., 1], chessboard())
 
+    def test_each_of_the_deep_greys_becomes_the_next_of_256(self, cylinder_map, tmp_path):
+        deep = np.arange(1 << 16, dtype=np.uint16).reshape(256, 256)
+        Image.fromarray(deep).save(tmp_path / "deep.tif")
+        shown = cylinder_map.textured(tmp_path / "deep.tif").picture[..., 0]
+        np.testing.assert_array_equal(shown, np.round(deep / 65535 * 255))
+
     def test_photographs_are_turned_upright(self, cylinder_map, tmp_path):
         image = Image.fromarray(np.zeros((20, 30), dtype=np.uint8))
         exif = Image.Exif()

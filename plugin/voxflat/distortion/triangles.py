@@ -89,14 +89,14 @@ def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.f
 def isometric(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return max(σ1, 1/σ2) of triangles."""
     most, least = stretch.T
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(np.maximum(most, 1 / least))
 
 
 def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return σ1/σ2 of triangles."""
     most, least = stretch.T
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.asarray(most / least)
 
 

@@ -1,7 +1,7 @@
 """Readers in C++ run in a process of their own.
 
-ITK and VTK trust the files that they read, as does what unpacks chunks of Zarr: a damaged one ends their process, takes
-all its memory, or is never done.
+ITK and VTK trust the files that they read, as does what unpacks chunks of Zarr and pixels of pictures: a damaged one
+ends their process, takes all its memory, prints what nobody asked for, or is never done.
 So they read in a child process, which is started when it is first needed, kept, and started anew after it ended. The
 system holds it to a limit of addresses and of seconds for each file, what it prints goes nowhere, and its answers are
 JSON and the bytes of arrays, checked here: whatever it does, the caller has an error of one line. Where the system has
@@ -111,10 +111,11 @@ def apart(function: Callable[..., Any], package: str, path: Path, *arguments: An
     return _put(told["value"], arrays)
 
 
-# what it is called, which extra brings it, and what in it is to be loaded: ITK does that when it is first asked
+# what it is called, which extra brings it, if one does, and what in it is to be loaded: ITK does that when first asked
 _PACKAGES = {
     "itk": ("ITK", "itk", "ImageIOFactory"),
     "vtkmodules": ("VTK", "pyvista", "__name__"),
+    "PIL": ("Pillow", "", "__name__"),
     "zarr": ("Zarr", "zarr", "__name__"),
 }
 

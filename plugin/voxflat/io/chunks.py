@@ -43,6 +43,28 @@ _ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
 }
 
 
+class _Grid:
+    """The chunks along an axis: all of one size, or of a list of them."""
+
+    def __init__(self, length: int, of: Any) -> None:
+        self._length = length
+        self._size = None if isinstance(of, tuple | list) else int(of)
+        self._edges = np.cumsum([0, *of]).astype(np.int64) if self._size is None else np.zeros(0, np.int64)
+        self.count = len(self._edges) - 1 if self._size is None else -(-length // self._size)
+
+    def number(self, index: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+        """Return in which chunk indices lie."""
+        if self._size is None:
+            return np.searchsorted(self._edges, index, side="right") - 1
+        return index // self._size
+
+    def span(self, number: int) -> tuple[int, int]:
+        """Return a chunk's first index, and that behind its last."""
+        if self._size is None:
+            return int(self._edges[number]), min(int(self._edges[number + 1]), self._length)
+        return number * self._size, min((number + 1) * self._size, self._length)
+
+
 @dataclass(frozen=True, eq=False)
 class Chunked:
     """Three axes of an array in chunks, as a volume: indexed as (i, j, k).
@@ -84,15 +106,9 @@ class Chunked:
         return found if self.made_of is None else self.made_of(np.zeros(0, found)).dtype
 
     @property
-    def starts(self) -> list[NDArray[np.int64]]:
-        """Where chunks begin along i, j and k, and the end."""
-        found = []
-        for axis, length in zip(self.axes, self.shape, strict=True):
-            of = self.array.chunks[axis]
-            sizes = list(of) if isinstance(of, tuple | list) else [int(of)] * math.ceil(length / int(of))
-            edges = np.minimum(np.cumsum([0, *sizes]), length).astype(np.int64)
-            found.append(edges)
-        return found
+    def grids(self) -> list[_Grid]:
+        """Where chunks begin along i, j and k."""
+        return [_Grid(length, self.array.chunks[axis]) for axis, length in zip(self.axes, self.shape, strict=True)]
 
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels.
@@ -182,15 +198,15 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         for n, offset in enumerate(offsets):
             found[:, n] = data[tuple(np.minimum(low + offset, last).T)]
         return found
-    starts = data.starts
-    counts = [len(edges) - 1 for edges in starts]
+    grids = data.grids
+    counts = [grid.count for grid in grids]
     chunk = np.empty(found.shape, dtype=np.int32 if math.prod(counts) < 2**31 else np.int64)
     for n, offset in enumerate(offsets):
         number = np.zeros(len(low), dtype=chunk.dtype)
-        for axis, edges in enumerate(starts):
+        for axis, grid in enumerate(grids):
             own = np.minimum(low[:, axis] + offset[axis], last[axis])
             number *= counts[axis]
-            number += (np.searchsorted(edges, own, side="right") - 1).astype(number.dtype)
+            number += grid.number(own).astype(number.dtype)
         chunk[:, n] = number
     order = np.argsort(chunk.ravel(), kind="stable")
     values, first = found.reshape(-1), 0
@@ -199,7 +215,7 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
         items = order[first : first + size]
         first += size
         at = np.unravel_index(number, counts)
-        spans = [(int(edges[n]), int(edges[n + 1])) for edges, n in zip(starts, at, strict=True)]
+        spans = [grid.span(int(n)) for grid, n in zip(grids, at, strict=True)]
         block = data.block(spans)
         rows, columns = np.divmod(items, len(offsets))
         index = np.minimum(low[rows] + offsets[columns], last) - [span[0] for span in spans]
@@ -251,6 +267,10 @@ def _check(array: Any, chunks: Any) -> None:
     if 0 in array.shape or 0 in chunks:
         raise InputError(f"is empty: its shape is {tuple(array.shape)}, in chunks of {tuple(chunks)}")
     check_axes(tuple(array.shape))
+    sizes = zip(array.shape, chunks, strict=True)
+    count = math.prod(len(of) if isinstance(of, tuple | list) else -(-length // int(of)) for length, of in sizes)
+    if count >= 2**63:
+        raise InputError(f"is in {count} chunks: a number of 64 bits does not count them, write it in larger ones")
     largest = math.prod(max(of) if isinstance(of, tuple | list) else int(of) for of in chunks)
     check_room(2 * largest * np.dtype(array.dtype).itemsize)
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +19,17 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, is_number, shown
 from voxflat.errors import InputError
+from voxflat.io.apart import apart
 from voxflat.io.files import REMEDY, check_regular, naming, retelling
-from voxflat.io.reading import note
+from voxflat.io.reading import check_room, note
 
-__all__ = ["PICTURES", "as_picture", "check_cover", "check_values", "place", "values_at"]
+__all__ = ["as_picture", "check_cover", "check_values", "decoded", "header", "picture_values", "place", "values_at"]
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP")
 """Formats that Pillow is asked to open: by itself it takes PostScript, too, and runs a program for it."""
+
+_PIXEL_BYTES = 24
+"""How much memory decoding takes for each pixel: as Pillow has it, turned upright, in colours, and as an array."""
 
 _SLACK = 1e-9  # of a picture's side, by which rounding may carry a point over its border
 
@@ -148,19 +154,77 @@ def as_picture(picture: object) -> tuple[NDArray[np.uint8], Path | None]:
         If the file cannot be opened.
     """
     if isinstance(picture, str | os.PathLike):
-        from PIL import Image
-
         path = Path(picture)
-        with naming(path, REMEDY):
-            check_regular(path)
-        with naming(path, REMEDY), warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
-            warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
-            with Image.open(path, formats=PICTURES) as image:
-                note(path)
-                return _of_pillow(image), path
+        with naming(path, REMEDY), header(path) as image:
+            return decoded(path, image, colours=True), path
     if hasattr(picture, "getbands") and hasattr(picture, "convert"):
         return _of_pillow(picture), None
     return _of_array(check_values(picture)), None
+
+
+@contextmanager
+def header(path: Path) -> Iterator[Any]:
+    """Open a picture for what its file says of it: of its pixels none is decoded.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Yields
+    ------
+    PIL.Image.Image
+
+    Raises
+    ------
+    InputError, OSError
+        If it is no picture, or cannot be opened.
+    """
+    from PIL import Image
+
+    check_regular(path)
+    with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
+        warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
+        with Image.open(path, formats=PICTURES) as image:
+            note(path)
+            yield image
+
+
+def decoded(path: Path, image: Any, colours: bool = False) -> NDArray[Any]:
+    """Decode a picture by Pillow, whose parts in C trust the file and print what they think of it: apart.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    image : PIL.Image.Image
+        What `header` says of it.
+    colours : bool
+        Whether it becomes colours; otherwise values are those of the file, a palette's numbers among them.
+
+    Returns
+    -------
+    ndarray, shape (H, W), (H, W, 3) or (H, W, 4)
+
+    Raises
+    ------
+    InputError
+        If it needs more memory than there is, or has no such colours.
+    RuntimeError
+        If it cannot be decoded.
+    """
+    need = _PIXEL_BYTES * image.width * image.height
+    check_room(need)
+    found: NDArray[Any] = apart(picture_values, "PIL", path, colours, size=need)
+    return found
+
+
+def picture_values(path: Path, colours: bool) -> NDArray[Any]:
+    """Decode a picture: what `decoded` calls apart."""
+    from PIL import Image
+
+    with warnings.catch_warnings(action="ignore"), Image.open(path, formats=PICTURES) as image:
+        return _of_pillow(image) if colours else np.asarray(image)
 
 
 def _of_pillow(image: Any) -> NDArray[np.uint8]:
@@ -168,8 +232,7 @@ def _of_pillow(image: Any) -> NDArray[np.uint8]:
 
     image = ImageOps.exif_transpose(image)  # photographs may lie on their side
     if image.mode.startswith("I;16"):
-        deep = np.asarray(image).astype(np.float64)
-        return _of_array(deep / 65535)
+        return _of_array(((np.asarray(image).astype(np.uint32) + 128) // 257).astype(np.uint8))  # 65,535 is 257 x 255
     if image.mode in ("I", "F"):
         raise InputError(
             f"the picture has values of more than 8 bits (Pillow's mode {image.mode}); save it as 8-bit grey or RGB"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat import _core
 from voxflat.arguments import array_of, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
-from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming, require, retelling
+from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming
 from voxflat.io.freesurfer import write_annot, write_label
 from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
@@ -29,7 +28,7 @@ from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import Depths
 from voxflat.maps.lines import ellipse
-from voxflat.maps.pictures import PICTURES
+from voxflat.maps.pictures import decoded, header
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
@@ -324,9 +323,11 @@ def _columns(
 
 def _pair(depth: object) -> tuple[float, float]:
     depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
-    if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
-        raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
-    return depth[0], depth[1]
+    if isinstance(depth, Sequence) and not isinstance(depth, str) and len(depth) == 2:
+        low, high = depth
+        if low is not None and high is not None:
+            return low, high
+    raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
 
 
 # ------------------------------------------------------------------------------------- what is drawn
@@ -540,16 +541,13 @@ def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
         return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
             volume.spacing[0]
         )
-    with warnings.catch_warnings(), retelling(path, "PIL.TiffImagePlugin"):
-        warnings.simplefilter("ignore")  # Pillow's, on damaged tags that are not needed
-        image = require("PIL.Image").open(path, formats=PICTURES)
-        image.load()
-    note(path)
-    if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
-        raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")
-    told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
+    with header(path) as image:
+        if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
+            raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")
+        told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
+        data = decoded(path, image)
     size = told.split("Pixel size: ")[-1].split(" mm")[0]
     try:
-        return np.asarray(image), float(size)
+        return data, float(size)
     except ValueError:
-        return np.asarray(image), None
+        return data, None
