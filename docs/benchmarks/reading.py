@@ -1,4 +1,4 @@
-"""What it costs that ITK and VTK read in a process of their own: files of 100 MB, there and in this process.
+"""What it costs that ITK, VTK and Pillow read in a process of their own: files of 100 MB, there and in this process.
 
     python docs/benchmarks/reading.py
     python docs/benchmarks/reading.py .vtp .vtk     # only these
@@ -9,6 +9,7 @@ Medians of 5 rounds in turn, seconds by the clock: in the other process, and wit
 from __future__ import annotations
 
 import argparse
+import contextlib
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,8 +20,11 @@ from unittest import mock
 
 import numpy as np
 import pyvista
+from PIL import Image
 
 from voxflat.io import Mesh, read_mesh, read_volume, readers, vtk, write_mesh, write_volume
+from voxflat.maps import pictures
+from voxflat.maps.pictures import as_picture
 
 ROUNDS = 5
 
@@ -59,6 +63,12 @@ def files(folder: Path) -> dict[Path, Callable[[Path], Any]]:
     sheet.clear_data()
     write_mesh(folder / "s.vtp", Mesh(np.asarray(sheet.points) * 100, np.asarray(sheet.regular_faces)))
     sheet.save(folder / "s.vtk")
+    rows, columns = np.indices((6000, 6000))
+    noise = np.random.default_rng(0).integers(0, 256, rows.shape)
+    photograph = Image.fromarray(np.stack([rows // 24, columns // 24, noise], axis=-1).astype(np.uint8))
+    for name in ("p.png", "p.jpg", "p.tif"):
+        photograph.save(folder / name)
+        found[folder / name] = as_picture
     return found | {folder / "s.vtp": read_mesh, folder / "s.vtk": read_mesh}
 
 
@@ -81,7 +91,9 @@ def main() -> None:
             for _ in range(ROUNDS + 1):
                 for where, found in seconds.items():
                     calls = here if where == "here" else readers.apart
-                    with mock.patch.object(readers, "apart", calls), mock.patch.object(vtk, "apart", calls):
+                    with contextlib.ExitStack() as patched:
+                        for module in (readers, vtk, pictures):
+                            patched.enter_context(mock.patch.object(module, "apart", calls))
                         start = time.perf_counter()
                         read(path)
                         found.append(time.perf_counter() - start)
