@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from functools import lru_cache
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeGuard, overload
+from typing import Any, TypeGuard
 
 import numpy as np
 import psutil
@@ -123,17 +123,16 @@ def workers(threads: int | None) -> int:
     return threads or os.cpu_count() or 1
 
 
-@overload
-def checked_number(value: None, name: str) -> None: ...
-@overload
-def checked_number(value: float, name: str) -> float: ...
-@overload
-def checked_number(value: float | None, name: str) -> float | None: ...
-def checked_number(value: float | None, name: str) -> float | None:
-    """Return a number, or None where there is none."""
-    if value is not None and not is_number(value):
+def checked_number(value: float, name: str) -> float:
+    """Return a number."""
+    if not is_number(value):
         raise InputError(f"the {name} is {shown(value)}; give a number")
-    return None if value is None else as_float(value)
+    return as_float(value)
+
+
+def optional_number(value: float | None, name: str) -> float | None:
+    """Return a number, or None where there is none."""
+    return None if value is None else checked_number(value, name)
 
 
 def as_float(value: float) -> float:

@@ -147,6 +147,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
         ({"opacity": 2.0}, "opacity"),
         ({"underlay": "sulc"}, "underlay"),
         ({"width": 5.0}, "width"),
+        ({"width": None}, "the width is None; give a number"),
     ],
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):

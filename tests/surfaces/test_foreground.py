@@ -27,6 +27,13 @@ def test_a_label_or_a_threshold_selects(data, value):
                 foreground(data, **options)
 
 
+@pytest.mark.parametrize("kind", [bool, np.uint8, np.int64, np.float16, np.float64])
+@pytest.mark.parametrize("label", [2**64, -(10**400)])
+def test_labels_beyond_the_values_type_are_of_no_voxel(kind, label):
+    with pytest.raises(InputError, match="no voxel has label"):
+        foreground(np.ones((2, 2, 2), dtype=kind), label=label)
+
+
 def test_whole_floats_are_labels_and_others_are_not():
     assert labels_in(np.array([[[0.0, 3.0, 3.0]]])) == {3: 2}
     assert labels_in(np.array([[[0.0, 3.5]]])) is None

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from voxflat.arguments import checked_number, log, shown
+from voxflat.arguments import log, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.raster import FlatImage
@@ -129,7 +129,7 @@ class OverlayColours:
         InputError
             If something does not fit the image.
         """
-        above, below = checked_number(above, "threshold above"), checked_number(below, "threshold below")
+        above, below = optional_number(above, "threshold above"), optional_number(below, "threshold below")
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
         if not inside.any():
             raise InputError("the overlay has no value anywhere on the map; do their affines agree?")

@@ -178,7 +178,7 @@ class Planar(ABC):
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
             raise InputError(f"points have shape {wanted.shape}; give RAS+ mm, shape (..., 3)")
         limit = checked_number(limit, "limit")
-        if limit is None or not limit >= 0:
+        if not limit >= 0:
             raise InputError(f"the limit is {limit} mm; give a number that is not negative")
         if not isinstance(space, str) or space not in ("surface", "scanner"):
             raise InputError(f"space is {shown(space)}; give 'surface' or 'scanner'")

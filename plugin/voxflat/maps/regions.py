@@ -323,11 +323,9 @@ def _columns(
 
 def _pair(depth: object) -> tuple[float, float]:
     depth = list(depth) if isinstance(depth, np.ndarray) and depth.ndim else depth
-    if isinstance(depth, Sequence) and not isinstance(depth, str) and len(depth) == 2:
-        low, high = depth
-        if low is not None and high is not None:
-            return low, high
-    raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
+    if not isinstance(depth, Sequence) or isinstance(depth, str) or len(depth) != 2:
+        raise InputError(f"depth is {shown(depth)}; give two numbers, from how far to how far outside, mm")
+    return depth[0], depth[1]
 
 
 # ------------------------------------------------------------------------------------- what is drawn

@@ -16,11 +16,11 @@ from voxflat import _core
 from voxflat.arguments import (
     Progress,
     checked_kind,
-    checked_number,
     checked_path,
     checked_switch,
     checked_threads,
     is_whole,
+    optional_number,
     shown,
 )
 from voxflat.errors import InputError
@@ -417,7 +417,7 @@ def worst_places(
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
         raise InputError(f"count is {shown(count)}; give how many places to find, a whole number")
-    factor = checked_number(beyond, "beyond")
+    factor = optional_number(beyond, "beyond")
     if factor is None or not 1 < factor < np.inf:
         raise InputError(f"beyond is {shown(beyond)}; give a factor greater than 1, such as 1.5")
     if flat_map.distortion.triangles is None:

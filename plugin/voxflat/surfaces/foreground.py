@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from voxflat.arguments import check_memory, checked_number, is_whole, shown
+from voxflat.arguments import check_memory, is_whole, optional_number, shown
 from voxflat.errors import InputError
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.volumes import Volume, as_volume
@@ -64,7 +64,7 @@ def foreground_of(
     InputError
         If it is no volume of one value a voxel, its foreground is ambiguous or empty, or there is not enough memory.
     """
-    threshold = checked_number(threshold, "threshold")
+    threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
     volume = as_volume(source, spacing=spacing, affine=affine)
@@ -198,7 +198,11 @@ def _above(data: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
 
 
 def _labelled(data: NDArray[Any], label: int) -> NDArray[np.bool_]:
-    mask = np.asarray(data == label)
+    try:
+        with np.errstate(over="ignore"):
+            mask = np.asarray(data == label)
+    except OverflowError:  # no number of the values' type
+        mask = np.zeros(data.shape, dtype=np.bool_)
     if not mask.any():
         raise InputError(f"no voxel has label {label}; {_present(data)}")
     return mask

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from voxflat.arguments import array_of, checked_number
+from voxflat.arguments import array_of, optional_number
 from voxflat.errors import InputError
 
 __all__ = ["check_disk", "found_seed", "seed_voxel"]
@@ -17,7 +17,7 @@ def check_disk(seed_point: object, radius: float | None) -> float | None:
     if (seed_point is None) != (radius is None):
         given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
         raise InputError(f"{given} is given without {missing}; give both or neither")
-    return checked_number(radius, "radius")
+    return optional_number(radius, "radius")
 
 
 def seed_voxel(seed_point: object) -> list[int]:
