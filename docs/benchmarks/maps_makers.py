@@ -198,8 +198,8 @@ def on_disk(points, faces):
 
 def autoflatten(job, options):
     """Return the map of the command `autoflatten flatten`, with its defaults."""
-    from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
     from voxflat.io.meshes import Mesh, write_mesh
+    from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
 
     command = Path(sys.executable).with_name("autoflatten")
     command = command if command.exists() else shutil.which("autoflatten")
