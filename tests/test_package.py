@@ -2,6 +2,8 @@ import ast
 import subprocess
 import sys
 import zipfile
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,26 @@ def names_from_the_package(tree):
             yield from (alias.name for alias in node.names)
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name == "voxflat")
+
+
+def test_what_scripts_of_the_docs_import_is_there():
+    # within functions, too, where an old name is found only when they run
+    scripts = sorted((ROOT / "docs").rglob("*.py"))
+    wanted = {(path, *name) for path in scripts for name in names_by_module(ast.parse(path.read_text()))}
+    assert len(wanted) > 50
+    assert [one for one in sorted(wanted) if not is_there(*one[1:])] == []
+
+
+def is_there(module, name):
+    found = import_module(module)
+    is_package = hasattr(found, "__path__")
+    return hasattr(found, name) or (is_package and find_spec(f"{module}.{name}") is not None)
+
+
+def names_by_module(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "voxflat":
+            yield from ((node.module, alias.name) for alias in node.names)
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def main():
         wall, length = shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
         uncut = distances(surface, wall, faces)
         for name, mm, patch in (
-            ("medial wall only", 0, {"drop": wall}),
+            ("medial wall only", 0, {"drop": wall, "relax": False}),
             ("shipped", length, {"keep": (hemisphere["white"], faces)}),
             ("automatic", None, {"drop": wall, "relax": length}),
             ("automatic, as long as it pays", None, {"drop": wall, "relax": True}),

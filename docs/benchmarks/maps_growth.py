@@ -3,6 +3,7 @@
 import anatomy
 import numpy as np
 from distances_tables import exponent, judged, table
+from maps_makers import CUT_OPEN
 from maps_tables import made_by
 
 STEEPEST = 1.05
@@ -98,7 +99,7 @@ def growth(options):
 
     def of(spacing):
         labels, affine, _ = anatomy.voxelise(hemisphere["white"], hemisphere["faces"], spacing)
-        return f"{spacing} mm", {"labels": labels, "affine": affine}, None
+        return f"{spacing} mm", {"labels": labels, "affine": affine, "options": CUT_OPEN}, None
 
     title = "Growth: fsaverage5 white left, whole, with surface and cuts"
     grown(title, "whole hemisphere", "voxels", map(of, options.spacings), options)

@@ -25,6 +25,9 @@ import numpy as np
 ITERATIONS = 100
 GIB = 2**30
 
+CUT_OPEN = {"relax": None}
+"""Options of voxflat for a closed surface: cut as by default. Of a disk the cuts are given, and no more are made."""
+
 
 class NoMapError(Exception):
     """A maker made no map; says why."""
@@ -126,7 +129,7 @@ def voxflat_map(job, options):
         surface = voxflat.surface(job["labels"], affine=job["affine"], repair="voxels")
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
-    made = voxflat.flatten(surface, **{"relax": False, **options})  # the cuts are given
+    made = voxflat.flatten(surface, **{"relax": False, **options})
     told = {"need": made.metadata["memory_need_bytes"] / GIB, "descent": made.metadata.get("descent", {})}
     return made.uv, made.points, made.faces, told
 
@@ -198,8 +201,8 @@ def on_disk(points, faces):
 
 def autoflatten(job, options):
     """Return the map of the command `autoflatten flatten`, with its defaults."""
-    from voxflat.io.freesurfer import Patch, patch_border, patch_faces, read_patch, write_patch
     from voxflat.io.meshes import Mesh, write_mesh
+    from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
 
     command = Path(sys.executable).with_name("autoflatten")
     command = command if command.exists() else shutil.which("autoflatten")

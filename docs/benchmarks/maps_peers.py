@@ -2,6 +2,7 @@
 
 import anatomy
 import numpy as np
+from maps_makers import CUT_OPEN
 from maps_tables import SHIPPED, compared, fsaverage5_disk, made_by, print_maps
 
 
@@ -31,7 +32,7 @@ def mni152(options):
 
 def cut_open(title, job, options):
     """Compare maps of a closed surface with the cuts of voxflat's."""
-    ours = made_by(["voxflat"], job, options)
+    ours = made_by(["voxflat"], job | {"options": CUT_OPEN}, options)
     if not ours:
         return
     points, faces = ours["voxflat"].points, ours["voxflat"].faces.astype(np.int64)
