@@ -157,8 +157,8 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
-    hand.choose(widget.form.surface, "lh.white")
-    assert widget.form.pial.currentText() == "lh.pial"
+    chosen = widget.form.surface, widget.form.pial, widget.form.sampled
+    assert [choice.currentText() for choice in chosen] == ["lh.white", "lh.pial", "lh.thickness"]
     assert "standard cuts, by lh.sphere.reg" in widget.form.plan.text()
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
@@ -167,6 +167,9 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert flat_map.metadata["cuts_by"] == "standard"
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
+    assert flat.contents.currentText() == "lh.thickness"
+    hand.choose(flat.contents, "Distances")
+    hand.wait(lambda: flat.is_drawn)
     point_at(hand, flat, len(flat_map) // 2)
     assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
