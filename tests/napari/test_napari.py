@@ -90,6 +90,29 @@ def test_napari_reads_no_more_than_the_manifest_when_it_starts():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_docks_open_without_what_only_their_threads_need():
+    """The imports of the first dock are the window's to wait for: matplotlib, dask and scipy took two seconds."""
+    import subprocess
+    import sys
+
+    code = """
+import sys, time, napari
+from qtpy.QtWidgets import QApplication
+viewer = napari.Viewer()
+before = set(sys.modules)
+for name in ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map"):
+    viewer.window.add_plugin_dock_widget("voxflat", name)
+for _ in range(20):
+    QApplication.processEvents()
+    time.sleep(0.01)
+parts = ("matplotlib", "dask", "scipy.spatial", "scipy.ndimage", "scipy.sparse", "nibabel", "PIL")
+viewer.close()
+print("imported", *sorted(set(parts) & (set(sys.modules) - before)))
+"""
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.splitlines()[-1] == "imported"
+
+
 def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     pytest.importorskip("nilearn")
     from napari.utils import progress

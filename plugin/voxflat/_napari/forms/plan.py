@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from napari.layers import Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QLabel, QWidget
-from scipy import ndimage
 from superqt.utils import FunctionWorker
 
 from voxflat._napari.layers.volumes import finest
@@ -174,4 +174,4 @@ def _surface_voxels(
 ) -> tuple[int, tuple[Any, ...]]:
     """Count the foreground's voxels that have a face to the background."""
     inside = data == label if threshold is None else data > threshold
-    return int(np.count_nonzero(inside) - np.count_nonzero(ndimage.binary_erosion(inside, border_value=0))), of
+    return int(np.count_nonzero(inside) - np.count_nonzero(scipy.ndimage.binary_erosion(inside, border_value=0))), of
