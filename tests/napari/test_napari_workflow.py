@@ -213,7 +213,9 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(widget.results.copy.isVisible)
     widget.scrolled.ensureWidgetVisible(widget.results.copy)
     hand.press(widget.results.copy)
-    assert "voxflat.flatten(" in QApplication.clipboard().text()
+    script = QApplication.clipboard().text()
+    assert "voxflat.flatten(" in script
+    assert f"read_overlay({str(subject / 'lh.thickness')!r}" in script  # all lies in files: nothing is asked
 
     # saved by the menu, and opened again in an empty window
     heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))
