@@ -170,7 +170,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert flat.contents.currentText() == "lh.thickness"
     hand.choose(flat.contents, "Distances")
     hand.wait(lambda: flat.is_drawn)
-    hand.wheel(canvas_widget(flat), -3)  # beside the dock less is to be seen
+    hand.wheel(canvas_widget(flat), -5)  # beside the dock less is to be seen
     point_at(hand, flat, len(flat_map) // 2)
     assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
@@ -266,6 +266,7 @@ def test_the_demo_cortex(window, pictures, look, request):
         hand.type(widget.form.radius, "15")
     flat = flatten(hand, viewer)
     assert flat.contents.currentText() == "T1"
+    hand.wheel(canvas_widget(flat), -1)
     point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
     look(hand, viewer, "demo", *parts_of(flat))
