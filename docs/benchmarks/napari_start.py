@@ -12,9 +12,9 @@ import sys
 _START = """
 import importlib.metadata, json, os, sys, time
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
-if sys.argv[1] == "without":
-    found = importlib.metadata.distributions
-    importlib.metadata.distributions = lambda **how: (one for one in found(**how) if one.name != "voxflat")
+left_out = "voxflat" if sys.argv[1] == "without" else ""
+found = importlib.metadata.distributions
+importlib.metadata.distributions = lambda **how: (one for one in found(**how) if one.name != left_out)
 import napari.viewer
 from napari._qt.qt_event_loop import get_qapp
 from napari._app_model import get_app_model
