@@ -113,7 +113,8 @@ bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000
 # Xvfb where there is no display
 SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
-bench-napari: setup ## stalls, memory and random use of napari's window (half an hour)
+bench-napari: setup ## start, stalls, memory and random use of napari's window (half an hour)
+	$(RUN) python docs/benchmarks/napari_start.py
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_stalls.py
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
 

@@ -1,7 +1,8 @@
 """What a user's hand does in napari's window: menus, buttons, boxes, file dialogs, the mouse over a canvas."""
 
 from napari_window import PATIENCE
-from qtpy.QtCore import QPoint, Qt, QTimer
+from qtpy.QtCore import QPoint, QPointF, Qt, QTimer
+from qtpy.QtGui import QWheelEvent
 from qtpy.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit
 
 
@@ -83,6 +84,17 @@ class Hand:
         """Click on a place of a widget."""
         self.move(widget, at)
         self._qtbot.mouseClick(widget, Qt.MouseButton.LeftButton, pos=at)
+
+    def wheel(self, widget, clicks):
+        """Turn the wheel over a widget's middle: by so many clicks towards what is seen, or away from it."""
+        at = QPointF(widget.rect().center())
+        for _ in range(abs(clicks)):
+            turned = QPoint(0, 120 if clicks > 0 else -120)
+            keys = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
+            where = at, QPointF(widget.mapToGlobal(at.toPoint()))
+            event = QWheelEvent(*where, QPoint(), turned, *keys, Qt.ScrollPhase.NoScrollPhase, False)
+            QApplication.sendEvent(widget, event)
+        QApplication.processEvents()
 
     def wait(self, done):
         """Wait until something is true."""

@@ -15,7 +15,9 @@ import pytest
 from voxflat.errors import InputError
 from voxflat.io import apart as module
 from voxflat.io.apart import apart
+from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.reading import reading
+from voxflat.io.volumes import read_volume
 
 pytest.importorskip("vtkmodules")  # of the packages that it imports the one that takes least time
 
@@ -89,6 +91,15 @@ def test_it_takes_no_more_than_the_limit(path):
         assert len(apart(takes, "vtkmodules", path, limit // 2, size=limit)) == limit // 2
     with pytest.raises(InputError, match="needs more memory"):  # than a file of 1 KB may stand for
         apart(takes, "vtkmodules", path, 1 << 31)
+
+
+@pytest.mark.slow
+def test_a_package_is_imported_after_the_files_of_another(tmp_path):
+    itk = pytest.importorskip("itk")
+    itk.imwrite(itk.image_from_array(np.ones((4, 5, 6), np.uint8)), str(tmp_path / "v.nrrd"))
+    write_mesh(tmp_path / "m.vtp", Mesh(np.eye(3), np.array([[0, 1, 2]])))
+    assert len(read_mesh(tmp_path / "m.vtp").points) == 3  # within a limit, which is that file's
+    assert read_volume(tmp_path / "v.nrrd").data.shape == (6, 5, 4)
 
 
 def test_values_come_back_and_prints_do_not(path, capfd):

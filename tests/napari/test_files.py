@@ -2,6 +2,7 @@
 
 import gzip
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ import voxflat
 from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.map_viewer.viewer_parts import camera
+from voxflat._napari.results.maps import map_layers
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
 
 napari = pytest.importorskip("napari")
 nib = pytest.importorskip("nibabel")
-from napari.layers import Image, Labels  # noqa: E402
+from napari.layers import Image, Labels, Layer  # noqa: E402
+from npe2 import PluginManager, PluginManifest, io_utils  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
@@ -211,6 +214,80 @@ def test_hostile_files_are_told_in_a_line(subject, opened, messages, tmp_path):
         assert "\n" not in message.message
         assert name in message.message
     assert not viewer.layers
+
+
+def write_as(path, values, points, faces):
+    """Write what files of such a name hold: a volume, a surface, or what lies on one."""
+    name = path.name
+    if name.endswith((".voxflat", ".npz")):
+        voxflat.flatten((points, faces)).save(path)
+    elif name.endswith((".nrrd", ".nhdr", ".mha", ".mhd")):
+        itk = pytest.importorskip("itk")
+        itk.imwrite(itk.image_from_array(np.ones((4, 5, 6), np.uint8)), str(path))
+    elif name.endswith((".nii", ".nii.gz", ".mgz")):
+        kind = nib.MGHImage if name.endswith(".mgz") else nib.Nifti1Image
+        nib.save(kind(np.ones((4, 5, 6), np.uint8), np.eye(4)), path)
+    elif name.endswith(".mgh"):
+        nib.save(nib.MGHImage(values.astype(np.float32)[:, None, None], np.eye(4)), path)
+    elif name.endswith(".annot"):
+        colours = np.array([[25, 5, 25, 0, 0], [220, 20, 20, 0, 0]])
+        nib.freesurfer.write_annot(path, np.arange(len(points)) % 2, colours, ["unknown", "red"], fill_ctab=True)
+    elif name.endswith(".label"):
+        path.write_text("#!ascii label\n1\n7 0 0 0 0\n")
+    elif name.endswith((".patch.flat", ".patch.3d")):
+        all_ = np.arange(len(points))
+        write_patch(path, Patch(all_, points * [1, 1, 0], patch_border(faces, all_, len(points))))
+    elif name.endswith((".gii.gz", ".gii")):
+        write_mesh(path.with_name("a.surf.gii"), Mesh(points, faces))
+        whole = path.with_name("a.surf.gii").read_bytes()
+        path.write_bytes(gzip.compress(whole) if name.endswith(".gz") else whole)
+    elif name.endswith(".stl"):
+        pytest.importorskip("pyvista").make_tri_mesh(points, faces).save(path)
+    elif name.endswith((".curv", ".avg_curv", ".sulc", ".thickness", ".area", ".volume")):
+        nib.freesurfer.write_morph_data(path, values.astype(np.float32))
+    elif name.endswith((".ply", ".vtp")):
+        write_mesh(path, Mesh(points, faces))
+    else:
+        nib.freesurfer.write_geometry(path, points, faces)
+
+
+@pytest.fixture
+def plugins():
+    """The plugins that there are, as napari knows them when it starts."""
+    PluginManager.instance().discover()
+
+
+def patterns(reader):
+    """The names of files that a reader of the manifest is asked for."""
+    readers = PluginManifest.from_distribution("voxflat").contributions.readers
+    (found,) = [one.filename_patterns for one in readers if one.command == f"voxflat.{reader}"]
+    return found
+
+
+@pytest.mark.parametrize("reader", ["read_flat_map", "read_surface", "read_volume"])
+def test_each_kind_of_file_in_the_manifest_is_read(plugins, reader, tmp_path):
+    points, faces, values = bumps(9)
+    for number, pattern in enumerate(patterns(reader)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        nib.freesurfer.write_geometry(folder / "lh.white", points, faces)  # on which values lie
+        path = folder / pattern.replace("*", "lh" if reader == "read_surface" else "a")
+        write_as(path, values, points, faces)
+        layers = io_utils.read([str(path)], stack=False, plugin_name="voxflat")
+        assert [len(layer) for layer in layers] == [3] * len(layers), pattern  # of nothing one
+
+
+def test_each_ending_in_the_manifest_is_written(plugins, tmp_path):
+    points, faces, _ = bumps(9)
+    flat_map = voxflat.flatten((points, faces))
+    flat_map.metadata["napari"] = {"layer": "bumps", "world_axes": "RAS", "unit": "millimeter"}
+    (heat,) = map_layers(flat_map, "bumps").layers
+    data, keywords, kind = heat
+    for writer in PluginManifest.from_distribution("voxflat").contributions.writers:
+        for ending in writer.filename_extensions:
+            path = str(tmp_path / f"map{ending}")
+            assert io_utils.write(path, [Layer.create(data, keywords, kind)], plugin_name="voxflat") == [path], ending
+            assert Path(path).stat().st_size > 0, ending
 
 
 def test_files_of_others_are_declined(tmp_path):

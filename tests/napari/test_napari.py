@@ -28,9 +28,13 @@ from voxflat._napari.results.report import figures
 from voxflat._napari.workbench import Workbench
 
 napari = pytest.importorskip("napari")
-from napari.layers import Image, Labels  # noqa: E402
+from napari.layers import Image, Labels, Surface  # noqa: E402
+from qtpy.QtGui import QShortcut  # noqa: E402
+from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
+
+DOCKS = ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map")
 
 
 # --------------------------------------------------------------------------------------- what is offered
@@ -39,36 +43,67 @@ pytestmark = pytest.mark.slow  # a window
 def test_manifest_is_valid_and_its_commands_resolve():
     manifest = PluginManifest.from_distribution("voxflat")
     manifest.validate_imports()
-    assert [widget.display_name for widget in manifest.contributions.widgets] == [
-        "Flatten surface",
-        "Flatten in patches",
-        "Flat map",
-        "Draw cuts",
-        "Check surface",
-        "Measure map",
-    ]
+    assert tuple(widget.display_name for widget in manifest.contributions.widgets) == DOCKS
+
+
+def texts_of_menu(menu, *path):
+    """The entries of a menu, of ours without what napari puts behind them."""
+    for title in path:
+        menu = next(action.menu() for action in menu.actions() if action.text().replace("&", "") == title)
+        menu.aboutToShow.emit()
+    return [action.text().replace("&", "").replace("...", "…") for action in menu.actions()]
 
 
 def test_menus_of_a_real_viewer(make_napari_viewer):
     viewer = make_napari_viewer()
-
-    def texts(menu, *path):
-        for title in path:
-            menu = next(action.menu() for action in menu.actions() if action.text().replace("&", "") == title)
-            menu.aboutToShow.emit()
-        return [action.text() for action in menu.actions()]
-
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    for named in re.findall(r"\*([A-Z]\w+(?: → [^*]+)+)\*", readme):
-        title, *path, entry = named.split(" → ")
-        assert f"{entry} (voxflat)" in texts(getattr(viewer.window, f"{title.lower()}_menu"), *path)
     names = ("Flatten surface", "Flatten in patches", "Draw cuts")
-    assert {f"{name} (voxflat)" for name in names} <= set(texts(viewer.window.layers_menu, "Transform"))
+    assert {f"{name} (voxflat)" for name in names} <= set(texts_of_menu(viewer.window.layers_menu, "Transform"))
     measures = ("Check surface", "Measure map")
-    assert {f"{name} (voxflat)" for name in measures} <= set(texts(viewer.window.layers_menu, "Measure"))
-    docks = (*names[:2], "Flat map", "Draw cuts", *measures)
-    assert texts(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in docks]
-    assert "Demo cortex (MNI152) (voxflat)" in texts(viewer.window.file_menu, "Open Sample")
+    assert {f"{name} (voxflat)" for name in measures} <= set(texts_of_menu(viewer.window.layers_menu, "Measure"))
+    assert texts_of_menu(viewer.window.plugins_menu, "voxflat") == [f"{name} (voxflat)" for name in DOCKS]
+    assert "Demo cortex (MNI152) (voxflat)" in texts_of_menu(viewer.window.file_menu, "Open Sample")
+
+
+NO_NAMES = {"(voxflat)", "Point", "Points and Shapes"}  # on the page: what napari adds, what one does, napari's layers
+
+
+def test_what_the_page_names_is_in_the_window(flattened):
+    """What docs/napari.md and README.md print in italics or bold, rows of the form and keys of docks."""
+    points, faces, _ = bumps(9)
+    viewer, widget, _ = flattened(Surface((points, faces), name="lh.white"))
+    docks = {name: viewer.window.add_plugin_dock_widget("voxflat", name)[1] for name in DOCKS}
+    seen = set(DOCKS)
+    for dock in docks.values():
+        seen |= {part.text() for kind in (QLabel, QAbstractButton) for part in dock.findChildren(kind)}
+        seen |= {box.itemText(row) for box in dock.findChildren(QComboBox) for row in range(box.count())}
+    manifest = PluginManifest.from_distribution("voxflat")
+    seen |= {"voxflat", *(f"voxflat {writer.display_name}" for writer in manifest.contributions.writers)}
+    home = Path(__file__).parents[2]
+    page, readme = ((home / name).read_text() for name in ("docs/napari.md", "README.md"))
+    named = {bold or italic for bold, italic in re.findall(r"\*\*([^*\n]+)\*\*|\*([^*\n]+)\*", page)}
+    named |= set(re.findall(r"\*([A-Z]\w+(?: → [^*]+)+)\*", readme))
+    assert len(named) > 40
+    for one in sorted(named - NO_NAMES):
+        title, *path = one.split(" → ")
+        if path:
+            entries = texts_of_menu(getattr(viewer.window, f"{title.lower()}_menu"), *path[:-1])
+            assert {path[-1], f"{path[-1]} (voxflat)"} & set(entries), one
+        else:
+            assert one in seen, one
+
+    rows = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith("| ")]
+    form, keys = (
+        rows[1 : rows.index([" dock ", " key ", " what "])],
+        rows[rows.index([" dock ", " key ", " what "]) + 1 :],
+    )
+    asked = {part.text() for part in widget.form.findChildren(QLabel)} | {"Advanced"}
+    assert {name.strip() for row in form for name in row[0].split(",")} <= asked
+    told, dock = {}, ""
+    for row in keys:
+        dock = row[0].strip() or dock
+        told.setdefault(dock, set()).update(key.strip() for key in row[1].split(","))
+    bound = {name: {one.key().toString() for one in dock.findChildren(QShortcut)} for name, dock in docks.items()}
+    assert told == {name: found for name, found in bound.items() if found}
 
 
 def test_importing_voxflat_imports_no_napari():
@@ -88,6 +123,29 @@ def test_napari_reads_no_more_than_the_manifest_when_it_starts():
         "assert 'voxflat' in manager; sys.exit('voxflat' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_docks_open_without_what_only_their_threads_need():
+    """The imports of the first dock are the window's to wait for: matplotlib, dask and scipy took two seconds."""
+    import subprocess
+    import sys
+
+    code = """
+import sys, time, napari
+from qtpy.QtWidgets import QApplication
+viewer = napari.Viewer()
+before = set(sys.modules)
+for name in ("Flatten surface", "Flatten in patches", "Flat map", "Draw cuts", "Check surface", "Measure map"):
+    viewer.window.add_plugin_dock_widget("voxflat", name)
+for _ in range(20):
+    QApplication.processEvents()
+    time.sleep(0.01)
+parts = ("matplotlib", "dask", "scipy.spatial", "scipy.ndimage", "scipy.sparse", "nibabel", "PIL")
+viewer.close()
+print("imported", *sorted(set(parts) & (set(sys.modules) - before)))
+"""
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.splitlines()[-1] == "imported"
 
 
 def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):

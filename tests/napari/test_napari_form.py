@@ -1,5 +1,6 @@
 """The form of *Flatten surface*: what it chooses by itself, what can be chosen, and what the plan says of it."""
 
+import nibabel as nib
 import numpy as np
 import pytest
 import shapes
@@ -100,6 +101,24 @@ def shapes_eroded(inside):
     from scipy import ndimage
 
     return ndimage.binary_erosion(inside)
+
+
+def test_of_a_subjects_surfaces_white_is_usual_to_pial_whatever_came_first(make_napari_viewer, tmp_path):
+    points, faces, values = bumps(9)
+    for number, name in enumerate(("pial", "white", "inflated")):
+        nib.freesurfer.write_geometry(tmp_path / f"lh.{name}", np.add(points, [0, 0, number]), faces)
+    nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", values)
+    viewer = make_napari_viewer()
+    for name in ("pial", "white", "inflated", "thickness"):
+        viewer.open(str(tmp_path / f"lh.{name}"), plugin="voxflat")
+    _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
+    form = widget.form
+    chosen = [choice.currentText() for choice in (form.surface, form.pial, form.sampled)]
+    assert chosen == ["lh.white", "lh.pial", "lh.thickness"]
+    assert_array_equal(viewer.layers["lh.thickness"].vertices, viewer.layers["lh.pial"].vertices)
+    form.surface.choose(viewer.layers["lh.thickness"])
+    assert form.pial.layer is None  # it lies there itself
+    assert "distances midway" not in form.plan.text()
 
 
 def test_what_is_usual(open_widget):

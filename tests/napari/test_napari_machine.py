@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
+from hypothesis.errors import Flaky
 from hypothesis.stateful import (
     RuleBasedStateMachine,
     initialize,
@@ -87,7 +88,7 @@ def saved(tmp_path_factory):
 
 
 class Window(RuleBasedStateMachine):
-    """A user of napari's window; `make_viewer`, `qtbot` and `saved` are set by the test."""
+    """A user of napari's window; `make_viewer`, `qtbot`, `saved` and `failures` are set by the test."""
 
     def __init__(self):
         super().__init__()
@@ -325,15 +326,22 @@ class Window(RuleBasedStateMachine):
             assert "\n" not in record.message, record.message
 
     def teardown(self):
-        if not hasattr(self, "viewer"):
-            return
+        error = sys.exc_info()[1]
+        if isinstance(error, Exception):  # not what Hypothesis ends a sequence by
+            self.failures.append(error)
         try:
-            self.be_patient()
-            self.viewer.close()
-            wait_for_threads(self.qtbot)
-            self.nothing_went_wrong()
+            if hasattr(self, "viewer"):
+                self._leave(waiting=error is None)
         finally:
             sys.excepthook = self._hook
+
+    def _leave(self, waiting):
+        if waiting:
+            self.be_patient()
+        self.viewer.close()
+        if waiting:
+            wait_for_threads(self.qtbot)
+            self.nothing_went_wrong()
 
     # ------------------------------------------------------------------------------------------- finding
 
@@ -355,19 +363,25 @@ def test_any_sequence_of_actions(make_napari_viewer, qtbot, saved, request, monk
     for ask in ("getSaveFileName", "getOpenFileName"):
         monkeypatch.setattr(QFileDialog, ask, lambda *_: ("", ""))
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: "")
-    machine = type(
-        "Window", (Window,), {"make_viewer": staticmethod(make_napari_viewer), "qtbot": qtbot, "saved": saved}
-    )
+    failures = []
+    given = {"make_viewer": staticmethod(make_napari_viewer), "qtbot": qtbot, "saved": saved, "failures": failures}
+    machine = type("Window", (Window,), given)
     sequences = request.config.getoption("sequences")
     few = {"derandomize": True, "database": None}
-    run_state_machine_as_test(
-        machine,
-        settings=settings(
-            max_examples=sequences or FEW[0],
-            stateful_step_count=STEPS if sequences else FEW[1],
-            deadline=None,
-            phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes many windows
-            suppress_health_check=[*HealthCheck],
-            **({} if sequences else few),
-        ),
-    )
+    try:
+        run_state_machine_as_test(
+            machine,
+            settings=settings(
+                max_examples=sequences or FEW[0],
+                stateful_step_count=STEPS if sequences else FEW[1],
+                deadline=None,
+                phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes many windows
+                suppress_health_check=[*HealthCheck],
+                **({} if sequences else few),
+            ),
+        )
+    except Flaky as flaky:
+        # of a failure within steps that once went well Hypothesis tells no more than that they stopped earlier
+        if failures:
+            raise failures[-1] from flaky
+        raise

@@ -14,6 +14,8 @@ import voxflat
 napari = pytest.importorskip("napari")
 from napari.layers import Image, Labels, Surface  # noqa: E402
 
+from voxflat._napari.results import listed  # noqa: E402
+
 pytestmark = pytest.mark.slow  # a window
 
 
@@ -101,6 +103,45 @@ def test_a_label_and_a_volume(open_widget, qtbot, world):
     ids = atlas.page().locate()[0]
     inside = ids[..., 0] >= 0
     assert np.nanmax(np.abs(image[inside] - ids[inside][:, 0])) < 2.5
+
+
+def test_an_atlas_takes_the_place_of_one_with_fewer_points(open_widget, qtbot):
+    viewer, widget = open_widget(Surface(sphere(), name="ball"))
+    assert viewer.dims.ndisplay == 2  # napari looks up the colours of the points in the slice
+    limit(widget, "count", 12)
+    run(widget, qtbot)
+    surface = viewer.layers["ball in patches"]
+    surface.visible = True
+    fewer = len(surface.vertices)
+    limit(widget, "count", 100)
+    run(widget, qtbot)
+    assert viewer.layers["ball in patches"] is surface
+    assert len(surface.vertices) > fewer
+    assert len(surface.vertex_colors) == len(surface.vertices)
+    assert_array_equal(viewer.layers["ball C"].data, surface.metadata["voxflat"].heat_map().data)
+
+
+def test_a_layer_that_fails_keeps_no_other_one(open_widget, qtbot, monkeypatch):
+    viewer, widget = open_widget(Surface(sphere(), name="ball"))
+    limit(widget, "count", 12)
+    run(widget, qtbot)
+    fill, failures = listed._fill, []
+
+    def fails_once(layer, data):
+        if not failures:
+            failures.append(layer.name)
+            raise RuntimeError("no such layer")
+        fill(layer, data)
+
+    monkeypatch.setattr(listed, "_fill", fails_once)
+    limit(widget, "count", 100)
+    with qtbot.captureExceptions() as caught:
+        run(widget, qtbot)
+    assert [str(error) for _, error, _ in caught] == ["no such layer"]
+    assert failures == ["ball in patches"]
+    atlas = viewer.layers["ball C"].metadata["voxflat"]
+    assert len(atlas) > 12
+    assert_array_equal(viewer.layers["ball C"].data, atlas.heat_map().data)
 
 
 def test_only_the_chosen_limit_is_asked(open_widget):

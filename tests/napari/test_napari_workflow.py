@@ -157,8 +157,8 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     open_files(hand, viewer, *(subject / f"lh.{name}" for name in ("pial", "inflated", "white", "thickness")))
     hand.menu("Layers", "Transform", "Flatten surface (voxflat)")
     widget = dock(viewer, "Flatten surface")
-    hand.choose(widget.form.surface, "lh.white")
-    assert widget.form.pial.currentText() == "lh.pial"
+    chosen = widget.form.surface, widget.form.pial, widget.form.sampled
+    assert [choice.currentText() for choice in chosen] == ["lh.white", "lh.pial", "lh.thickness"]
     assert "standard cuts, by lh.sphere.reg" in widget.form.plan.text()
     hand.picture(pictures / "napari_form.png")
     look(hand, viewer, "form", widget.start, widget.form.surface, widget.form.plan)
@@ -167,6 +167,10 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     assert flat_map.metadata["cuts_by"] == "standard"
     expected = voxflat.surface(str(subject / "lh.white"), pial=str(subject / "lh.pial"))
     assert_array_equal(flat_map.uv, voxflat.flatten(expected).uv)
+    assert flat.contents.currentText() == "lh.thickness"
+    hand.choose(flat.contents, "Distances")
+    hand.wait(lambda: flat.is_drawn)
+    hand.wheel(canvas_widget(flat), -5)  # beside the dock less is to be seen
     point_at(hand, flat, len(flat_map) // 2)
     assert (flat.sheet.side, {one.letter for one in flat.sheet.directions}) == ("L", {"A", "S"})
     hand.picture(pictures / "napari_map.png")
@@ -209,7 +213,9 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     hand.wait(widget.results.copy.isVisible)
     widget.scrolled.ensureWidgetVisible(widget.results.copy)
     hand.press(widget.results.copy)
-    assert "voxflat.flatten(" in QApplication.clipboard().text()
+    script = QApplication.clipboard().text()
+    assert "voxflat.flatten(" in script
+    assert f"read_overlay({str(subject / 'lh.thickness')!r}" in script  # all lies in files: nothing is asked
 
     # saved by the menu, and opened again in an empty window
     heat = next(layer for layer in viewer.layers if layer.name.endswith("distortion"))
@@ -260,6 +266,7 @@ def test_the_demo_cortex(window, pictures, look, request):
         hand.type(widget.form.radius, "15")
     flat = flatten(hand, viewer)
     assert flat.contents.currentText() == "T1"
+    hand.wheel(canvas_widget(flat), -1)
     point_at(hand, flat, len(flat.sheet.run.flat_map) // 2)
     hand.picture(pictures / "napari.png")
     look(hand, viewer, "demo", *parts_of(flat))

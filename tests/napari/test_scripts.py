@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import nibabel as nib
 import numpy as np
 import pytest
 from napari_window import FLIP, bumps, cap, choose_whole, open_file, run
@@ -74,6 +75,28 @@ def test_the_same_bits(tmp_path):
         for known in ("space", "structure"):
             assert again.metadata.get(known) == flat_map.metadata.get(known)
     assert (tmp_path / "T1_flattened.png").is_file()
+
+
+def test_values_of_a_file_are_read_from_it(tmp_path, monkeypatch):
+    points, faces, values = bumps()
+    values = values.astype(np.float32)
+    write_mesh(tmp_path / "lh.white", Mesh(points, faces, space=Space("scanner")))
+    nib.freesurfer.write_morph_data(tmp_path / "lh.thickness", values)
+    placed = voxflat.io.read_mesh(tmp_path / "lh.white").points
+    white = from_file(lambda: Surface((placed, faces), name="lh.white", units="mm"), tmp_path / "lh.white")
+    data = (placed, faces, values.astype(np.float64))
+    thick = from_file(lambda: Surface(data, name="lh.thickness", units="mm"), tmp_path / "lh.thickness")
+    for known in (True, False):
+        recipe = Recipe(Job(LayerMesh.of(white), shown=shown(thick, "RAS")))
+        result = recipe.run(lambda *_: True)
+        assert recipe.needs_folder() is not known
+        script = recipe.script(tmp_path)
+        assert ("read_overlay" in script) is known
+        monkeypatch.chdir(tmp_path)
+        found = {}
+        exec(script, found)
+        assert_array_equal(found["image"].data, result.flat_map.image(thick.vertex_values).data)
+        thick.vertex_values = 2 * thick.vertex_values  # which no file holds
 
 
 def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tmp_path):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.sampled import Overlay, Shown
@@ -100,7 +100,7 @@ class Job:
             pial = None if self.pial is None else self.pial.read()
             source, foreground = surface(source, **foreground, pial=pial, progress=progress), {}
         if self.polygon is not None:
-            _, nearest = cKDTree(source.points).query(self.polygon)
+            _, nearest = scipy.spatial.cKDTree(source.points).query(self.polygon)
             place["polygon"] = source.ids[nearest]
         if self.start is not None:
             place["start"] = self.start

@@ -22,6 +22,7 @@ from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
 
@@ -171,7 +172,7 @@ class _Script:
             how: dict[str, Any] = {"interpolation": "nearest" if shown.kind == "labels" else "linear"}
             how |= {"depth": shown.depth} if shown.fraction is None else {"fraction": shown.fraction}
         else:
-            what, how = self._array(shown.values, shown.name), {}
+            what, how = self._overlay(shown), {}
         self._call("image", f"{name}.image", what, {"pixel_size": pixel_size, **how})
         self._lines.append(f"image.save({_file_name(shown.name) + '_flattened.png'!r})")
 
@@ -244,6 +245,15 @@ class _Script:
         self._readers.add("Space")
         return f'{known}, space=Space("scanner")'
 
+    def _overlay(self, shown: Overlay) -> str:
+        """Read values of a mesh."""
+        values = shown.values
+        if shown.path is None or not _holds(shown.path, values):
+            return self._array(values, shown.name)
+        self._readers.add("read_overlay")
+        self._lines.append(f"shown = read_overlay({str(shown.path)!r}, {len(values)}).astype({values.dtype.name!r})")
+        return "shown"
+
     def _array(self, values: NDArray[Any], name: str) -> str:
         """Return an expression for an array: as it is if it is short."""
         if values.size <= 12 and values.dtype.kind in "biuf" and np.isfinite(values).all():
@@ -291,6 +301,14 @@ def _is_in_file(source: Volume | Mesh) -> bool:
     except (InputError, OSError):
         return False
     return _same(mesh.space.to_scanner(mesh.points), source.points) and _same(mesh.faces, source.faces)
+
+
+def _holds(path: Path, values: NDArray[Any]) -> bool:
+    """Tell whether a file holds values of a mesh."""
+    try:
+        return _same(read_overlay(path, len(values)).astype(values.dtype), values)
+    except (InputError, OSError):
+        return False
 
 
 def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:

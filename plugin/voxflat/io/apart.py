@@ -240,6 +240,7 @@ def _told(error: Exception, path: str) -> list[Any]:
 def _called(function: str, package: str, arguments: list[Any], seconds: int, memory: int, contents: int) -> Any:
     """Call a function within limits, for which importing its package does not count."""
     _, extra, loaded = _PACKAGES[package]
+    _limit_addresses(None)  # that of the file before
     getattr(require(package, extra), loaded)
     module, _, name = function.partition(":")
     called = getattr(importlib.import_module(module), name)
@@ -258,14 +259,14 @@ def _limit_seconds(seconds: int) -> None:
         signal.setitimer(clock, seconds * times)
 
 
-def _limit_addresses(most: int) -> None:
-    """Limit how many bytes may be taken more than there are now; write no image of a process that ended."""
+def _limit_addresses(most: int | None) -> None:
+    """Limit how many bytes may be taken more than there are now, or lift it; write no image of a process that ended."""
     try:
         import resource
     except ImportError:  # Windows
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    soft = min(psutil.Process().memory_info().vms + most, sys.maxsize)
+    soft = hard if most is None else min(psutil.Process().memory_info().vms + most, sys.maxsize)
     resource.setrlimit(resource.RLIMIT_AS, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 

@@ -283,7 +283,9 @@ class DrawCuts(QWidget):
         error, gains = weighed
         rows = [row for row, cut in enumerate(self._weighed) if cut.is_complete]
         for row, gain in zip(rows, gains, strict=True):
-            self.cuts.setItem(row, 2, _cell(f"{100 * gain:+.1f} %" if np.isfinite(gain) else "unknown"))
+            self.cuts.setItem(
+                row, 2, _cell(f"{100 * gain:+.1f} %".replace("-", "−") if np.isfinite(gain) else "unknown")
+            )
         if np.isfinite(error):
             told = f"Distances of a sketch of the map are {100 * error:.1f} % off with all cuts."
         else:
@@ -414,6 +416,6 @@ class DrawCuts(QWidget):
 
 def _cell(text: str) -> QTableWidgetItem:
     cell = QTableWidgetItem(text)
-    if text[:1] in "+-0123456789":
+    if text[:1] in "+−0123456789":
         cell.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
     return cell

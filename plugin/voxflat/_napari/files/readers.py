@@ -200,7 +200,7 @@ def _show_surfaces(viewer: Viewer, layers: list[LayerData]) -> None:
     """
     from qtpy.QtCore import QTimer
 
-    from voxflat._napari.files.surfaces import is_elsewhere
+    from voxflat._napari.layers.meshes import is_elsewhere
     from voxflat._napari.map_viewer.viewer_parts import look_from_side
 
     there = [layer for layer in viewer.layers if layer.visible and not is_elsewhere(layer.name)]

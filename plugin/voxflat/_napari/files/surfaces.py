@@ -18,12 +18,10 @@ from voxflat.io.meshes import read_mesh
 from voxflat.io.spaces import UNKNOWN, Space
 from voxflat.io.structures import named_structure
 
-__all__ = ["Geometry", "geometries_for", "is_elsewhere", "surface_layers"]
+__all__ = ["Geometry", "geometries_for", "surface_layers"]
 
 _KINDS = ("white", "midthickness", "pial", "graymid", "smoothwm", "orig", "inflated")
 """On which surface values are shown, if several lie beside their file: those that are no cortex come last."""
-
-_ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 _TRIED = 12  # files; a folder of a hundred surfaces is not read through
 
@@ -111,21 +109,6 @@ def surface_layers(path: Path) -> list[LayerData]:
         If the file is damaged.
     """
     return [Geometry.read(path).layer(path)]
-
-
-def is_elsewhere(name: str) -> bool:
-    """Tell by a file's name whether its surface lies elsewhere than in the head, as the inflated one.
-
-    Parameters
-    ----------
-    name : str
-        Such as lh.inflated.
-
-    Returns
-    -------
-    bool
-    """
-    return not _ELSEWHERE.isdisjoint(re.split(r"[._]", name.lower().replace("very_inflated", "inflated")))
 
 
 def geometries_for(path: Path) -> Iterator[Geometry]:

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from dask.array import from_delayed, stack
-from dask.delayed import delayed
 from numpy.typing import NDArray
 
 from voxflat._napari.results.flat_layers import LayerData
@@ -47,6 +45,9 @@ def volume_layers(path: Path) -> list[LayerData]:
     with naming(path, REMEDY):
         found = series_of(path)
     if found is not None:
+        from dask.array import from_delayed, stack
+        from dask.delayed import delayed
+
         frames, affine = found
         order = _order(affine)
         first = frames.read(0)

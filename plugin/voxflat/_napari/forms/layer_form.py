@@ -14,7 +14,7 @@ from voxflat._napari.forms.fields import choice, show_row, spin
 from voxflat._napari.forms.label_choice import LabelChoice
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.threshold_choice import ThresholdChoice
-from voxflat._napari.layers.meshes import LayerMesh, vary
+from voxflat._napari.layers.meshes import LayerMesh, is_elsewhere, surface_name, vary
 from voxflat._napari.layers.sampled import Shown, shown, usual_depth
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.layers.world import WORLDS, same_kind_of_unit
@@ -104,7 +104,7 @@ class LayerForm(QWidget):
         mesh = self.surface.layer
         if not (isinstance(layer, Surface) and isinstance(mesh, Surface) and len(layer.vertices) == len(mesh.vertices)):
             return None
-        return 3 if layer == mesh and vary(np.asarray(layer.vertex_values)) else 0
+        return (3 if layer == mesh else 1) if vary(np.asarray(layer.vertex_values)) else 0
 
     # ------------------------------------------------------------------------------------------ asking
 
@@ -156,7 +156,12 @@ class LayerForm(QWidget):
 
 
 def _surface_rank(layer: Layer) -> int | None:
-    """Say how well a layer suits to be flattened."""
+    """Say how well a layer suits to be flattened: cortex is measured on the white surface, or from it outwards."""
     if "voxflat" in layer.metadata or not isinstance(layer, Image | Labels | Surface) or getattr(layer, "rgb", False):
         return None
-    return (2 - isinstance(layer, Image)) if layer.ndim == 3 else 0
+    if layer.ndim != 3:
+        return 0
+    if not isinstance(layer, Surface):
+        return 1 if isinstance(layer, Image) else 3
+    name = surface_name(layer)
+    return 2 if "pial" in name or is_elsewhere(name) else 3

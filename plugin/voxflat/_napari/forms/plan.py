@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from napari.layers import Surface
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QLabel, QWidget
-from scipy import ndimage
 from superqt.utils import FunctionWorker
 
 from voxflat._napari.layers.volumes import finest
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _COUNTED = 2**27  # voxels; in larger layers, perhaps on a disk far away, surface voxels are not counted only for this
 _PAUSE = 300  # ms without a change before they are
-_SECONDS = {"closed": 5e-4, "open": 2.5e-4}  # a point, on two cores (docs/decisions/0027)
+_SECONDS = 2e-4  # a point, on two cores (docs/decisions/0027)
 _BYTES = 6500.0  # a point
 _PARTS = {
     "whole": "The whole surface",
@@ -160,8 +160,7 @@ def _expected(asked: _Asked, count: int | None) -> list[str]:
     points = f"{float(f'{count:.2g}'):,.0f}\u00a0points"
     if asked.method != "voxflat" or asked.part != "whole":
         return [f"The whole has about {points}."]
-    way = "open" if isinstance(asked.layer, Surface) else "closed"
-    seconds, gigabytes = count * _SECONDS[way], count * _BYTES / 1e9
+    seconds, gigabytes = count * _SECONDS, count * _BYTES / 1e9
     return [f"About {points}, {_about(seconds)}\u00a0s, {_about(gigabytes)}\u00a0GB of memory."]
 
 
@@ -174,4 +173,4 @@ def _surface_voxels(
 ) -> tuple[int, tuple[Any, ...]]:
     """Count the foreground's voxels that have a face to the background."""
     inside = data == label if threshold is None else data > threshold
-    return int(np.count_nonzero(inside) - np.count_nonzero(ndimage.binary_erosion(inside, border_value=0))), of
+    return int(np.count_nonzero(inside) - np.count_nonzero(scipy.ndimage.binary_erosion(inside, border_value=0))), of

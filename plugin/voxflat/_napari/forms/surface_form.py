@@ -16,7 +16,7 @@ from voxflat._napari.forms.options_form import OptionsForm
 from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
-from voxflat._napari.layers.meshes import LayerMesh, vary
+from voxflat._napari.layers.meshes import LayerMesh, surface_name, vary
 from voxflat._napari.layers.outlines import corners
 from voxflat._napari.layers.sampled import overlay
 from voxflat._napari.layers.volumes import LayerVolume
@@ -220,7 +220,7 @@ class SurfaceForm(LayerForm):
             return None
         if not isinstance(layer, Surface) or layer.ndim != 3 or len(layer.vertices) != len(white.vertices):
             return None
-        return int("pial" in layer.name and "pial" not in white.name)
+        return int("pial" in layer.name and "pial" not in surface_name(white))  # values may lie on the pial one
 
     def _mask_rank(self, layer: Layer) -> int | None:
         volume = self.surface.layer

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +18,8 @@ from voxflat.io.structures import named_structure
 
 if TYPE_CHECKING:
     from napari.layers import Surface
+
+_ELSEWHERE = frozenset({"inflated", "veryinflated", "sphere", "flat"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,3 +143,35 @@ def vary(values: NDArray[Any]) -> bool:
     """
     known = values[values == values]
     return bool(known.size and (known != known[0]).any())
+
+
+def surface_name(layer: Surface) -> str:
+    """Return what the surface of a layer is called: its file, of values the one that they lie on, or the layer.
+
+    Parameters
+    ----------
+    layer : Surface
+        The layer.
+
+    Returns
+    -------
+    str
+        Such as lh.white.
+    """
+    path = layer.metadata.get("surface_file") or layer.source.path
+    return Path(path).name if path else str(layer.name)
+
+
+def is_elsewhere(name: str) -> bool:
+    """Tell by a file's name whether its surface lies elsewhere than in the head, as the inflated one.
+
+    Parameters
+    ----------
+    name : str
+        Such as lh.inflated.
+
+    Returns
+    -------
+    bool
+    """
+    return not _ELSEWHERE.isdisjoint(re.split(r"[._]", name.lower().replace("very_inflated", "inflated")))

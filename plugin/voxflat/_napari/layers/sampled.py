@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -80,11 +81,14 @@ class Overlay:
         One a vertex of the mesh that is flattened.
     display : mapping
         As in `Sampled`.
+    path : Path, optional
+        The layer's file.
     """
 
     name: str
     values: NDArray[Any]
     display: Mapping[str, Any] = field(default_factory=dict)
+    path: Path | None = None
     kind = "image"
 
     @property
@@ -172,7 +176,8 @@ def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
     -------
     Overlay
     """
-    return Overlay(layer.name, mesh.values, _display(layer))
+    path = layer.source.path
+    return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)
 
 
 def _display(layer: Layer) -> dict[str, Any]:

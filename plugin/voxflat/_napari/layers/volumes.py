@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dask.array import from_array
 from numpy.typing import NDArray
 
 from voxflat._napari.layers.world import LayerPlace
@@ -107,6 +106,8 @@ class LayerVolume:
             return self.read()
         data = self.data
         if self.step:  # of zarr, an index would fetch
+            from dask.array import from_array
+
             data = (data if hasattr(data, "dask") else from_array(data))[self.step]  # type: ignore[no-untyped-call]
         return Volume(data, self.place.affine, self.place.path)
 

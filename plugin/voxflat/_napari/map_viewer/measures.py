@@ -12,7 +12,6 @@ from voxflat._napari.map_viewer.pictures import ColourScale, Picture
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat.atlases.atlas import Atlas
 from voxflat.distortion.triangles import angle_changes
-from voxflat.figures.colours import LOOKS
 from voxflat.maps.colours import label_colours
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.raster import FlatImage
@@ -133,6 +132,8 @@ def _page_image(sheet: Sheet, of: str) -> FlatImage:
 
 def _scale(name: str, values: NDArray[np.float64]) -> ColourScale:
     """Return the scale of a measure."""
+    from voxflat.figures.colours import LOOKS
+
     look = LOOKS[name]
     return ColourScale(look.label, colours(look.cmap), look.limits(values))
 

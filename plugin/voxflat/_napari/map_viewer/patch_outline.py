@@ -6,10 +6,10 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+import scipy
 from napari.layers import Vectors
 from numpy.typing import NDArray
 from qtpy.QtCore import QObject, Signal  # type: ignore[attr-defined]  # qtpy makes it of pyqtSignal
-from scipy.spatial import cKDTree
 
 from voxflat._napari.layers.world import from_ras, to_ras
 from voxflat._napari.map_viewer.latest import Latest
@@ -72,7 +72,7 @@ def lifted(sheet: Sheet, segments: Segments) -> Segments:
     -------
     ndarray, shape (S, 2, 3)
     """
-    rows = cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
+    rows = scipy.spatial.cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
     outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
     return np.asarray(segments + width(sheet) / 2 * outwards.reshape(segments.shape))
 
@@ -115,7 +115,7 @@ def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Seg
     places = _between(a, b, a[:, axis] - level, b[:, axis] - level, axis, level)
     if not len(places) or not len(surface):
         return surface, np.empty((0, 2, 3))
-    nearest = cKDTree(surface.mean(axis=1)).query(places)[1]
+    nearest = scipy.spatial.cKDTree(surface.mean(axis=1)).query(places)[1]
     along = surface[nearest, 1] - surface[nearest, 0]
     across = np.cross(along, np.eye(3)[axis])
     across *= _MARK * width(sheet) / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)

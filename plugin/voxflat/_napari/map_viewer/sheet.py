@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from voxflat._napari.map_viewer.pictures import Picture
 from voxflat._napari.results.run import Run
-from voxflat.figures.flat_maps import folds
-from voxflat.figures.marks import Direction, directions, side
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.plane import LIMIT, Planar
+
+if TYPE_CHECKING:
+    from voxflat.figures.marks import Direction
 
 FAR = LIMIT
 """mm: what lies farther from the surface, farther than cortex is thick, has no place on the map."""
@@ -93,6 +94,9 @@ class Sheet:
         -------
         Sheet
         """
+        from voxflat.figures.flat_maps import folds
+        from voxflat.figures.marks import directions, side
+
         flat_map = run.flat_map
         planar = flat_map if isinstance(flat_map, FlatMap) else flat_map.page()
         of = planar._triangles
@@ -300,7 +304,7 @@ class Sheet:
         at = np.round(np.column_stack([v - uv[:, 1], uv[:, 0] - u]) / self.pixel_size).astype(np.int64)
         rows, columns = np.clip(at, 0, size).T
         beside = self.folds.pixels[..., 3] == 0
-        nearest = distance_transform_edt(beside, return_distances=False, return_indices=True)
+        nearest = scipy.ndimage.distance_transform_edt(beside, return_distances=False, return_indices=True)
         return nearest[0][rows, columns], nearest[1][rows, columns]
 
     @property

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.ticker import MaxNLocator
 from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import QColor, QFont, QImage, QPainter, QPen, QPolygonF
 from qtpy.QtWidgets import QSizePolicy, QWidget
 
 from voxflat._napari.map_viewer.pictures import ColourScale
-from voxflat.figures.marks import Direction, round_length
+
+if TYPE_CHECKING:
+    from voxflat.figures.marks import Direction
 
 _HEIGHT = 50
 _EDGE = 8.0
@@ -132,6 +133,8 @@ class Strip(QWidget):
             painter.drawText(QRectF(at.x() - 8, at.y() - 8, 16, 16), Qt.AlignmentFlag.AlignCenter, one.letter)
 
     def _paint_length(self, painter: QPainter, x: float) -> float:
+        from voxflat.figures.marks import round_length
+
         length = round_length(_LENGTH / self._pixels)
         wide = length * self._pixels
         painter.save()
@@ -164,6 +167,8 @@ class Strip(QWidget):
         painter.drawText(
             QRectF(left if centred else x, 1, self.width() - _EDGE - (left if centred else x), 16), flags, title
         )
+        from matplotlib.ticker import MaxNLocator  # which whoever drew the map has imported
+
         low, high = scale.limits
         for value in MaxNLocator(4).tick_values(low, high):
             if low - 1e-9 <= value <= high + 1e-9:

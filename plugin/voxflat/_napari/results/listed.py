@@ -114,8 +114,10 @@ class ListedLayers:
         if viewer is None or not self._steps:
             self._steps.clear()
             return
-        self._steps.popleft()(viewer)
-        QTimer.singleShot(BREATH, self._go_on)
+        try:
+            self._steps.popleft()(viewer)
+        finally:  # a layer that fails keeps no other one
+            QTimer.singleShot(BREATH, self._go_on)
 
     def _put(self, viewer: Viewer, data: LayerData, taken: Layer | None) -> None:
         if taken is not None and taken in viewer.layers:
@@ -218,6 +220,8 @@ def _is_like(layer: Layer, data: LayerData) -> bool:
 def _fill(layer: Layer, data: LayerData) -> None:
     """Give a layer other data."""
     values, keywords, _ = data
+    if getattr(layer, "vertex_colors", None) is not None:
+        layer.vertex_colors = None  # there may be another number of points, which napari slices at once
     layer.data = values
     for name in _PLACE + _LOOK:
         if name in keywords and keywords[name] is not None:
