@@ -319,6 +319,13 @@ class TestDrawings:
         with pytest.raises(FileNotFoundError):
             m.regions(tmp_path / "none.svg")
 
+    @pytest.mark.parametrize(("where", "beyond"), [("M 290", "M 1e999"), ("translate(10", "translate(1e999")])
+    def test_places_beyond_all_numbers(self, m, tmp_path, where, beyond):
+        path = tmp_path / "drawn.svg"
+        path.write_text(SVG.format(where=WHERE).replace(where, beyond))
+        with pytest.raises(InputError, match="one of its paths leads to infinity"):
+            m.regions(path)
+
     @pytest.mark.slow
     def test_shapes_of_napari(self, m):
         """In napari's world the axes are −v and u; its ellipses have the corners of their boxes."""

@@ -112,9 +112,13 @@ def _placement(root: Any, svg: Any) -> Any:
 
     def to_mm(points: NDArray[np.float64]) -> NDArray[np.float64]:
         matrix = to_units
-        px = matrix.a * points[:, 0] + matrix.c * points[:, 1] + matrix.e
-        py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
-        return np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
+        with np.errstate(invalid="ignore", over="ignore"):
+            px = matrix.a * points[:, 0] + matrix.c * points[:, 1] + matrix.e
+            py = matrix.b * points[:, 0] + matrix.d * points[:, 1] + matrix.f
+            mm = np.column_stack([left + (px - x) / width * (right - left), top - (py - y) / height * (top - bottom)])
+        if not np.isfinite(mm).all():
+            raise InputError("one of its paths leads to infinity: draw it anew, or look at its viewBox")
+        return mm
 
     return to_mm
 
