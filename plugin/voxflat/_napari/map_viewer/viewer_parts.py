@@ -36,7 +36,10 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     world : str, optional
         What the viewer's axes mean.
     """
-    inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
+    axes = np.array(viewer.dims.order[-3:]) - (viewer.dims.ndim - 3)  # in the order in which they are shown
+    inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world)[:, axes].tolist()
+    is_exchanged = np.linalg.det(np.eye(3)[axes]) < 0
+    camera(viewer).orientation2d = ("up" if is_exchanged else "down", "right")  # or it would be a mirror's image
     viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
     camera(viewer).set_view_direction(inwards, up)
 
@@ -50,7 +53,16 @@ def show_sagittal(viewer: Viewer) -> None:
         The viewer, which shows three axes.
     """
     viewer.dims.order = (0, 2, 1)
+    before = camera(viewer).orientation2d
     camera(viewer).orientation2d = ("up", "right")
+
+    def turn_back() -> None:
+        """Leave an empty viewer as it was: napari forgets the order of axes, and would show a mirror's image in 3D."""
+        if not viewer.layers:
+            viewer.layers.events.removed.disconnect(turn_back)
+            camera(viewer).orientation2d = before
+
+    viewer.layers.events.removed.connect(turn_back)
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
