@@ -132,12 +132,13 @@ def test_the_front_is_on_the_side_of_which_a_hemisphere_is(opened, tmp_path, qtb
     viewer.dims.ndisplay = 3
     look_from_side(viewer, right=side == "right")  # as Draw cuts does
     visual = viewer.window._qt_viewer.canvas.layer_to_visual[surface].node
-    places = np.array([[x, 0, 0], [x, 9, 0], [x, 0, 9]])[:, list(viewer.dims.displayed)[::-1]]
-    seen = visual.get_transform("visual", "canvas").map(places)
-    middle, front, top = seen[:, :2] / seen[:, 3:]
-    assert np.sign(front[0] - middle[0]) == {"left": -1, "right": 1}[side]
-    assert_allclose(front[1], middle[1], atol=1e-3)
-    assert top[1] < middle[1]
+    seen = visual.get_transform("visual", "canvas").map(visual.mesh_data.get_vertices())
+    across, down = (seen[:, :2] / seen[:, 3:]).T
+    _, y, z = surface.vertices.T
+    assert np.sign(across[y.argmax()] - across[y.argmin()]) == {"left": -1, "right": 1}[side]
+    assert down[z.argmax()] < down[z.argmin()]
+    viewer.dims.ndisplay = 2
+    assert viewer.dims.order == ((0, 2, 1) if before == "a volume" else (0, 1, 2))
 
 
 def test_gifti_of_fsaverage_opens_on_the_same_side(opened):
