@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import voxflat
 from voxflat._napari.files.readers import map_reader, surface_reader
 from voxflat._napari.layers.volumes import LayerVolume
-from voxflat._napari.map_viewer.viewer_parts import camera
+from voxflat._napari.map_viewer.viewer_parts import camera, look_from_side
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.workbench import Workbench
 from voxflat.io import Mesh, Patch, Space, VolumeGeometry, patch_border, write_mesh, write_patch
@@ -111,6 +111,34 @@ def test_surfaces_are_seen_upright_from_their_side(opened, tmp_path, qtbot, side
     camera(viewer).angles = (10, 20, 30)
     last_of(tmp_path / names[2])
     assert_allclose(camera(viewer).angles, (10, 20, 30))  # someone turned it
+
+
+@pytest.mark.parametrize("before", ["nothing", "a volume", "a volume that is gone"])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_front_is_on_the_side_of_which_a_hemisphere_is(opened, tmp_path, qtbot, side, before):
+    """Left ones have it at the left; else it would be a mirror's image."""
+    viewer, last_of = opened
+    if before != "nothing":
+        nib.save(nib.Nifti1Image(ramp((5, 6, 7)).astype(np.float32), np.eye(4)), tmp_path / "t1.nii")
+        last_of(tmp_path / "t1.nii")
+        qtbot.waitUntil(lambda: viewer.dims.order == (0, 2, 1))
+    if before == "a volume that is gone":
+        viewer.layers.clear()
+    points, faces, _ = bumps(9)
+    x = -30.0 if side == "left" else 30.0
+    write_mesh(tmp_path / f"{side[0]}h.white", Mesh(points - points.mean(axis=0) + np.array([x, 0, 0]), faces))
+    surface = last_of(tmp_path / f"{side[0]}h.white")
+    qtbot.wait(10)  # what is posted then
+    viewer.dims.ndisplay = 3
+    look_from_side(viewer, right=side == "right")  # as Draw cuts does
+    visual = viewer.window._qt_viewer.canvas.layer_to_visual[surface].node
+    seen = visual.get_transform("visual", "canvas").map(visual.mesh_data.get_vertices())
+    across, down = (seen[:, :2] / seen[:, 3:]).T
+    _, y, z = surface.vertices.T
+    assert np.sign(across[y.argmax()] - across[y.argmin()]) == {"left": -1, "right": 1}[side]
+    assert down[z.argmax()] < down[z.argmin()]
+    viewer.dims.ndisplay = 2
+    assert viewer.dims.order == ((0, 2, 1) if before == "a volume" else (0, 1, 2))
 
 
 def test_gifti_of_fsaverage_opens_on_the_same_side(opened):

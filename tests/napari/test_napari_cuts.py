@@ -222,6 +222,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     assert len(dock.drawing.cuts) == len(own) + 1
     dock.again.click()
     qtbot.waitUntil(lambda: bench.current.flat_map is not first and bench.is_settled, timeout=PATIENCE)
+    qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
     second = bench.current.flat_map
     paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
     expected = voxflat.flatten((points, faces), cuts=paths, start=first)

@@ -37,20 +37,50 @@ def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
         What the viewer's axes mean.
     """
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
+    _in_their_order(viewer)
     viewer.reset_view()  # before it is turned: a tighter fit would leave the sides out when docks come
     camera(viewer).set_view_direction(inwards, up)
 
 
+def _in_their_order(viewer: Viewer) -> None:
+    """Show axes in their own order: in 3D napari shows surfaces in no other, but all else in any."""
+    viewer.dims.order = tuple(range(viewer.dims.ndim))
+    camera(viewer).orientation2d = ("down", "right")  # with this order another one is a mirror's image
+
+
 def show_sagittal(viewer: Viewer) -> None:
     """Show slices of a world of RAS from the side, as atlases do: what is superior is above, what is anterior right.
+
+    It holds for slices, and until the viewer is empty, since napari then forgets the order of axes.
 
     Parameters
     ----------
     viewer : Viewer
         The viewer, which shows three axes.
     """
-    viewer.dims.order = (0, 2, 1)
-    camera(viewer).orientation2d = ("up", "right")
+    slices = (0, 2, 1), ("up", "right")
+
+    def show(order: tuple[int, ...], orientation: tuple[Any, ...]) -> None:
+        viewer.dims.order = order
+        camera(viewer).orientation2d = orientation
+
+    def turn() -> None:
+        nonlocal slices
+        if viewer.dims.ndisplay == 3:
+            slices = viewer.dims.order, camera(viewer).orientation2d  # as someone may have them by now
+            _in_their_order(viewer)
+        elif len(slices[0]) == viewer.dims.ndim:
+            show(*slices)
+
+    def forget() -> None:
+        if not viewer.layers:
+            viewer.dims.events.ndisplay.disconnect(turn)
+            viewer.layers.events.removed.disconnect(forget)
+            camera(viewer).orientation2d = ("down", "right")
+
+    show(*slices)
+    viewer.dims.events.ndisplay.connect(turn)
+    viewer.layers.events.removed.connect(forget)
 
 
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
