@@ -114,7 +114,8 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     if value is None:
         return None
     try:
-        with warnings.catch_warnings(action="ignore"):  # of an empty file, which the check below names
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of an empty file, which the check below names
             vertices = np.loadtxt(value, dtype=np.int64, ndmin=1)
     except (OSError, ValueError) as error:
         raise click.BadParameter(f"{value} is no list of vertices: {error}") from None

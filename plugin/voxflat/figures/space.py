@@ -214,7 +214,8 @@ def _drawn(
                 plotter.add_mesh(mesh, **material)
             look(plotter)
             plotter.enable_anti_aliasing("ssaa")
-            return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
+            pixels: NDArray[np.uint8] = np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
+            return pixels
         finally:
             plotter.close()
 
@@ -227,7 +228,8 @@ def _up(direction: NDArray[np.float64]) -> tuple[float, float, float]:
 def _pixels(figure: Figure) -> NDArray[np.uint8]:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    return pixels
 
 
 def _by_matplotlib(

@@ -213,7 +213,12 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
     if hasattr(image.header, "get_xyzt_units"):
         check_unit(image.header.get_xyzt_units()[0])
     rest = (0,) * (len(image.shape) - 4)
-    frames = Channels(("",) * shape[3], lambda n: np.asarray(image.dataobj[(..., n, *rest)]), _timing(image.header))
+
+    def frame(n: int) -> NDArray[Any]:
+        at = (..., n, *rest)
+        return np.asarray(image.dataobj[at])
+
+    frames = Channels(("",) * shape[3], frame, _timing(image.header))
     return frames.of_file(path), check_affine(image.affine)
 
 

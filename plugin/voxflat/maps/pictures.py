@@ -223,7 +223,8 @@ def picture_values(path: Path, colours: bool) -> NDArray[Any]:
     """Decode a picture: what `decoded` calls apart."""
     from PIL import Image
 
-    with warnings.catch_warnings(action="ignore"), Image.open(path, formats=PICTURES) as image:
+    with warnings.catch_warnings(), Image.open(path, formats=PICTURES) as image:
+        warnings.simplefilter("ignore")
         return _of_pillow(image) if colours else np.asarray(image)
 
 

@@ -71,7 +71,7 @@ def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | Non
     order = 1 if interpolation == "linear" else 0
 
     def channel(values: NDArray[Any]) -> NDArray[np.float64]:
-        found = image.copy()
+        found: NDArray[np.float64] = image.copy()
         if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):  # SciPy knows no others
             values = values.astype(np.float64)
         found[inside] = scipy.ndimage.map_coordinates(values, at.T, output=np.float64, order=order, mode="nearest")

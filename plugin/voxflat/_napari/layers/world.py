@@ -121,7 +121,8 @@ def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float
     -------
     ndarray, shape (N, 3)
     """
-    return np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
+    moved: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
+    return moved
 
 
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
