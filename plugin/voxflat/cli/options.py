@@ -116,7 +116,8 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of an empty file, which the check below names
-            vertices = np.loadtxt(value, dtype=np.int64, ndmin=1)
+            words = np.loadtxt(value, dtype=np.str_, ndmin=1)  # as numbers, NumPy before 2.3 takes 1.5 for 1
+        vertices = words.astype(np.int64)
     except (OSError, ValueError) as error:
         raise click.BadParameter(f"{value} is no list of vertices: {error}") from None
     if len(vertices) == 0:
