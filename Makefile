@@ -27,9 +27,8 @@ demo: setup ## flatten a hemisphere of human cortex into demo/
 demo-lab: setup ## a subject of FreeSurfer and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
 	@$(TIMED) $(RUN) python docs/benchmarks/study.py demo-lab
 
-# what compiles and what tests share the cores: compiling alone leaves one of two idle for half of its time
-test: setup debian-vtk ## all checks and tests
-	@$(TIMED) $(MAKE) --no-print-directory -j3 --output-sync=line test-python test-rust lint
+test: setup ## all checks and tests
+	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
 
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
