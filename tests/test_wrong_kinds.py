@@ -94,6 +94,7 @@ CALLS = {
     "way": (lambda s: voxflat.path(s, 0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
     "stops": (lambda s: voxflat.path(s, 0, (0, 0, 2)), r"the stops are \[0, \(0, 0, 2\)\]; give rows of one length"),
     "sampling": (lambda s: voxflat.geodesic(s, 9, sampling=1e19), r"the sampling is 1e\+19; give text"),
+    "no sampling": (lambda s: voxflat.geodesic(s, 9, sampling=None), 'sampling is ""; give'),
     "no sources": (lambda s: voxflat.geodesic(s, None), "sources are None; give how many, or points"),
     "seeds": (lambda s: voxflat.patches(s, 5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
     "side": (lambda s: voxflat.register(s, side=ARRAY), "side is array.*; give 'left' or 'right'"),

@@ -6,6 +6,7 @@ import base64
 import gzip
 import io
 import json
+import os
 import random
 import re
 import shutil
@@ -660,4 +661,8 @@ def damaged(entry: Entry, entries: list[Entry], to: Path, chance: random.Random)
     if chance.random() < 0.04 and path.is_file():
         another = chance.choice([one for one in entries if (one.folder / one.main).is_file()])
         path, opener = path.rename(to / another.main), chance.choice((opener, another.opener))
+    spoiled = path if path.is_file() else file
+    if chance.random() < 0.01 and hasattr(os, "mkfifo") and spoiled.is_file():
+        spoiled.unlink()
+        os.mkfifo(spoiled)
     return path, opener

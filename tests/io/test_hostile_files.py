@@ -4,11 +4,13 @@ import contextlib
 import gzip
 import json
 import os
+import signal
 import struct
 import time
 import warnings
 import zipfile
 
+import fuzz_files
 import numpy as np
 import pytest
 from mesh_files import nib, refuses
@@ -159,18 +161,36 @@ def flat_map():
     return voxflat.flatten(volume, sources=9)
 
 
+def _too_late(_number, _frame):
+    raise TimeoutError
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-@pytest.mark.parametrize(
-    "name", ["v.nii", "v.mha", "v.npy", "v.mgz", "map.npz", "p.png", "rois.svg", "rois.npy", "c.json"]
-)
-def test_pipes(tmp_path, name, flat_map):
-    """A pipe would be waited for until somebody writes to it."""
-    path = tmp_path / name
-    os.mkfifo(path)
-    readers = {"v": read_volume, "map": voxflat.load, "p": as_picture, "rois": flat_map.regions}
-    read = readers.get(path.stem, lambda path: voxflat.cut(np.ones((3, 3, 3)), cuts=path))
-    with pytest.raises(voxflat.InputError, match="is no regular file"):
-        read(path)
+def test_no_file_of_any_format_is_a_pipe(tmp_path):
+    """Nor one that belongs to it: voxels, pictures, chunks, arrays of a store. It would be waited for."""
+    asked = [(entry, file) for entry in fuzz_files.corpus(tmp_path) for file in entry.files]
+    before = signal.signal(signal.SIGALRM, _too_late)
+    told = {}
+    for entry, file in asked:
+        data = file.read_bytes()
+        file.unlink()
+        os.mkfifo(file)
+        signal.alarm(20)
+        try:
+            fuzz_files.OPENERS[entry.opener](entry.folder / entry.main)
+        except voxflat.InputError as error:
+            told[entry.main, file.relative_to(entry.folder).as_posix()] = str(error)
+        finally:
+            signal.alarm(0)
+            file.unlink()
+            file.write_bytes(data)
+    signal.signal(signal.SIGALRM, before)
+    others = {name for name, text in told.items() if "is no regular file" not in text}
+    # what says where the voxels lie is looked for first
+    assert others == {("text.nhdr", "v.raw"), ("raw.mhd", "v.raw"), ("t.zarr", "t.zarr/.zattrs")}
+    unread = {(entry.main, file.relative_to(entry.folder).as_posix()) for entry, file in asked} - set(told)
+    assert unread == {("t.zarr", "t.zarr/.zgroup")}  # nothing asks for it
 
 
 def test_pictures_of_other_kinds(tmp_path):
@@ -467,6 +487,15 @@ def test_headers_of_arrays_that_end_in_a_string(tmp_path):
     (tmp_path / "v.npy").write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
     assert holds_volume(tmp_path / "v.npy")  # those who read it say what is wrong
     refuses(tmp_path / "v.npy", "", read_volume)
+
+
+@pytest.mark.parametrize("name", ["v.npy", "v.npz"])  # by its contents an array
+def test_arrays_whose_bytes_no_number_counts(tmp_path, name):
+    head = b"{'descr': '<f4', 'fortran_order': False, 'shape': (9223372036854775807,), }".ljust(117) + b"\n"
+    (tmp_path / name).write_bytes(b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head)
+    with warnings.catch_warnings(action="error"):  # NumPy's, of the product
+        refuses(tmp_path / name, "ends after 128 of 36893488147419103356 bytes", lambda path: read_overlay(path, 4))
+        holds_volume(tmp_path / name)
 
 
 def test_what_nibabel_warns_of_is_logged_with_the_file(tmp_path, caplog):

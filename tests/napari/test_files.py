@@ -1,6 +1,7 @@
 """Files that napari opens and saves by voxflat: read back by others."""
 
 import gzip
+import os
 import shutil
 from pathlib import Path
 
@@ -402,3 +403,11 @@ def test_layers_of_no_map_are_not_saved_as_one(opened, tmp_path):
     with pytest.raises(voxflat.VoxflatError, match="of no flat map"):
         viewer.layers.save(str(tmp_path / "a.voxflat"), plugin="voxflat")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("name", ["lh.white", "a.mgh", "lh.curv"])
+def test_napari_does_not_wait_for_a_pipe(tmp_path, name):
+    os.mkfifo(tmp_path / name)  # without a writer, which `open` would wait for in the window's thread
+    with pytest.raises(voxflat.InputError, match=f"{name}: is no regular file"):
+        surface_reader(str(tmp_path / name))(str(tmp_path / name))

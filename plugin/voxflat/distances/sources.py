@@ -77,7 +77,7 @@ def source_choice(
     InputError
         If they are too few or too many, given twice, or not on the surface.
     """
-    checked_text(sampling, "sampling")
+    sampling = checked_text(sampling, "sampling")
     if sources is None and usual is not None:
         return SourceChoice(part, min(usual, len(part)), None, sampling, seed)
     if is_whole(sources):

@@ -19,7 +19,14 @@ from voxflat import _core
 from voxflat.arguments import Progress, amount, checked_path, log
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
-from voxflat.io.files import atomic_path, from_json, naming_file, save_array, temporary_beside
+from voxflat.io.files import (
+    atomic_path,
+    check_regular_within,
+    from_json,
+    naming_file,
+    save_array,
+    temporary_beside,
+)
 from voxflat.io.provenance import Record
 
 FORMAT = "voxflat rows 2"
@@ -126,6 +133,7 @@ def read_description(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{path} is no store of distance rows: it has no store.json; give a directory that was a store="
         )
+    check_regular_within(path)
     try:
         described = from_json(file.read_text())
         named = described["format"]

@@ -18,6 +18,7 @@ import json
 import math
 import os
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -218,6 +219,7 @@ def serve() -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
+    sys.addaudithook(_refuse_pipe)
     for line in requests:
         asked, arrays = json.loads(line), list[NDArray[Any]]()
         try:
@@ -225,6 +227,16 @@ def serve() -> None:
         except Exception as error:
             answer = {"error": _told(error, asked["arguments"][0])}
         _send(answers, answer, arrays)
+
+
+def _refuse_pipe(event: str, values: tuple[Any, ...]) -> None:
+    """Let Python open no pipe, which would be waited for: a file that others name, such as a chunk of Zarr."""
+    mode = 0
+    if event == "open" and isinstance(values[0], str | bytes | os.PathLike):
+        with contextlib.suppress(OSError, ValueError):  # of no such file
+            mode = os.stat(values[0]).st_mode
+    if stat.S_ISFIFO(mode):
+        raise InputError(f"{Path(os.fsdecode(values[0])).name} is no regular file: copy what it gives into one")
 
 
 def _told(error: Exception, path: str) -> list[Any]:

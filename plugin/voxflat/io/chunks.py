@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io.apart import apart
 from voxflat.io.channels import Channels
-from voxflat.io.files import REMEDY, naming, require
+from voxflat.io.files import REMEDY, check_regular, naming, require
 from voxflat.io.grid import Affine, check_axes
 from voxflat.io.reading import check_room, note
 
@@ -31,6 +31,8 @@ PLACE_BYTES = 360
 
 _CHANNEL_BYTES = 1000
 """How much memory a channel takes before any of its voxels is read, bytes."""
+
+_HEADERS = ("zarr.json", ".zattrs", ".zarray", ".zgroup")
 
 _TO_MM = {"millimeter": 1.0, "micrometer": 1e-3, "nanometer": 1e-6, "centimeter": 10.0, "meter": 1e3, "angstrom": 1e-7}
 _ORIENTED = {  # RFC-4: which RAS axis runs along, and which way
@@ -173,7 +175,7 @@ def is_zarr_path(obj: object) -> bool:
     if not isinstance(obj, str | os.PathLike):
         return False
     path = Path(obj)
-    return path.is_dir() and any((path / name).exists() for name in ("zarr.json", ".zattrs", ".zarray", ".zgroup"))
+    return path.is_dir() and any((path / name).exists() for name in _HEADERS)
 
 
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
@@ -299,6 +301,9 @@ def _ome_zarr(path: Path) -> tuple[Channels, Affine, Path]:
         raise InputError(f"has no image {wanted!r}; there are {', '.join(str(of.get('path')) for of in sets)}")
     root = path if wanted is None else path.parent
     file = root / str(found["path"])
+    for name in _HEADERS:
+        if (file / name).exists():
+            check_regular(file / name)
     opened = zarr.open_array(str(file), mode="r")
     array = _Apart(file, tuple(map(int, opened.shape)), np.dtype(opened.dtype), tuple(map(int, opened.chunks)))
     axes = told.get("axes") or [{"name": name} for name in "tczyx"[-len(array.shape) :]]

@@ -71,6 +71,7 @@ _loading: ContextVar[object] = ContextVar("voxflat_loading", default=None)
 def nibabel_image(path: str | os.PathLike[str], **options: Any) -> Any:
     """Load an image by nibabel; what that prints of headers which it changes goes to the log, with the file's name."""
     nibabel = require("nibabel")
+    check_regular(Path(path))
     try:
         with retelling(path, "nibabel.global"), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -160,6 +161,13 @@ def check_regular(path: Path) -> os.stat_result:
     if not stat.S_ISREG(status.st_mode):
         raise InputError("is no regular file: copy what it gives into a file")
     return status
+
+
+def check_regular_within(folder: Path) -> None:
+    """Refuse a directory in which something is neither a directory nor a regular file."""
+    for entry in folder.iterdir():
+        if entry.exists() and not entry.is_file() and not entry.is_dir():
+            raise InputError(f"{entry} is no regular file: copy what it gives into a file")
 
 
 def from_json(text: str | bytes) -> Any:

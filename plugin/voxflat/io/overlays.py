@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_path, checked_text
 from voxflat.errors import InputError
-from voxflat.io import formats, freesurfer, gifti, patches
+from voxflat.io import formats, freesurfer, gifti, patches, readers
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
-from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.files import REMEDY, check_regular, contents, naming
 from voxflat.io.meshes import READERS, parsed
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS
@@ -88,7 +88,8 @@ def read_channels(path: str | os.PathLike[str], points: int, *, structure: str |
 def _channels(path: Path, points: int, structure: str | None) -> Channels:
     if not path.name.lower().endswith((".nii", ".nii.gz")):
         return Channels.of_array(*_values(path, contents(path), points))
-    path.open("rb").close()  # the system's own error for a missing file says more
+    check_regular(path)
+    path.open("rb").close()  # the system's own error for one that cannot be read says more
     found = points_of_nibabel(path, points, structure)
     if found is None:
         raise InputError("holds no values at points, but voxels")
@@ -124,7 +125,8 @@ def holds_volume(path: str | os.PathLike[str]) -> bool:
 def _dimensions(path: Path) -> int | None:
     """Return how many dimensions an array in a file has, if it is one."""
     try:
-        return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
+        check_regular(path)
+        return readers.dimensions(path)
     except OSError:
         raise
     except Exception:  # what is wrong with it is said by those who read it
@@ -193,7 +195,7 @@ def _values(path: Path, data: bytes, points: int) -> tuple[NDArray[Any], tuple[s
     if name.endswith(".npy") or kind == "a NumPy array":
         if kind != "a NumPy array":
             raise InputError("is no NumPy array: write it again with numpy.save")
-        return _fitting(np.array(np.load(path, mmap_mode="r", allow_pickle=False)), points), None
+        return _fitting(readers.read_array(path), points), None
     if name.endswith(".txt"):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of no line: told below

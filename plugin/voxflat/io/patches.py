@@ -128,7 +128,10 @@ def is_patch(path: str | os.PathLike[str]) -> bool:
     InputError
         If it cannot be a name.
     """
-    with checked_path(path).open("rb") as file:
+    path = checked_path(path)
+    if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
+        return False
+    with path.open("rb") as file:
         return file.read(4) == b"\xff\xff\xff\xff"
 
 

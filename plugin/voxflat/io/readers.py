@@ -80,13 +80,24 @@ def read_arrays(path: str | os.PathLike[str], names: Collection[str] | None = No
     return {name: array.astype(array.dtype.newbyteorder("="), copy=False) for name, array in arrays.items()}
 
 
-def _need_of(file: IO[bytes], size: int) -> int:
-    """Return how many bytes an array needs, by its header, which is compared with the file's length."""
+def dimensions(path: Path) -> int:
+    """Return how many dimensions the array of a .npy file has, by its header alone."""
+    with path.open("rb") as file:
+        return len(_header(file)[0])
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
     headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in headers:  # with names of fields beyond Latin-1: no numbers
         raise InputError(f"holds an array of NumPy's format {version}: write it again with numpy.save")
     shape, _, dtype = headers[version](file)
+    return shape, dtype
+
+
+def _need_of(file: IO[bytes], size: int) -> int:
+    """Return how many bytes an array needs, by its header, which is compared with the file's length."""
+    shape, dtype = _header(file)
     need = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if file.tell() + need > size and not dtype.hasobject:
         raise InputError(f"ends after {size} of {file.tell() + need} bytes: copy or download it again")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from voxflat._napari.results.flat_layers import LayerData
-from voxflat.errors import VoxflatError
+from voxflat.errors import InputError, VoxflatError
 from voxflat.io import formats
-from voxflat.io.files import SAVED_ENDINGS
+from voxflat.io.files import SAVED_ENDINGS, check_regular
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -102,11 +102,17 @@ def _holds_points(path: Path) -> bool:
     name = path.name.lower()
     if not name.endswith(".mgh"):
         return ".dscalar." in name or ".dtseries." in name or ".dlabel." in name
+    return _are_points(_start_of(path) or b"")
+
+
+def _start_of(path: Path) -> bytes | None:
+    """Return a file's first bytes; None where they cannot be had, which is said when it is read."""
     try:
+        check_regular(path)  # a pipe would be waited for
         with path.open("rb") as file:
-            return _are_points(file.read(64))
-    except OSError:  # that is said when it is read
-        return False
+            return file.read(64)
+    except (OSError, InputError):
+        return None
 
 
 def _reader_of(path: Path) -> _Read | None:
@@ -114,10 +120,8 @@ def _reader_of(path: Path) -> _Read | None:
     from voxflat._napari.files import surfaces, values
 
     name = path.name.lower()
-    try:
-        with path.open("rb") as file:
-            start = file.read(64)
-    except OSError:  # that is said when it is read
+    start = _start_of(path)
+    if start is None:
         return surfaces.surface_layers
     if name.endswith(".mgh"):
         return values.value_layers if _are_points(start) else None
