@@ -194,7 +194,7 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
         assert_array_equal(one.ids, other)
 
 
-def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch):
+def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp_path, monkeypatch, messages):
     points, faces = sphere(200)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
     bench = Workbench.of(viewer)
@@ -221,6 +221,10 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
         dock._do(lambda drawing, stop=stop: drawing.add_stop(stop))
     assert len(dock.drawing.cuts) == len(own) + 1
     dock.again.click()
+    assert not messages
+    dock.again.click()
+    assert ["is at work" in message.message for message in messages] == [True]
+    messages.clear()
     qtbot.waitUntil(lambda: bench.current.flat_map is not first and bench.is_settled, timeout=PATIENCE)
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
     second = bench.current.flat_map

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from napari.utils.notifications import show_warning
+
 from voxflat._napari.forms.surface_form import SurfaceForm
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.widgets.flatten_widget import FlattenWidget
@@ -31,9 +33,11 @@ class FlattenSurface(FlattenWidget):
         Workbench.of(napari_viewer).asked_again.connect(self._on_asked_again)
 
     def _on_asked_again(self, layer: Layer, foreground: Mapping[str, Any]) -> None:
-        if self.start.isEnabled():
-            self.form.ask_again(layer, **foreground)
-            self.flatten()
+        if not self.start.isEnabled():
+            show_warning("Flatten surface is at work: wait for its map, or cancel it, then press Flatten again")
+            return
+        self.form.ask_again(layer, **foreground)
+        self.flatten()
 
     def _release(self) -> None:
         super()._release()
