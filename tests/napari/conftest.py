@@ -20,14 +20,26 @@ def what_is_imported_is_no_garbage():
 
 @pytest.fixture(scope="session", autouse=True)
 def windows_open_quickly():
-    """Each window reads the manifests of all plugins anew, and writes the settings to disk whenever one is reset."""
+    """Spare what napari does again for each window, and what moves in it by itself.
+
+    Each window reads the manifests of all plugins anew, and writes the settings to disk whenever one is reset. While
+    a job runs a picture turns in the status bar, and bars of what is not counted move; for each of their frames the
+    whole window is composed in software.
+    """
+    from napari._qt.containers import _layer_delegate
+    from napari._qt.dialogs import qt_activity_dialog
     from napari.settings._base import EventedConfigFileSettings
     from npe2.manifest import _bases
+    from qtpy.QtWidgets import QProgressBar
 
+    set_range = QProgressBar.setRange
     parsed = cache(_bases._load_yaml_no_duplicates)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_bases, "_load_yaml_no_duplicates", lambda stream: deepcopy(parsed(stream.read())))
         patch.setattr(EventedConfigFileSettings, "_maybe_save", lambda _: None)
+        for module in (qt_activity_dialog, _layer_delegate):
+            patch.setattr(module, "LOADING_GIF_PATH", "")
+        patch.setattr(QProgressBar, "setRange", lambda bar, low, high: set_range(bar, low, max(high, low + 1)))
         yield
 
 
