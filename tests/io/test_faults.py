@@ -202,6 +202,7 @@ FORKS = """
 import os, sys, threading, time
 import hard_shapes, numpy as np, voxflat
 big, small = (hard_shapes.sheet(lambda u, v: (u, v, np.sin(u)), (9, 9), (n, n)) for n in (40, 6))
+voxflat.flatten(small, sources=9)  # what Python imports in one thread at a fork, the child waits for in vain
 over, forking = threading.Event(), threading.Event()
 def work():
     while not over.is_set():
