@@ -201,8 +201,8 @@ def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():
 FORKS = """
 import os, sys, threading, time
 import hard_shapes, numpy as np, voxflat
+import numpy.ma  # else np.unique does: of what another thread was importing at a fork, the child waits for ever
 big, small = (hard_shapes.sheet(lambda u, v: (u, v, np.sin(u)), (9, 9), (n, n)) for n in (40, 6))
-voxflat.flatten(small, sources=9)  # what Python imports in one thread at a fork, the child waits for in vain
 over, forking = threading.Event(), threading.Event()
 def work():
     while not over.is_set():
