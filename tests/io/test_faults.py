@@ -45,14 +45,14 @@ def run(*arguments):
 @pytest.mark.parametrize("more", [60, 150, 250, 600])
 def test_too_little_memory_is_one_line(tmp_path, more):
     """Whatever `ulimit -v` leaves (MiB) beyond what the package itself takes."""
-    np.save(tmp_path / "v.npy", sheet(160))
+    np.save(tmp_path / "v.npy", sheet(110))
     code = (
         "import psutil, resource, sys\nfrom voxflat.cli import main\n"
         f"room = psutil.Process().memory_info().vms + ({more} << 20)\n"
         "resource.setrlimit(resource.RLIMIT_AS, (room, room))\n"
         "main(sys.argv[1:], prog_name='voxflat')"
     )
-    command = ["flatten", "v.npy", "--sources", "1000", "--threads", "4", "-o", "m.npz", "--quiet"]
+    command = ["flatten", "v.npy", "--sources", "600", "--threads", "4", "-o", "m.npz", "--quiet"]
     done = subprocess.run(
         [sys.executable, "-c", code, *command], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -201,21 +201,26 @@ def test_memory_is_compared_before_the_surface_of_a_mesh_is_made():
 FORKS = """
 import os, sys, threading, time
 import hard_shapes, numpy as np, voxflat
+import numpy.ma  # else np.unique does: of what another thread was importing at a fork, the child waits for ever
 big, small = (hard_shapes.sheet(lambda u, v: (u, v, np.sin(u)), (9, 9), (n, n)) for n in (40, 6))
-over = threading.Event()
+over, forking = threading.Event(), threading.Event()
 def work():
     while not over.is_set():
+        forking.wait()
         voxflat.geodesic(big, 9, threads=2)
 thread = threading.Thread(target=work)
 thread.start()
 for n in range(12):
+    forking.set()
     time.sleep(0.01 * n)
     child = os.fork()
     if not child:
         made = voxflat.flatten(small, sources=9, threads=2)
         os._exit(0 if np.isfinite(made.uv).all() else 3)
+    forking.clear()
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 over.set()
+forking.set()
 thread.join()
 """
 

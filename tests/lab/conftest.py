@@ -2,7 +2,7 @@
 
 import pytest
 import studies
-from lab_runs import VERTICES, run
+from lab_runs import FEW, VERTICES, run
 
 pytest.importorskip("nilearn")
 
@@ -23,5 +23,5 @@ def made(tmp_path_factory):
 def subject(tmp_path):
     """A subject that nobody has flattened yet, the left hemisphere alone."""
     folder = tmp_path / "sub-02"
-    studies.write_freesurfer(folder, "lh", studies.hemisphere("lh", VERTICES), studies.C_RAS)
+    studies.write_freesurfer(folder, "lh", studies.hemisphere("lh", FEW), studies.C_RAS)
     return folder

@@ -1,7 +1,6 @@
 """napari's window, and what happens in it."""
 
 import gc
-from copy import deepcopy
 from functools import cache
 
 import pytest
@@ -20,14 +19,31 @@ def what_is_imported_is_no_garbage():
 
 @pytest.fixture(scope="session", autouse=True)
 def windows_open_quickly():
-    """Each window reads the manifests of all plugins anew, and writes the settings to disk whenever one is reset."""
-    from napari.settings._base import EventedConfigFileSettings
-    from npe2.manifest import _bases
+    """Spare what napari does again for each window, and what moves in it by itself.
 
-    parsed = cache(_bases._load_yaml_no_duplicates)
+    Each window looks for the manifests of all plugins anew, starts a program that says how fine the screen is, writes
+    the settings to disk whenever one is reset, and the screen of welcome, though hidden, anew for each shortcut. While
+    a job runs a picture turns in the status bar, and bars of what is not counted move; for each of their frames the
+    whole window is composed in software.
+    """
+    from napari._qt.containers import _layer_delegate
+    from napari._qt.dialogs import qt_activity_dialog
+    from napari._qt.widgets.qt_welcome import QtWelcomeWidget
+    from napari.settings._base import EventedConfigFileSettings
+    from npe2 import PluginManifest
+    from qtpy.QtWidgets import QProgressBar
+    from vispy.app import canvas
+
+    discover, refresh, set_range = PluginManifest.discover, QtWelcomeWidget.refresh, QProgressBar.setRange
+    found = cache(lambda paths: list(discover(paths=paths)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_bases, "_load_yaml_no_duplicates", lambda stream: deepcopy(parsed(stream.read())))
+        patch.setattr(PluginManifest, "discover", lambda paths=(): found(tuple(paths)))
+        patch.setattr(canvas, "get_dpi", cache(canvas.get_dpi))
         patch.setattr(EventedConfigFileSettings, "_maybe_save", lambda _: None)
+        patch.setattr(QtWelcomeWidget, "refresh", lambda it, _=None: refresh(it) if it.isVisible() else None)
+        for module in (qt_activity_dialog, _layer_delegate):
+            patch.setattr(module, "LOADING_GIF_PATH", "")
+        patch.setattr(QProgressBar, "setRange", lambda bar, low, high: set_range(bar, low, max(high, low + 1)))
         yield
 
 

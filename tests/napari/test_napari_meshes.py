@@ -94,7 +94,7 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
 
 
 def test_a_region_is_relaxed_as_the_library_does(open_widget, qtbot):
-    points, faces = sphere(300)
+    points, faces = sphere(150)
     kept = (points[:, 2] < 12).astype(float)
     viewer, widget = open_widget(Surface((points, faces, kept), name="bowl"))
     choose(widget.form.patch, "values")
@@ -105,7 +105,7 @@ def test_a_region_is_relaxed_as_the_library_does(open_widget, qtbot):
 
 
 def test_closed_surface_is_cut_open_and_says_so(open_widget, qtbot):
-    points, faces = sphere(200)
+    points, faces = sphere(100)
     viewer, widget = open_widget(Surface((points, faces), name="ball"))
     choose_whole(widget)
     run(widget, qtbot)

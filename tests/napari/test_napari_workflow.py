@@ -25,7 +25,7 @@ from qtpy.QtWidgets import QApplication  # noqa: E402
 
 pytestmark = pytest.mark.slow  # a window
 
-FSAVERAGE3 = 642  # whose vertices are the first of fsaverage5's
+FSAVERAGE2 = 162  # whose vertices are the first of fsaverage5's
 SMALL, LARGE = (1366, 768), (1600, 1000)
 THEMES = ("dark", "light")
 
@@ -88,12 +88,12 @@ def hemisphere(request):
         points, faces = nib.load(fsaverage5(f"{name}_left")).agg_data(("pointset", "triangle"))
         if request.config.getoption("pictures") is not None:
             return points, faces
-        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:FSAVERAGE3]
+        sphere = nib.load(fsaverage5("sphere_left")).agg_data("pointset")[:FSAVERAGE2]
         faces = ConvexHull(sphere).simplices
         a, b, c = np.moveaxis(sphere[faces], 1, 0)
         turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
         faces[turned] = faces[turned, ::-1]
-        return points[:FSAVERAGE3], faces
+        return points[:FSAVERAGE2], faces
 
     return read
 

@@ -18,7 +18,7 @@ from voxflat.surfaces.standard.template import read_template, standard_template
 
 NAMES = ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
 FEW = {"sources": 60, "threads": 1}
-FEWER = 642  # vertices, of which the first are those of fewer
+FEWER = 162  # vertices, of which the first are those of fewer
 
 
 @pytest.fixture(scope="module")
