@@ -102,10 +102,17 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)
     suspects = np.union1d(ids[faces[is_wrong]], bridges)
-    if len(suspects):
-        points = _one_piece(_Corners(ids, faces, bridges, suspects).without_bridges(points), ids, faces)
-        points = _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
-    return _one_piece(points, ids, faces)
+    own, others = faces, bridges
+    while len(suspects):
+        points = _one_piece(_Corners(ids, own, others, suspects).without_bridges(points), ids, own)
+        is_apart = triangles_of(points, own)
+        is_apart[is_apart] = ~_of_largest_piece(own[is_apart])
+        if not is_apart.any():
+            return _Corners(ids, faces, bridges, np.setdiff1d(ids, ids[points])).taken_back(points)
+        # a reader would find what has all corners in the piece, and no edge: it is left out as bridges are
+        others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
+        own = own[~is_apart]
+    return points
 
 
 class _Corners:
@@ -206,13 +213,18 @@ def _hang_on(triangles: list[list[int]], edges: set[frozenset[int]]) -> bool:
 
 def _one_piece(points: NDArray[np.int64], ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
     """Return the points of the piece with the most triangles that hang together along edges."""
-    kept = faces[triangles_of(points, faces)].astype(np.int64)
-    if len(kept) == 0:
-        return points[:0]
-    edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
+    kept = faces[triangles_of(points, faces)]
+    largest = np.unique(kept[_of_largest_piece(kept)]).astype(np.int64)
+    return largest[np.argsort(ids[largest], kind="stable")]
+
+
+def _of_largest_piece(faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Find the triangles of the piece with the most of them, shape (F,); pieces hang together along edges."""
+    if len(faces) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64), axis=1)
     _, edge_ids = np.unique(edges, axis=0, return_inverse=True)
-    face_ids = np.tile(np.arange(len(kept)), 3)
+    face_ids = np.tile(np.arange(len(faces)), 3)
     of_edges = scipy.sparse.coo_matrix((np.ones(len(face_ids)), (face_ids, edge_ids.ravel()))).tocsr()
     _, pieces = scipy.sparse.csgraph.connected_components(of_edges @ of_edges.T, directed=False)
-    largest = np.unique(kept[pieces == np.bincount(pieces).argmax()])
-    return largest[np.argsort(ids[largest], kind="stable")]
+    return np.asarray(pieces == np.bincount(pieces).argmax())
