@@ -116,9 +116,9 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
 
 
 class _Corners:
-    """The triangles at vertices that may have to be left out, or were.
+    """The triangles of the mesh at vertices that may have to be left out, or were, and of which points each is right.
 
-    Each is held as the point of each of its vertices; a bridge has none, −1.
+    Of none for a bridge; of more than one where a slit was closed between the corners of a triangle.
     """
 
     def __init__(
@@ -127,17 +127,20 @@ class _Corners:
         self.ids, self.faces, self.suspects = ids, faces, suspects
         near = faces[np.isin(ids[faces], suspects).any(axis=1)]
         self.vertices = np.unique(ids[near])
-        triangles = [dict(zip(v, p, strict=True)) for v, p in zip(ids[near].tolist(), near.tolist(), strict=True)]
-        triangles += [dict.fromkeys(bridge, -1) for bridge in bridges.tolist()]
-        self.around: defaultdict[int, list[dict[int, int]]] = defaultdict(list)
-        for triangle in triangles:
+        self.points: dict[frozenset[int], list[dict[int, int]]] = {frozenset(one): [] for one in bridges.tolist()}
+        for vertices, points in zip(ids[near].tolist(), near.tolist(), strict=True):
+            self.points.setdefault(frozenset(vertices), []).append(dict(zip(vertices, points, strict=True)))
+        self.around: defaultdict[int, list[frozenset[int]]] = defaultdict(list)
+        for triangle in self.points:
             for vertex in triangle:
                 self.around[vertex].append(triangle)
 
-    def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[dict[int, int], bool]]:
+    def read(self, vertex: int, listed: dict[int, int]) -> list[tuple[frozenset[int], bool]]:
         """Return the triangles at a vertex that a reader finds, and whether they are right."""
-        found = [triangle for triangle in self.around[vertex] if triangle.keys() <= listed.keys()]
-        return [(triangle, all(listed[v] == point for v, point in triangle.items())) for triangle in found]
+        found = [triangle for triangle in self.around[vertex] if triangle <= listed.keys()]
+        return [
+            (one, any(all(listed[v] == point for v, point in of.items()) for of in self.points[one])) for one in found
+        ]
 
     def without_bridges(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Leave out vertices, always the one with the most wrong triangles, and of these the one with fewest others."""
