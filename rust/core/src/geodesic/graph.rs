@@ -62,7 +62,7 @@ impl GeodesicGraph {
     /// The memory in bytes that the graph of so many vertices needs at most, which is while its links are found: somewhat more
     /// than was measured (docs/decisions/0034).
     pub fn memory_need(vertices: usize) -> u64 {
-        vertices as u64 * if edges_crossed(vertices) == 11 { 1600 } else { 1000 }
+        vertices as u64 * if edges_crossed(vertices) == 11 { 1800 } else { 1000 }
     }
 
     /// The memory in bytes that it takes when it is done, at most: of some 94 links a vertex, or 50.
