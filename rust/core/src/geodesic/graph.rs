@@ -25,10 +25,6 @@ const BATCH: usize = 1 << 16;
 /// Links are judged in so many layers, shorter ones first: what the links of one replace is not judged any more.
 const LAYERS: usize = 8;
 
-/// They are found in two rounds, of so many layers and of the rest; in each, lines are unfolded anew. In one round all lines would be
-/// held, and take twice as much memory as the links.
-const FIRST_LAYERS: usize = 3;
-
 /// How many edges a link may cross (docs/decisions/0007). Fewer save memory and time on large surfaces.
 fn edges_crossed(vertices: usize) -> u32 {
     match vertices {
@@ -66,7 +62,7 @@ impl GeodesicGraph {
     /// The memory in bytes that the graph of so many vertices needs at most, which is while its links are found: somewhat more
     /// than was measured (docs/decisions/0034).
     pub fn memory_need(vertices: usize) -> u64 {
-        vertices as u64 * if edges_crossed(vertices) == 11 { 1600 } else { 1000 }
+        vertices as u64 * if edges_crossed(vertices) == 11 { 1800 } else { 1000 }
     }
 
     /// The memory in bytes that it takes when it is done, at most: of some 94 links a vertex, or 50.
@@ -79,26 +75,18 @@ impl GeodesicGraph {
     /// # Errors
     /// [`Error::TooManyLinks`](crate::Error::TooManyLinks), [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
-        Self::in_rounds(surface, edges_crossed(surface.len()), &[FIRST_LAYERS, LAYERS - FIRST_LAYERS], control)
+        Self::in_layers(surface, edges_crossed(surface.len()), LAYERS, control)
     }
 
-    /// The graph whose links cross up to so few edges that they need not be found in rounds.
+    /// The graph whose links cross up to so few edges that they need not be judged in layers.
     pub(crate) fn crossing(surface: &Surface, crossed: u32, control: &Control) -> Result<Self> {
-        Self::in_rounds(surface, crossed, &[FIRST_LAYERS], control)
+        Self::in_layers(surface, crossed, 1, control)
     }
 
-    /// The graph whose links are found in rounds of so many layers each.
-    fn in_rounds(surface: &Surface, crossed: u32, rounds: &[usize], control: &Control) -> Result<Self> {
-        control.begin("joining neighbours", (rounds.len() * surface.len()) as u64);
-        let view = View::new(surface, crossed);
-        let mut needed = Needed::new(surface.len());
-        let lengths = view.layers(rounds.iter().sum());
-        let mut first = 0;
-        for layers in rounds {
-            needed.add(&view, &lengths[first..=first + layers], control)?;
-            first += layers;
-        }
-        drop(view);
+    /// The graph whose links are judged in so many layers.
+    fn in_layers(surface: &Surface, crossed: u32, layers: usize, control: &Control) -> Result<Self> {
+        control.begin("joining neighbours", surface.len() as u64);
+        let needed = Needed::of(View::new(surface, crossed), surface.len(), layers, control)?;
         let (starts, arcs) = needed.joined()?;
         Ok(Self::from_rows(starts, arcs))
     }
@@ -150,11 +138,23 @@ mod tests {
     use super::*;
     use crate::geodesic::Solver;
     use crate::surface::mesh::shapes;
+    use nalgebra::Vector3;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     fn row(graph: &GeodesicGraph, source: u32) -> Vec<f32> {
         let mut row = vec![0.0; graph.vertices()];
         graph.row(source, &mut row, &mut graph.scratch(), &Control::default()).unwrap();
         row
+    }
+
+    /// A surface, and one whose vertices lie elsewhere by chance: no two of its links are equally long.
+    pub(super) fn even_and_uneven(surface: &Surface) -> [Surface; 2] {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let by = 0.3 * surface.length(0);
+        let elsewhere = |point: &Vector3<f64>| point + Vector3::from_fn(|_, _| rng.random_range(-by..by));
+        let points = surface.points().iter().map(elsewhere).collect();
+        [surface.clone(), surface.moved(points).unwrap()]
     }
 
     #[test]
@@ -215,14 +215,17 @@ mod tests {
     }
 
     #[test]
-    fn links_are_the_same_in_any_number_of_rounds_and_layers() {
-        for shape in [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)] {
-            let surface = shapes::surface(shape);
-            let graph = |rounds: &[usize]| GeodesicGraph::in_rounds(&surface, 9, rounds, &Control::default()).unwrap();
-            let once = graph(&[1]);
+    fn links_are_the_same_in_any_number_of_layers() {
+        for surface in [shapes::sphere(4), shapes::torus(24, 13), shapes::sheet(19, 31)]
+            .map(shapes::surface)
+            .iter()
+            .flat_map(even_and_uneven)
+        {
+            let graph = |layers| GeodesicGraph::in_layers(&surface, 9, layers, &Control::default()).unwrap();
+            let once = graph(1);
             assert!(once.links() > 20 * surface.len());
-            for rounds in [&[3, 5][..], &[8], &[1, 1, 1], &[2; 7]] {
-                assert_eq!((graph(rounds).starts, graph(rounds).arcs), (once.starts.clone(), once.arcs.clone()));
+            for layers in [2, 3, 8, 14] {
+                assert_eq!((graph(layers).starts, graph(layers).arcs), (once.starts.clone(), once.arcs.clone()));
             }
         }
     }
@@ -234,7 +237,7 @@ mod tests {
         let view = View::new(&surface, edges_crossed(surface.len()));
         let (mut seen, mut dropped) = (view::Seen::default(), 0);
         for vertex in 0..surface.len() as u32 {
-            view.from(vertex, [0.0, f32::INFINITY], &mut seen);
+            view.from(vertex, &mut seen);
             for line in seen.lines.iter().filter(|line| graph.arcs(vertex).all(|arc| arc.to != line.to)) {
                 let length = |a: u32, b: u32| graph.arcs(a).find(|arc| arc.to == b).map(|arc| arc.length);
                 let through = |arc: Arc| {

@@ -113,9 +113,8 @@ impl<'a> Marching<'a> {
         let mut seen = vec![Arc { to: source, length: 0.0 }];
         if self.wave == Wave::Circle {
             let leaves = |h: &u32| self.surface.origin(*h) == source;
-            for half_edge in (0..self.surface.twins().len() as u32).filter(leaves) {
-                unfold(self.surface, half_edge, SEEN, 0, f32::INFINITY, |h| Beyond::of(self.surface, h), &mut seen);
-            }
+            let half_edges: Vec<u32> = (0..self.surface.twins().len() as u32).filter(leaves).collect();
+            unfold(self.surface, &half_edges, SEEN, 0, |h| Beyond::of(self.surface, h), &mut seen);
         }
         seen
     }

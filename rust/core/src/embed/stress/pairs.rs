@@ -129,9 +129,19 @@ impl Pairs {
         found
     }
 
-    /// The weight of a pair by its distance, in steps.
-    fn steps(&self, bands: &Bands) -> [f32; 3] {
-        [0, 1, 2].map(|band| (bands.weights[band] / self.counts[band].max(1) as f64) as f32)
+    fn of_kernels(&self, bands: &Bands) -> Dials {
+        let steps = [0, 1, 2].map(|band| (bands.weights[band] / self.counts[band].max(1) as f64) as f32);
+        Dials { steps, nearest: self.nearest, sharp: bands.outliers.map(|outlier| outlier.recip() as f32) }
+    }
+
+    /// Where the landmarks lie, across and along, padded to whole lanes.
+    fn places(&self, uv: &[Vector2<f64>]) -> [Vec<f32>; 2] {
+        let mut places = [vec![0.0; self.width], vec![0.0; self.width]];
+        for (n, &landmark) in self.landmarks.iter().enumerate() {
+            let place = uv[landmark as usize];
+            (places[0][n], places[1][n]) = (place.x as f32, place.y as f32);
+        }
+        places
     }
 
     /// The stress, and its gradient added to `gradient`.
@@ -145,21 +155,12 @@ impl Pairs {
         gradient: &mut [Vector2<f64>],
         control: &Control,
     ) -> Result<f64> {
-        let mut landmarks = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
-        for (n, &landmark) in self.landmarks.iter().enumerate() {
-            let place = uv[landmark as usize];
-            (landmarks[0][n], landmarks[1][n]) = (place.x as f32, place.y as f32);
-        }
+        let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
             control.check()?;
             let sums = [vec![0.0f32; self.width], vec![0.0f32; self.width]];
-            let batch = Batch { places: &landmarks, uv, vertices, table, width: self.width, sums };
-            Ok(Arch::new().dispatch(Kernel {
-                batch,
-                steps: self.steps(bands),
-                nearest: self.nearest,
-                sharp: bands.outliers.map(|outlier| outlier.recip() as f32),
-            }))
+            let batch = Batch { places: &places, uv, vertices, table, width: self.width, sums };
+            Ok(Arch::new().dispatch(Stress { batch, dials: self.of_kernels(bands) }))
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<Found> = batches.map(of_batch).collect::<Result<_>>()?;
@@ -177,31 +178,11 @@ impl Pairs {
     /// How firmly springs hold each vertex where it is, for what the stress around a map bends upwards by its own place; added to
     /// `diagonal`. A pair bends ρ''/δ² along, and ρ'/(δ d) across.
     pub fn add_curvature(&self, uv: &[Vector2<f64>], bands: &Bands, diagonal: &mut [f64]) {
-        let steps = self.steps(bands);
-        let places: Vec<Vector2<f32>> = self.landmarks.iter().map(|&landmark| uv[landmark as usize].cast()).collect();
-        let sharp = bands.outliers.map(|outlier| outlier.recip() as f32);
-        let bend = |place: Vector2<f32>, other: Vector2<f32>, distance: f32| {
-            let flat = (place - other).norm().max(APART * self.nearest);
-            let error = flat / distance - 1.0;
-            let root = (1.0 + (error * if distance > BANDS[1] { sharp[0] } else { sharp[1] }).powi(2)).sqrt();
-            let (along, across) = ((root * root * root).recip(), (error / root * distance / flat).max(0.0));
-            2.0 * weight(steps, distance) * (along + across) / (distance * distance)
-        };
+        let places = self.places(uv);
         let of_batch = |(vertices, table): (&[u32], &[f32])| {
-            let (mut of_vertices, mut of_landmarks) = (Vec::with_capacity(vertices.len()), vec![0.0; places.len()]);
-            for (&vertex, row) in vertices.iter().zip(table.chunks_exact(self.width.max(1))) {
-                let place = uv[vertex as usize].cast();
-                let mut sum = 0.0;
-                for ((of_landmark, &other), &distance) in of_landmarks.iter_mut().zip(&places).zip(row) {
-                    if distance > self.nearest {
-                        let bend = HELD * f64::from(bend(place, other, distance));
-                        *of_landmark += bend;
-                        sum += bend;
-                    }
-                }
-                of_vertices.push(sum);
-            }
-            (of_vertices, of_landmarks)
+            let sums = vec![0.0; self.width];
+            let batch = Batch { places: &places, uv, vertices, table, width: self.width, sums };
+            Arch::new().dispatch(Curvature { batch, dials: self.of_kernels(bands) })
         };
         let batches = self.vertices.par_chunks(BATCH).zip(self.table.par_chunks((BATCH * self.width).max(1)));
         let parts: Vec<(Vec<f64>, Vec<f64>)> = batches.map(of_batch).collect();
@@ -213,18 +194,28 @@ impl Pairs {
 }
 
 #[inline(always)]
-fn weight(steps: [f32; 3], distance: f32) -> f32 {
-    let within = |band: usize| if distance <= BANDS[band] { steps[band] } else { 0.0 };
-    steps[0] + within(1) + within(2)
+fn weight([all, thirty, ten]: [f32; 3], distance: f32) -> f32 {
+    let within = |reach: f32, step: f32| if distance <= reach { step } else { 0.0 };
+    all + within(BANDS[1], thirty) + within(BANDS[2], ten)
 }
 
-struct Batch<'a> {
+struct Batch<'a, Sums> {
     places: &'a [Vec<f32>; 2],
     uv: &'a [Vector2<f64>],
     vertices: &'a [u32],
     table: &'a [f32],
     width: usize,
-    sums: [Vec<f32>; 2],
+    /// Of the landmarks.
+    sums: Sums,
+}
+
+#[derive(Clone, Copy)]
+struct Dials {
+    /// The weight of a pair by its distance, in steps.
+    steps: [f32; 3],
+    nearest: f32,
+    /// 1/κ.
+    sharp: [f32; 2],
 }
 
 /// The stress of a batch of vertices, its gradient by their places, and minus that by the landmarks'.
@@ -234,14 +225,12 @@ struct Found {
     of_landmarks: [Vec<f32>; 2],
 }
 
-struct Kernel<'a> {
-    batch: Batch<'a>,
-    steps: [f32; 3],
-    nearest: f32,
-    sharp: [f32; 2],
+struct Stress<'a> {
+    batch: Batch<'a, [Vec<f32>; 2]>,
+    dials: Dials,
 }
 
-impl WithSimd for Kernel<'_> {
+impl WithSimd for Stress<'_> {
     type Output = Found;
 
     #[inline(always)]
@@ -250,7 +239,8 @@ impl WithSimd for Kernel<'_> {
         let mut found =
             Found { energy: 0.0, of_vertices: Vec::with_capacity(vertices.len()), of_landmarks: Default::default() };
         let [sums_x, sums_y] = &mut sums;
-        let nearest = self.nearest;
+        // values of their own, or each of the lanes would load its own from memory
+        let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
         let apart = (APART * nearest) * (APART * nearest);
         for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
             let place = uv[vertex as usize].cast::<f32>();
@@ -263,9 +253,9 @@ impl WithSimd for Kernel<'_> {
                     let (dx, dy) = (place.x - x[n], place.y - y[n]);
                     let flat = (dx * dx + dy * dy + apart).sqrt();
                     let inverse = if delta > nearest { delta.recip() } else { 0.0 };
-                    let counts = if delta > nearest { weight(self.steps, delta) } else { 0.0 };
+                    let counts = if delta > nearest { weight(steps, delta) } else { 0.0 };
                     let error = flat * inverse - 1.0;
-                    let bent = error * if delta > BANDS[1] { self.sharp[0] } else { self.sharp[1] };
+                    let bent = error * if delta > BANDS[1] { far } else { near };
                     let root = (1.0 + bent * bent).sqrt();
                     total[0][n] += counts * 2.0 * error * error / (root + 1.0);
                     let pull = 2.0 * counts * error * inverse / (root * flat);
@@ -275,11 +265,58 @@ impl WithSimd for Kernel<'_> {
                     sum_y[n] += pull * dy;
                 }
             }
-            let [energy, x, y] = total.map(|lanes| lanes.iter().map(|&value| f64::from(value)).sum::<f64>());
+            let mut sums = [0.0; 3]; // side by side, for each waits for the number before
+            for n in 0..LANES {
+                (0..3).for_each(|part| sums[part] += f64::from(total[part][n]));
+            }
+            let [energy, x, y] = sums;
             found.energy += energy;
             found.of_vertices.push(Vector2::new(x, y));
         }
         found.of_landmarks = sums;
         found
+    }
+}
+
+struct Curvature<'a> {
+    batch: Batch<'a, Vec<f64>>,
+    dials: Dials,
+}
+
+impl WithSimd for Curvature<'_> {
+    /// Of the vertices, and of the landmarks.
+    type Output = (Vec<f64>, Vec<f64>);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Batch { places, uv, vertices, table, width, sums: mut of_landmarks } = self.batch;
+        let (nearest, steps, [far, near]) = (self.dials.nearest, self.dials.steps, self.dials.sharp);
+        let mut of_vertices = Vec::with_capacity(vertices.len());
+        for (&vertex, row) in vertices.iter().zip(table.chunks_exact(width.max(1))) {
+            let place = uv[vertex as usize].cast::<f32>();
+            let mut sum = 0.0;
+            let lanes = row.chunks_exact(LANES).zip(places[0].chunks_exact(LANES).zip(places[1].chunks_exact(LANES)));
+            for ((row, (x, y)), sums) in lanes.zip(of_landmarks.chunks_exact_mut(LANES)) {
+                let mut bends = [0.0f32; LANES];
+                for n in 0..LANES {
+                    let distance = row[n];
+                    let (dx, dy) = (place.x - x[n], place.y - y[n]);
+                    let flat = (dx * dx + dy * dy).sqrt().max(APART * nearest);
+                    let error = flat / distance - 1.0;
+                    let bent = error * if distance > BANDS[1] { far } else { near };
+                    let root = (1.0 + bent * bent).sqrt();
+                    let (along, across) = ((root * root * root).recip(), (error / root * distance / flat).max(0.0));
+                    let bend = 2.0 * weight(steps, distance) * (along + across) / (distance * distance);
+                    bends[n] = if distance > nearest { bend } else { 0.0 };
+                }
+                for (of_landmark, bend) in sums.iter_mut().zip(bends) {
+                    let bend = HELD * f64::from(bend);
+                    *of_landmark += bend;
+                    sum += bend;
+                }
+            }
+            of_vertices.push(sum);
+        }
+        (of_vertices, of_landmarks)
     }
 }

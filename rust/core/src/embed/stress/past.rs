@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::springs::Factor;
@@ -16,6 +17,9 @@ const MEMORY: usize = 20;
 
 /// Vertices that are visited together.
 const BATCH: usize = 2048;
+
+/// Vectors whose products are found together.
+const TOGETHER: usize = 4;
 
 /// Past steps, the oldest first.
 #[derive(Debug, Default)]
@@ -78,14 +82,41 @@ impl Past {
 /// The products of each of some vectors and another one.
 fn products(of: &VecDeque<Vec<Vector2<f32>>>, by: &[Vector2<f64>]) -> Vec<f64> {
     let of_batch = |(n, by): (usize, &[Vector2<f64>])| {
-        let product = |one: &Vec<Vector2<f32>>| {
-            let both = one[n * BATCH..].iter().zip(by);
-            both.map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Vector2<f64>>().sum()
-        };
-        of.iter().map(product).collect()
+        let vectors: Vec<&[Vector2<f32>]> = of.iter().map(|one| &one[n * BATCH..]).collect();
+        let (together, rest) = vectors.as_chunks();
+        let together = together.iter().flat_map(|&of| Arch::new().dispatch(Products { of, by }));
+        together.chain(rest.iter().map(|one| product(one, by))).collect()
     };
     let parts: Vec<Vec<f64>> = by.par_chunks(BATCH).enumerate().map(of_batch).collect();
     (0..of.len()).map(|n| parts.iter().map(|part| part[n]).sum()).collect()
+}
+
+fn product(one: &[Vector2<f32>], by: &[Vector2<f64>]) -> f64 {
+    one.iter().zip(by).map(|(one, by)| one.cast::<f64>().component_mul(by)).sum::<Vector2<f64>>().sum()
+}
+
+/// A few of these products: side by side, for each sum waits for the number before.
+struct Products<'a> {
+    of: [&'a [Vector2<f32>]; TOGETHER],
+    by: &'a [Vector2<f64>],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = [f64; TOGETHER];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let [a, b, c, d] = self.of;
+        let [mut x, mut y] = [[0.0; TOGETHER]; 2];
+        for ((((by, a), b), c), d) in self.by.iter().zip(a).zip(b).zip(c).zip(d) {
+            let (all_x, all_y) = ([a.x, b.x, c.x, d.x], [a.y, b.y, c.y, d.y]);
+            for n in 0..TOGETHER {
+                x[n] += f64::from(all_x[n]) * by.x;
+                y[n] += f64::from(all_y[n]) * by.y;
+            }
+        }
+        [0, 1, 2, 3].map(|n| Vector2::new(x[n], y[n]).sum())
+    }
 }
 
 /// Adds some vectors, each so many times.
@@ -105,6 +136,15 @@ mod tests {
     use proptest::prelude::*;
 
     type Vectors = Vec<Vector2<f64>>;
+
+    #[test]
+    fn products_have_the_same_bits_together_and_alone() {
+        let by: Vectors = (1..300).map(|n| Vector2::new(f64::from(n).sin(), f64::from(n).ln())).collect();
+        let vector = |k: usize| (1..300).map(|n| Vector2::new((n as f32).cos() / k as f32, (n * k) as f32)).collect();
+        let of: VecDeque<Vec<Vector2<f32>>> = (1..12).map(vector).collect();
+        let alone: Vec<u64> = of.iter().map(|one| product(one, &by).to_bits()).collect();
+        assert_eq!(products(&of, &by).into_iter().map(f64::to_bits).collect::<Vec<_>>(), alone);
+    }
 
     fn dot(a: &Vectors, b: &Vectors) -> f64 {
         a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()

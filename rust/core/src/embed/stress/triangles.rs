@@ -13,6 +13,8 @@
 //! cannot keep their shape, such as those of a deep pit, do not rule the map of all around them.
 //! Since σ₁ + σ₂ = √(‖J‖² + 2 D), φ is a function of h = ½ ‖J‖² and D.
 
+mod lanes;
+
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -136,9 +138,10 @@ impl Price {
         [mean + radius, mean - radius, by_half + by_area, by_half - by_area]
     }
 
-    /// ψ from φ (pseudo-Huber); `sharp` is 1/κ².
-    fn pseudo_huber(self, sharp: f64) -> Self {
-        let root = (1.0 + self.value.max(0.0) * sharp).sqrt();
+    /// ψ from φ (pseudo-Huber); `sharp` is 1/κ², which is 0 where there are no outliers.
+    #[inline(always)]
+    fn pseudo_huber<const OUTLIERS: bool>(self, sharp: f64) -> Self {
+        let root = if OUTLIERS { (1.0 + self.value.max(0.0) * sharp).sqrt() } else { 1.0 };
         let (slope, bend) = (root.recip(), -0.5 * sharp * root.powi(-3));
         let ([by_half, by_area], [half_half, half_area, area_area]) = (self.slopes, self.bends);
         Self {
@@ -184,13 +187,20 @@ impl AreaBound {
 
 impl Shape {
     /// What a map's Jacobian costs.
-    #[inline]
     pub(super) fn price(&self, jacobian: &Matrix2<f64>) -> Price {
         let (half, area) = (0.5 * jacobian.norm_squared(), jacobian.determinant());
-        if area <= 0.0 {
-            return Price::INFINITE;
-        }
-        let (log, inverse) = (area.ln(), area.powi(2).recip());
+        self.price_of::<true>(half, area, area.ln())
+    }
+
+    /// Does it cost less from some distortion on?
+    fn has_outliers(&self) -> bool {
+        self.outlier.is_finite()
+    }
+
+    /// The same by h, D and its logarithm. It has no branches, so that many triangles are looked at together.
+    #[inline(always)]
+    fn price_of<const OUTLIERS: bool>(&self, half: f64, area: f64, log: f64) -> Price {
+        let inverse = area.powi(2).recip();
         let sum = (2.0 * (half + area)).sqrt(); // of the singular values
         let (rigid, barrier, growth) = (4.0 * (1.0 - self.barrier), self.barrier, self.area);
         let bend = rigid / sum.powi(3);
@@ -206,25 +216,29 @@ impl Shape {
                 bend + (6.0 * barrier * half * inverse + 2.0 * growth * (1.0 - log)) * inverse,
             ],
         };
-        if distortion.value.is_finite() {
-            distortion.pseudo_huber(self.outlier.powi(2).recip())
-        } else {
-            Price::INFINITE // so near a fold that 1/D² overflows
+        let price = distortion.pseudo_huber::<OUTLIERS>(self.outlier.powi(2).recip());
+        // neither folded nor so near a fold that 1/D² overflows
+        let is_open = area > 0.0 && distortion.value.is_finite();
+        let or = |number, other| if is_open { number } else { other };
+        Price {
+            value: or(price.value, Price::INFINITE.value),
+            slopes: price.slopes.map(|slope| or(slope, 0.0)),
+            bends: price.bends.map(|bend| or(bend, 0.0)),
         }
     }
 }
 
-/// The gradient of the determinant.
-pub(super) fn cofactors(jacobian: &Matrix2<f64>) -> Matrix2<f64> {
-    Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11)
+/// The gradient of a triangle's energy by its sides, as columns, from the slopes of its price.
+#[inline(always)]
+fn by_sides(jacobian: &Matrix2<f64>, [by_half, by_area]: [f64; 2], inverse: &Matrix2<f64>, area: f64) -> Matrix2<f64> {
+    let by_jacobian = jacobian * by_half + cofactors(jacobian) * by_area;
+    by_jacobian * inverse.transpose() * area
 }
 
-/// A triangle's part in the energy, in its gradient, and in the stiffness of the map around it.
-#[derive(Debug, Clone, Copy, Default)]
-struct Part {
-    energy: f64,
-    /// For the corners after the first; the first has minus their sum.
-    gradient: [Vector2<f64>; 2],
+/// The gradient of the determinant.
+#[inline(always)]
+pub(super) fn cofactors(jacobian: &Matrix2<f64>) -> Matrix2<f64> {
+    Matrix2::new(jacobian.m22, -jacobian.m21, -jacobian.m12, jacobian.m11)
 }
 
 /// The triangles of a surface.
@@ -275,16 +289,25 @@ impl TriangleEnergy {
 
     /// `weight` times the mean energy, and its gradient added to `gradient`.
     pub fn add(&self, uv: &[Vector2<f64>], shape: Shape, weight: f64, gradient: &mut [Vector2<f64>]) -> f64 {
-        let of_triangle = |rest: &Rest| self.part(rest, uv, shape);
-        let parts: Vec<Part> = self.rests.par_iter().with_min_len(BATCH).map(of_triangle).collect();
         let scale = weight / self.area;
-        gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
-            for &corner in &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize] {
-                let [second, third] = parts[corner as usize / 3].gradient;
-                *gradient += scale * [-second - third, second, third][corner as usize % 3];
+        let mut energies = vec![0.0; self.rests.len()];
+        let mut pulls = vec![[Vector2::zeros(); 3]; self.rests.len()];
+        let found = energies.par_chunks_mut(BATCH).zip(pulls.par_chunks_mut(BATCH));
+        self.rests.par_chunks(BATCH).zip(found).for_each(|(rests, (energies, pulls))| {
+            if self.bound.is_none() {
+                lanes::energies(rests, uv, shape, scale, energies, pulls);
+                return;
+            }
+            for (rest, (energy, pulls)) in rests.iter().zip(energies.iter_mut().zip(pulls)) {
+                (*energy, *pulls) = self.part(rest, uv, shape, scale);
             }
         });
-        weight / self.area * parts.iter().map(|part| part.energy).sum::<f64>()
+        let pulls = pulls.as_flattened();
+        gradient.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(vertex, gradient)| {
+            let corners = &self.corners[self.starts[vertex] as usize..self.starts[vertex + 1] as usize];
+            corners.iter().for_each(|&corner| *gradient += pulls[corner as usize]);
+        });
+        scale * energies.iter().sum::<f64>()
     }
 
     /// The mean energy.
@@ -316,12 +339,13 @@ impl TriangleEnergy {
         self.bound.map_or(price, |bound| bound.add(price, rest, jacobian))
     }
 
-    fn part(&self, rest: &Rest, uv: &[Vector2<f64>], shape: Shape) -> Part {
+    /// A triangle's energy, and `scale` times its gradient by the places of its corners.
+    fn part(&self, rest: &Rest, uv: &[Vector2<f64>], shape: Shape, scale: f64) -> (f64, [Vector2<f64>; 3]) {
         let jacobian = rest.jacobian(uv);
-        let Price { value, slopes: [by_half, by_area], .. } = self.price(rest, &jacobian, shape);
-        let by_jacobian = jacobian * by_half + cofactors(&jacobian) * by_area;
-        let by_sides = by_jacobian * rest.inverse.transpose() * rest.area;
-        Part { energy: rest.area * value, gradient: [by_sides.column(0).into(), by_sides.column(1).into()] }
+        let Price { value, slopes, .. } = self.price(rest, &jacobian, shape);
+        let by_sides = by_sides(&jacobian, slopes, &rest.inverse, rest.area);
+        let [b, c]: [Vector2<f64>; 2] = [by_sides.column(0).into(), by_sides.column(1).into()];
+        (rest.area * value, [-b - c, b, c].map(|by_corner| scale * by_corner))
     }
 
     /// The logarithm of how many times as large as the surface a map without folds is, and by which a triangle differs from that at
@@ -350,14 +374,8 @@ impl TriangleEnergy {
 
     /// How far a map without folds may move along `direction`, as a part of it, until the first triangle has no area.
     pub fn farthest_step(&self, uv: &[Vector2<f64>], direction: &[Vector2<f64>]) -> f64 {
-        let of_triangle = |rest: &Rest| {
-            let [a, b, c] = rest.corners.map(|v| v as usize);
-            let (b0, c0) = (uv[b] - uv[a], uv[c] - uv[a]);
-            let (b1, c1) = (direction[b] - direction[a], direction[c] - direction[a]);
-            let times = roots(b1.perp(&c1), b0.perp(&c1) + b1.perp(&c0), b0.perp(&c0));
-            times.into_iter().filter(|&time| time > 0.0).fold(f64::INFINITY, f64::min)
-        };
-        self.rests.par_iter().with_min_len(BATCH).map(of_triangle).reduce(|| f64::INFINITY, f64::min)
+        let of_batch = |rests| lanes::farthest_step(rests, uv, direction);
+        self.rests.par_chunks(BATCH).map(of_batch).reduce(|| f64::INFINITY, f64::min)
     }
 }
 
@@ -368,11 +386,9 @@ pub(super) fn signed_area([a, b, c]: [u32; 3], uv: &[Vector2<f64>]) -> f64 {
 }
 
 /// The roots of a t² + b t + c; infinite or NaN where there are fewer.
+#[inline(always)]
 pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - 4.0 * a * c;
-    if discriminant < 0.0 {
-        return [f64::INFINITY; 2];
-    }
-    let q = -0.5 * (b + discriminant.sqrt().copysign(b));
+    let q = -0.5 * (b + discriminant.sqrt().copysign(b)); // NaN where there are none
     [q / a, c / q]
 }

@@ -44,8 +44,29 @@ pub struct Sketch {
     pub surface: Surface,
     uv: Vec<Vector2<f64>>,
     landmarks: Vec<u32>,
+    measured: Measured,
     /// Of the map, with distances as they are on this surface.
     pub energy: f64,
+}
+
+/// What is to be kept of a surface.
+#[derive(Debug)]
+struct Measured {
+    rows: DistanceRows,
+    pairs: Pairs,
+    triangles: TriangleEnergy,
+    springs: Springs,
+}
+
+impl Measured {
+    fn new(surface: &Surface, graph: &GeodesicGraph, landmarks: &[u32], control: &Control) -> Result<Self> {
+        let rows = DistanceRows::compute(graph, landmarks, control)?;
+        let all: Vec<u32> = (0..surface.len() as u32).collect();
+        let pairs = Pairs::new(&rows, &all, control)?;
+        let triangles = TriangleEnergy::new(surface);
+        let springs = Springs::new(triangles.corners().collect(), surface.len(), control)?;
+        Ok(Self { rows, pairs, triangles, springs })
+    }
 }
 
 impl Sketch {
@@ -57,11 +78,12 @@ impl Sketch {
         let quiet = control.part();
         let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
         let landmarks = Sources::Farthest { count: LANDMARKS.min(surface.len()), seed: 0 }.choose(&graph, &quiet)?;
-        let rows = DistanceRows::compute(&graph, &landmarks, &quiet)?;
-        let scaling = classical_scaling(&rows.among(&quiet)?)?;
-        let (uv, _) =
-            levels::unfold(&mut Levels::new(&surface, &landmarks, &quiet)?, &rows, &scaling.places, WORTH, &quiet)?;
-        let mut sketch = Self { surface, uv: uv.into_iter().map(Into::into).collect(), landmarks, energy: f64::NAN };
+        let measured = Measured::new(&surface, &graph, &landmarks, &quiet)?;
+        let places = classical_scaling(&measured.rows.among(&quiet)?)?.places;
+        let mut levels = Levels::new(&surface, &landmarks, &quiet)?;
+        let (uv, _) = levels::unfold(&mut levels, &measured.rows, &places, WORTH, &quiet)?;
+        let uv = uv.into_iter().map(Into::into).collect();
+        let mut sketch = Self { surface, uv, landmarks, measured, energy: f64::NAN };
         sketch.settle(control)?;
         Ok(sketch)
     }
@@ -78,8 +100,11 @@ impl Sketch {
             uv[new as usize] = self.uv[old as usize];
             number[old as usize] = new;
         }
-        let landmarks = self.landmarks.iter().map(|&landmark| number[landmark as usize]).collect();
-        let mut sketch = Self { surface, uv, landmarks, energy: f64::NAN };
+        let landmarks: Vec<u32> = self.landmarks.iter().map(|&landmark| number[landmark as usize]).collect();
+        let quiet = control.part();
+        let graph = GeodesicGraph::crossing(&surface, CROSSED, &quiet)?;
+        let measured = Measured::new(&surface, &graph, &landmarks, &quiet)?;
+        let mut sketch = Self { surface, uv, landmarks, measured, energy: f64::NAN };
         sketch.descend(TRIED, control)?;
         Ok(sketch)
     }
@@ -97,25 +122,15 @@ impl Sketch {
     /// # Errors
     /// [`crate::Error::Cancelled`].
     pub fn error(&self, control: &Control) -> Result<f64> {
-        let quiet = control.part();
-        let graph = GeodesicGraph::crossing(&self.surface, CROSSED, &quiet)?;
-        let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
         let uv: Vec<[f64; 2]> = self.uv.iter().map(|&place| place.into()).collect();
-        Ok(measure(&[&uv], &rows, 0, &quiet)?.remove(0).best_scale.relative_error)
+        Ok(measure(&[&uv], &self.measured.rows, 0, &control.part())?.remove(0).best_scale.relative_error)
     }
 
     fn descend(&mut self, until: Until, control: &Control) -> Result<()> {
-        let quiet = control.part();
-        let graph = GeodesicGraph::crossing(&self.surface, CROSSED, &quiet)?;
-        let rows = DistanceRows::compute(&graph, &self.landmarks, &quiet)?;
-        let all: Vec<u32> = (0..self.surface.len() as u32).collect();
-        let pairs = Pairs::new(&rows, &all, &quiet)?;
-        let triangles = TriangleEnergy::new(&self.surface);
-        let springs = Springs::new(triangles.corners().collect(), self.surface.len(), &quiet)?;
-        let (pairs, triangles, springs, outline) = (&pairs, &triangles, &springs, None);
+        let Measured { pairs, triangles, springs, .. } = &self.measured;
         let Dials { bands, shape, stiffness, .. } = WORTH;
-        let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline };
-        let energies = descend(&energy, &mut self.uv, until, &quiet)?.energies;
+        let energy = MapEnergy { pairs, bands, triangles, shape, stiffness, springs, outline: None };
+        let energies = descend(&energy, &mut self.uv, until, &control.part())?.energies;
         self.energy = energies[energies.len() - 1];
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! Which links a graph needs: a link is dropped where two others that stay together are hardly longer.
 //!
-//! Links come in layers of increasing length. What two links of earlier layers replace is dropped at once, so that only few
-//! of all straight lines are ever held. The rest of a layer is judged one after the other, shorter ones first.
+//! Links come in layers of increasing length. What two links of earlier layers replace is dropped at once, so that few links are
+//! judged beside each other: the rest of a layer, one after the other, shorter ones first.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -43,23 +43,20 @@ impl Lines {
     fn of(&self, number: usize) -> &[Arc] {
         &self.arcs[number.checked_sub(1).map_or(0, |before| self.ends[before])..self.ends[number]]
     }
-
-    fn push(&mut self, arcs: impl Iterator<Item = Arc>) {
-        self.arcs.extend(arcs);
-        self.ends.push(self.arcs.len());
-    }
 }
 
 /// Links of some lengths, each from both of its ends, in compressed rows; a vertex's arcs are ordered by neighbour.
 #[derive(Debug)]
 struct Layer {
+    /// No link is shorter, mm.
+    shortest: f32,
     starts: Vec<u32>,
     arcs: Vec<Arc>,
 }
 
 impl Layer {
-    /// The lines of all batches, from both ends.
-    fn of(lines: &[Lines], vertices: usize) -> Result<Self> {
+    /// The lines of all batches, from both ends, none shorter than `shortest`.
+    fn of(lines: &[Lines], vertices: usize, shortest: f32) -> Result<Self> {
         check_count(2 * lines.iter().map(|lines| lines.arcs.len()).sum::<usize>(), vertices)?;
         let all = || (0u32..).zip(lines.iter().flat_map(|lines| (0..lines.ends.len()).map(|number| lines.of(number))));
         let mut starts = vec![0u32; vertices + 1];
@@ -81,7 +78,7 @@ impl Layer {
                 }
             }
         }
-        Ok(Self { starts, arcs: both })
+        Ok(Self { shortest, starts, arcs: both })
     }
 
     fn places(&self, vertex: u32) -> Range<usize> {
@@ -92,15 +89,15 @@ impl Layer {
         &self.arcs[self.places(vertex)]
     }
 
-    /// The place of a vertex's link to another one, or [`EARLIER`].
-    fn place(&self, from: u32, to: u32) -> u32 {
-        let found = self.links_of(from).binary_search_by_key(&to, |arc| arc.to);
-        found.map_or(EARLIER, |place| self.starts[from as usize] + place as u32)
+    /// May one of its links, and another that is as long as `other` at least, be no longer than `most` together? Sums are rounded up
+    /// and down in the same order as they are.
+    fn is_short_beside(&self, other: f32, most: f32) -> bool {
+        self.shortest + other <= most
     }
 
     /// Those that are marked.
     fn only(self, marked: &[bool]) -> Self {
-        let Self { mut starts, mut arcs } = self;
+        let Self { shortest, mut starts, mut arcs } = self;
         let mut kept = 0;
         for vertex in 0..starts.len() - 1 {
             let links = starts[vertex] as usize..starts[vertex + 1] as usize;
@@ -113,7 +110,7 @@ impl Layer {
         *starts.last_mut().expect("one start more than vertices") = kept as u32;
         arcs.truncate(kept);
         arcs.shrink_to_fit();
-        Self { starts, arcs }
+        Self { shortest, starts, arcs }
     }
 }
 
@@ -128,6 +125,20 @@ struct Open {
     count: u32,
 }
 
+/// What joins a vertex to others: links of all layers and of a new one.
+struct Beside {
+    /// How long its link to each other vertex is; infinite where there is none.
+    lengths: Vec<f32>,
+    /// The place of that link in the new layer, or [`EARLIER`].
+    places: Vec<u32>,
+}
+
+impl Beside {
+    fn nothing(vertices: usize) -> Self {
+        Self { lengths: vec![f32::INFINITY; vertices], places: vec![EARLIER; vertices] }
+    }
+}
+
 /// The links that are needed, as far as they are known.
 #[derive(Debug)]
 pub(super) struct Needed {
@@ -136,22 +147,20 @@ pub(super) struct Needed {
 }
 
 impl Needed {
-    pub fn new(vertices: usize) -> Self {
-        Self { vertices, layers: Vec::new() }
-    }
-
-    /// Adds the needed ones among all straight lines of some lengths (mm), from the first to the last, in layers that end at those
-    /// between. None known before may be longer.
-    pub fn add(&mut self, view: &View, lengths: &[f32], control: &Control) -> Result<()> {
-        let seen = self.lacks(view, [lengths[0], lengths[lengths.len() - 1]], control)?;
-        for (part, ends) in lengths.windows(2).enumerate() {
-            let lines = self.still_lacks(&seen, [ends[0], ends[1]], part > 0, control)?;
-            let layer = Layer::of(&lines, self.vertices)?;
-            drop(lines);
-            let stays = self.judge(&layer, control)?;
-            self.layers.push(layer.only(&stays));
+    /// The needed ones among all straight lines of a view, judged in so many layers.
+    pub fn of(view: View, vertices: usize, layers: usize, control: &Control) -> Result<Self> {
+        let mut needed = Self { vertices, layers: Vec::new() };
+        let lengths = view.layers(layers);
+        let mut lines = needed.lines(&view, control)?;
+        drop(view);
+        for ends in lengths.windows(2) {
+            let lacking = needed.still_lacks(&mut lines, ends[1], control)?;
+            let layer = Layer::of(&lacking, vertices, ends[0])?;
+            drop(lacking);
+            let stays = needed.judge(&layer, control)?;
+            needed.layers.push(layer.only(&stays));
         }
-        Ok(())
+        Ok(needed)
     }
 
     /// All of them in compressed rows: where each vertex's begin, and its links, ordered by neighbour.
@@ -188,60 +197,58 @@ impl Needed {
         (0..vertices.div_ceil(BATCH)).map(move |batch| batch * BATCH..vertices.min((batch + 1) * BATCH))
     }
 
-    /// Straight lines of some lengths (mm) that neither are links already nor are replaced by two of them.
-    fn lacks(&self, view: &View, lengths: [f32; 2], control: &Control) -> Result<Vec<Lines>> {
-        let of_batch = |(known, seen): &mut (Vec<f32>, Seen), batch: Range<usize>| {
-            let mut lines = Lines::default();
+    /// All straight lines.
+    fn lines(&self, view: &View, control: &Control) -> Result<Vec<Lines>> {
+        let of_batch = |(seen, arcs): &mut (Seen, Vec<Arc>), batch: Range<usize>| {
+            let mut ends = Vec::with_capacity(batch.len());
+            arcs.clear();
             for vertex in batch {
                 control.advance();
                 control.check()?;
-                view.from(vertex as u32, lengths, seen);
-                self.beside(vertex as u32, None, known, |known| {
-                    let is_lacking = |link: &Arc| known[link.to as usize].is_infinite() && !self.replaces(*link, known);
-                    seen.lines.retain(is_lacking);
-                });
+                view.from(vertex as u32, seen);
                 seen.lines.sort_unstable_by_key(|line| line.to);
-                lines.push(seen.lines.iter().copied());
+                arcs.extend(&seen.lines);
+                ends.push(arcs.len());
             }
-            lines.arcs.shrink_to_fit();
-            Ok(lines)
+            Ok(Lines { ends, arcs: arcs.clone() }) // as many as there are: what grows leaves holes in memory
         };
         self.batches().collect::<Vec<_>>().into_par_iter().map_init(Default::default, of_batch).collect()
     }
 
-    /// Those lines among some that have lengths between two, but for those that links replace; all links are looked at if any may.
-    fn still_lacks(
-        &self,
-        seen: &[Lines],
-        [shortest, longest]: [f32; 2],
-        may_replace: bool,
-        control: &Control,
-    ) -> Result<Vec<Lines>> {
-        let of_batch = |known: &mut Vec<f32>, (batch, seen): (Range<usize>, &Lines)| {
+    /// Takes those that are shorter than `longest` from some lines; returned are those that two links do not replace.
+    fn still_lacks(&self, lines: &mut [Lines], longest: f32, control: &Control) -> Result<Vec<Lines>> {
+        let of_batch = |known: &mut Vec<f32>, (batch, lines): (Range<usize>, &mut Lines)| {
             control.check()?;
-            let mut lines = Lines::default();
-            for (number, vertex) in batch.enumerate() {
-                let own =
-                    || seen.of(number).iter().filter(|arc| arc.length >= shortest && arc.length < longest).copied();
-                if may_replace {
-                    self.beside(vertex as u32, None, known, |known| {
-                        lines.push(own().filter(|link| !self.replaces(*link, known)));
-                    });
-                } else {
-                    lines.push(own());
-                }
+            let mut lacking = Lines::default();
+            let (mut first, mut kept) = (0, 0);
+            for (vertex, end) in batch.zip(&mut lines.ends) {
+                self.beside(vertex as u32, known, |known| {
+                    for n in first..*end {
+                        let line = lines.arcs[n];
+                        if line.length >= longest {
+                            lines.arcs[kept] = line;
+                            kept += 1;
+                        } else if !self.replaces(line, known) {
+                            lacking.arcs.push(line);
+                        }
+                    }
+                });
+                lacking.ends.push(lacking.arcs.len());
+                first = std::mem::replace(end, kept);
             }
-            Ok(lines)
+            lines.arcs.truncate(kept);
+            lines.arcs.shrink_to_fit();
+            Ok(lacking)
         };
-        let batches: Vec<_> = self.batches().zip(seen).collect();
+        let batches: Vec<_> = self.batches().zip(lines).collect();
         batches.into_par_iter().map_init(Vec::new, of_batch).collect()
     }
 
-    /// Calls `work` with the length of a vertex's link to each other vertex, infinite where there is none: of a new layer, too.
-    /// `lengths` is kept from one vertex to the next.
-    fn beside<T>(&self, vertex: u32, new: Option<&Layer>, lengths: &mut Vec<f32>, work: impl FnOnce(&[f32]) -> T) -> T {
+    /// Calls `work` with the length of a vertex's link to each other vertex, infinite where there is none. `lengths` is kept from one
+    /// vertex to the next.
+    fn beside<T>(&self, vertex: u32, lengths: &mut Vec<f32>, work: impl FnOnce(&[f32]) -> T) -> T {
         lengths.resize(self.vertices, f32::INFINITY);
-        let links = || self.layers.iter().chain(new).flat_map(|layer| layer.links_of(vertex));
+        let links = || self.layers.iter().flat_map(|layer| layer.links_of(vertex));
         links().for_each(|arc| lengths[arc.to as usize] = arc.length);
         let result = work(lengths);
         links().for_each(|arc| lengths[arc.to as usize] = f32::INFINITY);
@@ -260,18 +267,17 @@ impl Needed {
     /// threads.
     fn judge(&self, layer: &Layer, control: &Control) -> Result<Vec<bool>> {
         let known: Vec<AtomicU8> = layer.arcs.iter().map(|_| AtomicU8::new(OPEN)).collect();
-        let of_batch = |lengths: &mut Vec<f32>, batch: Range<usize>| {
+        let of_batch = |beside: &mut Beside, batch: Range<usize>| {
             control.check()?;
             let (mut open, mut pairs) = (Vec::new(), Vec::new());
             for from in batch {
-                self.beside(from as u32, Some(layer), lengths, |lengths| {
-                    self.pairs_instead(layer, from as u32, lengths, &known, &mut open, &mut pairs);
-                });
+                self.pairs_instead(layer, from as u32, beside, &known, &mut open, &mut pairs);
             }
             Ok((open, pairs))
         };
         let batches = self.batches().collect::<Vec<_>>().into_par_iter();
-        let found: Vec<(Vec<Open>, Vec<[u32; 2]>)> = batches.map_init(Vec::new, of_batch).collect::<Result<_>>()?;
+        let beside = || Beside::nothing(self.vertices);
+        let found: Vec<(Vec<Open>, Vec<[u32; 2]>)> = batches.map_init(beside, of_batch).collect::<Result<_>>()?;
         let (mut open, mut pairs) = (Vec::new(), Vec::new());
         for (some, of_some) in found {
             open.extend(some.into_iter().map(|link: Open| Open { first: link.first + pairs.len(), ..link }));
@@ -292,37 +298,50 @@ impl Needed {
     }
 
     /// Lists the new links from a vertex to higher ones that pairs of others may replace, and these pairs by their places; all other
-    /// new links stay. `lengths` are those of the vertex's links.
+    /// new links stay.
     fn pairs_instead(
         &self,
         new: &Layer,
         from: u32,
-        lengths: &[f32],
+        beside: &mut Beside,
         known: &[AtomicU8],
         open: &mut Vec<Open>,
         pairs: &mut Vec<[u32; 2]>,
     ) {
-        for (place, &arc) in (new.starts[from as usize]..).zip(new.links_of(from)).filter(|(_, arc)| arc.to > from) {
-            let first = pairs.len();
+        let new_links = || (new.starts[from as usize]..).zip(new.links_of(from));
+        let links = || self.layers.iter().flat_map(|layer| layer.links_of(from)).chain(new.links_of(from));
+        links().for_each(|link| beside.lengths[link.to as usize] = link.length);
+        new_links().for_each(|(place, link)| beside.places[link.to as usize] = place);
+        beside.lengths[from as usize] = f32::NEG_INFINITY; // so that the way back is found among those that are short
+        for (place, &arc) in new_links().filter(|(_, arc)| arc.to > from) {
+            let (first, mut back) = (pairs.len(), EARLIER);
             let most = arc.length * DETOUR;
-            let is_short = |second: &Arc| lengths[second.to as usize] + second.length <= most;
-            for layer in &self.layers {
+            let is_short = |second: &Arc| beside.lengths[second.to as usize] + second.length <= most;
+            // two of earlier layers do not replace it, or it would be no new link
+            for layer in self.layers.iter().filter(|layer| layer.is_short_beside(new.shortest, most)) {
                 for second in layer.links_of(arc.to).iter().filter(|second| is_short(second)) {
-                    pairs.push([new.place(from, second.to), EARLIER]);
+                    pairs.push([beside.places[second.to as usize], EARLIER]);
                 }
             }
             for (at, second) in (new.starts[arc.to as usize]..).zip(new.links_of(arc.to)) {
                 if is_short(second) {
-                    pairs.push([new.place(from, second.to), at]);
+                    if second.to == from {
+                        back = at;
+                    } else {
+                        pairs.push([beside.places[second.to as usize], at]);
+                    }
                 }
             }
-            let places = [place, new.place(arc.to, from)];
+            let places = [place, back];
             if pairs.len() == first {
                 places.iter().for_each(|&place| known[place as usize].store(STAYS, Relaxed));
             } else {
                 open.push(Open { length: arc.length, places, first, count: (pairs.len() - first) as u32 });
             }
         }
+        links().for_each(|link| beside.lengths[link.to as usize] = f32::INFINITY);
+        new_links().for_each(|(_, link)| beside.places[link.to as usize] = EARLIER);
+        beside.lengths[from as usize] = f32::INFINITY;
     }
 }
 

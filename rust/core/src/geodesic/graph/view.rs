@@ -60,16 +60,13 @@ impl<'a> View<'a> {
         Self { surface, outgoing: outgoing(surface), beyond, crossed }
     }
 
-    /// The straight lines from a vertex to higher ones, of lengths from the first to the second, in no order. Of all lines between
-    /// two vertices the shortest counts.
-    pub fn from(&self, vertex: u32, [shortest, longest]: [f32; 2], seen: &mut Seen) {
+    /// The straight lines from a vertex to higher ones, in no order. Of all lines between two vertices the shortest counts.
+    pub fn from(&self, vertex: u32, seen: &mut Seen) {
         let Seen { lines, least } = seen;
         lines.clear();
-        for &half_edge in self.outgoing.of(vertex) {
-            let beyond = |h: u32| self.beyond[h as usize];
-            unfold(self.surface, half_edge, self.crossed, vertex + 1, longest, beyond, lines); // the others see this one
-        }
-        lines.retain(|line| line.length < longest);
+        let beyond = |h: u32| self.beyond[h as usize];
+        // the others see this one
+        unfold(self.surface, self.outgoing.of(vertex), self.crossed, vertex + 1, beyond, lines);
         least.resize(self.surface.len(), f32::INFINITY);
         for line in lines.iter() {
             let least = &mut least[line.to as usize];
@@ -82,17 +79,20 @@ impl<'a> View<'a> {
             if is_shortest {
                 *least = f32::INFINITY;
             }
-            is_shortest && line.length >= shortest
+            is_shortest
         });
     }
 
     /// Lengths between which there are about as many lines each.
     pub fn layers(&self, layers: usize) -> Vec<f32> {
+        if layers == 1 {
+            return vec![0.0, f32::INFINITY];
+        }
         let step = self.surface.len() / SAMPLE + 1;
         let sample = (0..self.surface.len() as u32).step_by(step);
         let (mut seen, mut lengths) = (Seen::default(), Vec::new());
         for vertex in sample {
-            self.from(vertex, [0.0, f32::INFINITY], &mut seen);
+            self.from(vertex, &mut seen);
             lengths.extend(seen.lines.iter().map(|line| line.length));
         }
         lengths.sort_unstable_by(f32::total_cmp);
@@ -114,77 +114,60 @@ struct Window {
     crossed: u32,
 }
 
-impl Window {
-    /// Does no point of the edge lie within some distance of the origin?
-    fn is_beyond(&self, reach: f64) -> bool {
-        let edge = self.left - self.right;
-        let along = -self.right.dot(&edge);
-        if along <= 0.0 {
-            self.right.norm_squared() > reach * reach
-        } else if along >= edge.norm_squared() {
-            self.left.norm_squared() > reach * reach
-        } else {
-            self.right.perp(&self.left).powi(2) > reach * reach * edge.norm_squared()
-        }
-    }
-}
-
-/// Lists what the origin of a half-edge sees through the face on its left: the edge itself, the face's other edge where
-/// nothing lies beyond, and vertices beyond up to `most` edges, none of which is farther than `reach` (mm); vertices below
-/// `lowest` are left out. `beyond_of` tells what lies beyond half-edges.
+/// Lists what a vertex sees through the faces on the left of half-edges that leave it: the edges themselves, the faces' other edges
+/// where nothing lies beyond, and vertices beyond up to `most` edges; vertices below `lowest` are left out. `beyond_of` tells what
+/// lies beyond half-edges.
 pub(in crate::geodesic) fn unfold(
     surface: &Surface,
-    half_edge: u32,
+    half_edges: &[u32],
     most: u32,
     lowest: u32,
-    reach: f32,
     beyond_of: impl Fn(u32) -> Beyond,
     seen: &mut Vec<Arc>,
 ) {
     let point = |v: u32| surface.points()[v as usize];
-    let vertex = surface.origin(half_edge);
-    let (a, b) = (surface.target(half_edge), surface.origin(previous(half_edge)));
-    let (to_a, to_b) = (point(a) - point(vertex), point(b) - point(vertex));
-    for (to, way) in [(a, to_a), (b, to_b)] {
-        if to >= lowest {
-            seen.push(Arc { to, length: way.norm() as f32 });
-        }
-    }
-    let right = Vector2::new(to_a.norm(), 0.0);
-    let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
-    let first = Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 };
-    // of two windows beyond a face one waits; mostly there is one
     let mut waiting = Vec::new();
-    let mut now = (most > 0).then_some(first);
-    while let Some(window) = now.or_else(|| waiting.pop()) {
-        now = None;
-        if reach.is_finite() && window.is_beyond(f64::from(reach)) {
-            continue;
+    for &half_edge in half_edges {
+        let vertex = surface.origin(half_edge);
+        let (a, b) = (surface.target(half_edge), surface.origin(previous(half_edge)));
+        let (to_a, to_b) = (point(a) - point(vertex), point(b) - point(vertex));
+        for (to, way) in [(a, to_a), (b, to_b)] {
+            if to >= lowest {
+                seen.push(Arc { to, length: way.norm() as f32 });
+            }
         }
-        let beyond = beyond_of(window.half_edge);
-        if beyond.twin == BORDER {
-            continue;
-        }
-        let place = beyond.unfolded(window.right, window.left);
-        let crossed = window.crossed + 1;
-        let is_right_of_left_end = window.to.perp(&place) < 0.0;
-        let is_left_of_right_end = window.from.perp(&place) > 0.0;
-        if is_right_of_left_end && is_left_of_right_end && beyond.corner >= lowest && beyond.corner != vertex {
-            seen.push(Arc { to: beyond.corner, length: place.norm() as f32 });
-        }
-        if crossed == most {
-            continue;
-        }
-        if is_right_of_left_end {
-            let from = if is_left_of_right_end { place } else { window.from };
-            now = Some(Window { half_edge: previous(beyond.twin), right: place, from, crossed, ..window });
-        }
-        if is_left_of_right_end {
-            let to = if is_right_of_left_end { place } else { window.to };
-            let other = Window { half_edge: next(beyond.twin), left: place, to, crossed, ..window };
-            match now {
-                Some(_) => waiting.push(other),
-                None => now = Some(other),
+        let right = Vector2::new(to_a.norm(), 0.0);
+        let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
+        waiting.push(Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 });
+        while let Some(mut window) = waiting.pop() {
+            // one window becomes the next; of two beyond a face the left one waits
+            while window.crossed < most {
+                let beyond = beyond_of(window.half_edge);
+                window.crossed += 1;
+                if beyond.twin == BORDER || window.crossed == most && beyond.corner < lowest {
+                    break;
+                }
+                let place = beyond.unfolded(window.right, window.left);
+                let is_right_of_left_end = window.to.perp(&place) < 0.0;
+                let is_left_of_right_end = window.from.perp(&place) > 0.0;
+                if is_right_of_left_end {
+                    if is_left_of_right_end {
+                        if beyond.corner >= lowest && beyond.corner != vertex {
+                            seen.push(Arc { to: beyond.corner, length: place.norm() as f32 });
+                        }
+                        if window.crossed < most {
+                            waiting.push(Window { half_edge: next(beyond.twin), left: place, to: place, ..window });
+                        }
+                        window.from = place;
+                    }
+                    window.half_edge = previous(beyond.twin);
+                    window.right = place;
+                } else if is_left_of_right_end {
+                    window.half_edge = next(beyond.twin);
+                    window.left = place;
+                } else {
+                    break;
+                }
             }
         }
     }
@@ -219,5 +202,69 @@ impl Beyond {
     fn unfolded(self, right: Vector2<f64>, left: Vector2<f64>) -> Vector2<f64> {
         let edge = left - right;
         right + edge * self.along + Vector2::new(edge.y, -edge.x) * self.away
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::even_and_uneven;
+    use super::*;
+    use crate::surface::mesh::shapes;
+
+    /// What the origin sees through the edge of a window, and through those beyond, as the definition says.
+    fn seen_through(surface: &Surface, window: Window, most: u32, seen: &mut Vec<Arc>) {
+        let beyond = Beyond::of(surface, window.half_edge);
+        if window.crossed == most || beyond.twin == BORDER {
+            return;
+        }
+        let place = beyond.unfolded(window.right, window.left);
+        let (is_right, is_left) = (window.to.perp(&place) < 0.0, window.from.perp(&place) > 0.0);
+        if is_right && is_left {
+            seen.push(Arc { to: beyond.corner, length: place.norm() as f32 });
+        }
+        let crossed = window.crossed + 1;
+        if is_right {
+            let from = if is_left { place } else { window.from };
+            let through = Window { half_edge: previous(beyond.twin), right: place, from, crossed, ..window };
+            seen_through(surface, through, most, seen);
+        }
+        if is_left {
+            let to = if is_right { place } else { window.to };
+            let through = Window { half_edge: next(beyond.twin), left: place, to, crossed, ..window };
+            seen_through(surface, through, most, seen);
+        }
+    }
+
+    #[test]
+    fn what_is_seen_is_what_the_definition_says() {
+        for surface in
+            [shapes::torus(24, 13), shapes::sheet(9, 8)].map(shapes::surface).iter().flat_map(even_and_uneven)
+        {
+            let outgoing = outgoing(&surface);
+            for (vertex, most) in (0..surface.len() as u32).zip([0, 1, 2, 5, 11].into_iter().cycle()) {
+                let mut expected = Vec::new();
+                for &half_edge in outgoing.of(vertex) {
+                    let [a, b] = [surface.target(half_edge), surface.origin(previous(half_edge))];
+                    let [to_a, to_b] = [a, b].map(|v| surface.points()[v as usize] - surface.points()[vertex as usize]);
+                    expected.extend([(a, to_a), (b, to_b)].map(|(to, way)| Arc { to, length: way.norm() as f32 }));
+                    let right = Vector2::new(to_a.norm(), 0.0);
+                    let left = Vector2::new(to_a.dot(&to_b), to_a.cross(&to_b).norm()) / to_a.norm();
+                    let first = Window { half_edge: next(half_edge), right, left, from: right, to: left, crossed: 0 };
+                    seen_through(&surface, first, most, &mut expected);
+                }
+                for lowest in [0, vertex + 1] {
+                    let mut seen = Vec::new();
+                    unfold(&surface, outgoing.of(vertex), most, lowest, |h| Beyond::of(&surface, h), &mut seen);
+                    let ordered = |arcs: &[Arc]| {
+                        let allowed = arcs.iter().filter(|arc| arc.to >= lowest && arc.to != vertex);
+                        let mut keys: Vec<_> = allowed.map(|arc| (arc.to, arc.length.to_bits())).collect();
+                        keys.sort_unstable();
+                        keys
+                    };
+                    assert_eq!(ordered(&seen), ordered(&expected));
+                    assert!(seen.iter().all(|arc| arc.to >= lowest && arc.to != vertex));
+                }
+            }
+        }
     }
 }
