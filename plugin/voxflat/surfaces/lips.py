@@ -112,7 +112,7 @@ def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[
         # a reader would find what has all corners in the piece, and no edge: it is left out as bridges are
         others, suspects = np.concatenate([others, ids[own[is_apart]]]), np.union1d(suspects, ids[own[is_apart]])
         own = own[~is_apart]
-    return points
+    return _one_piece(points, ids, faces)
 
 
 class _Corners:
