@@ -51,7 +51,7 @@ advisories: setup ## what is known against the core's dependencies, by the datab
 	$(RUN) cargo-deny --locked check
 
 types: packages
-	nice $(UV) run --no-sync mypy
+	$(UV) run --no-sync mypy
 
 lint-python: setup types
 	$(RUN) ruff check
