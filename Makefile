@@ -12,14 +12,18 @@ RUN := $(UV) run --locked --all-extras
 PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
 TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
 
-.PHONY: help setup debian-vtk demo demo-lab test check lint lint-rust advisories lint-python test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup packages debian-vtk demo demo-lab test check lint lint-rust advisories lint-python lint-package test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
-setup: ## everything that the other targets need
-	@.ci/setup $(UV)
+setup: packages ## everything that the other targets need
 	@$(UV) sync --locked --all-extras --quiet
+
+# all but the extension: what needs no more goes on while that is compiled
+packages:
+	@.ci/setup $(UV)
+	@$(UV) sync --locked --all-extras --no-install-project --inexact --quiet
 
 demo: setup ## flatten a hemisphere of human cortex into demo/
 	@$(TIMED) $(RUN) voxflat demo -o demo
@@ -27,28 +31,29 @@ demo: setup ## flatten a hemisphere of human cortex into demo/
 demo-lab: setup ## a subject of FreeSurfer and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
 	@$(TIMED) $(RUN) python docs/benchmarks/study.py demo-lab
 
-test: setup ## all checks and tests
-	@$(TIMED) $(MAKE) --no-print-directory -j3 --output-sync lint test-rust test-python
+test: ## all checks and tests
+	@$(TIMED) $(MAKE) --no-print-directory -j4 --output-sync lint test-rust test-python
 
 check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
 	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
 
-lint: lint-rust lint-python ## formats, lints, types, stubs, order of imports, docs of the core
+lint: lint-rust lint-python lint-package ## formats, lints, types, stubs, order of imports, docs of the core
 
-# cargo takes the whole workspace, so that dependencies have the same features as in the extension and are not compiled again
+# after the extension, and of the whole workspace: what was compiled for that is read (.ci/lint-crate), nothing anew
 lint-rust: setup
 	cargo fmt --all --check
-	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --quiet --workspace
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate cargo build --release --workspace --all-targets --quiet
 	$(RUN) cargo-deny --locked --log-level error check licenses bans sources
 
 advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
 	$(RUN) cargo-deny --locked check
 
-lint-python: setup
-	$(RUN) ruff check
-	$(RUN) ruff format --check
-	$(RUN) mypy
+lint-python: packages
+	$(UV) run --no-sync ruff check
+	$(UV) run --no-sync ruff format --check
+	$(UV) run --no-sync mypy
+
+lint-package: setup
 	@# the stub alone, with options of its own: mypy's would read the package anew, and spoil its cache
 	$(RUN) python -m mypy.stubtest --mypy-config-file <(printf '[mypy]\nfollow_imports = skip\n') voxflat._core
 	$(RUN) lint-imports --no-cache
