@@ -57,9 +57,9 @@ def main():
         default=100,
         help="that maps of whole hemispheres and published ones are judged from",
     )
-    sheets = [30_000, 300_000, 900_000]
+    sheets = [30_000, 300_000, 900_000, 3_000_000]
     parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
-    parser.add_argument("--spacings", nargs="+", type=float, default=[2.3, 1.35, 1.0, 0.7, 0.6], help="of growth, mm")
+    parser.add_argument("--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="of growth, mm")
     parser.add_argument("--weightings", type=int, default=9, help="from local to global")
     parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
     parser.add_argument(

@@ -51,7 +51,7 @@ impl Past {
                 products.pop_front();
             }
         }
-        let short = |long: &[Vector2<f64>]| long.par_iter().map(|value| value.cast()).collect();
+        let short = |long: &[Vector2<f64>]| long.par_iter().with_min_len(BATCH).map(|value| value.cast()).collect();
         self.moved.push_back(short(moved));
         self.bent.push_back(short(bent));
         self.products.push_back(products(&self.moved, bent).into());
