@@ -42,7 +42,7 @@ lint: lint-rust lint-python lint-package ## formats, lints, types, stubs, order 
 # after the extension, and of the whole workspace: what was compiled for that is read (.ci/lint-crate), nothing anew
 lint-rust: setup
 	cargo fmt --all --check
-	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate cargo build --release --workspace --all-targets --quiet
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate cargo test --release --workspace --lib --tests --no-run --quiet
 	$(RUN) cargo-deny --locked --log-level error check licenses bans sources
 
 advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
