@@ -156,7 +156,9 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
 
     viewer = make_napari_viewer()
     (seed,) = viewer.open_sample("voxflat", "demo_cortex")  # at once; the rest as it is read
-    assert [bar.desc for bar in progress._all_instances] == ["Demo cortex"]
+    window = viewer.window._qt_viewer
+    assert {*"ÅÉÑŐjgpqy"} <= {*window._font_manager.get_font(window._overlay_font)._glyphs}  # drawn before a text is
+    qtbot.waitUntil(lambda: seed.visible and [bar.desc for bar in progress._all_instances] == ["Demo cortex"])
     qtbot.waitUntil(lambda: len(viewer.layers) == 3, timeout=PATIENCE)
     t1, labels, _ = viewer.layers
     qtbot.waitUntil(lambda: not progress._all_instances, timeout=PATIENCE)
@@ -166,6 +168,7 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
     assert_array_equal(labels.data == 2, hemisphere(white_matter, "right").data)
     assert list(labels.features["name"]) == ["", "left hemisphere", "right hemisphere", "cerebellum and brain stem"]
     qtbot.waitUntil(lambda: viewer.layers.selection.active is labels, timeout=PATIENCE)
+    assert all(layer.visible for layer in viewer.layers)
     assert {*viewer.window._qt_viewer.controls.widgets} == {*viewer.layers}
     camera = getattr(viewer, "scene", viewer).camera
     qtbot.waitUntil(

@@ -6,7 +6,7 @@ import importlib
 import threading
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from voxflat._napari.layers.seed import MARKER
-from voxflat._napari.results.flat_layers import LayerData
+from voxflat._napari.results.flat_layers import LayerData, hidden
 from voxflat.arguments import Progress
 from voxflat.errors import Cancelled
 
@@ -37,7 +37,8 @@ def demo_cortex() -> list[LayerData]:
     Returns
     -------
     list of LayerData
-        In mm, RAS+: the seed point, to which another thread adds the rest; without a viewer all.
+        In mm, RAS+: the seed point, which is shown in the next turn of the event loop, and to which another thread adds
+        the rest; without a viewer all.
     """
     from napari import current_viewer
 
@@ -45,9 +46,9 @@ def demo_cortex() -> list[LayerData]:
     seed: LayerData = ([SEED_POINT], {**MARKER, "units": ("mm",) * 3}, "points")
     if viewer is None:
         return [*cortex.run(lambda *_: None), seed]
-    _import_meanwhile()
+    _make_ready(viewer)
     _add_when_read(viewer, cortex)
-    return [seed]
+    return [hidden(seed)]
 
 
 @dataclass(frozen=True)
@@ -87,24 +88,44 @@ class _Cortex:
         ]
 
 
-def _import_meanwhile() -> None:
-    """Have imported what napari's first layer needs, in another thread, while the window is drawn."""
+def _make_ready(viewer: Viewer) -> None:
+    """Have made what napari's first layers need, in another thread or bit by bit, while the window is drawn."""
     from qtpy.QtCore import QCoreApplication, QEventLoop
 
     def load() -> None:
         with suppress(ImportError):  # another napari may need others
             importlib.import_module("pandas")
             importlib.import_module("pint").get_application_registry().Unit("mm")  # reads the table of units
+            importlib.import_module("vispy.visuals.line.dash_atlas").DashAtlas()  # of the polygon that labels have
 
     thread = threading.Thread(target=load, daemon=True)
     thread.start()
-    while thread.is_alive():  # what the user does meanwhile waits
+
+    def live() -> None:  # what the user does meanwhile waits
         QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
         thread.join(0.005)
 
+    glyphs = _glyphs(viewer)
+    while next(glyphs, False) or thread.is_alive():
+        live()
+    if not viewer.layers:
+        viewer.dims.ndim = 3  # makes the sliders
+        live()
+
+
+def _glyphs(viewer: Viewer) -> Iterator[bool]:
+    """Draw, one at a time, the letters by which vispy measures a font when a first text comes, as that of Points."""
+    qt_viewer = getattr(getattr(getattr(viewer, "__wrapped__", viewer), "window", None), "_qt_viewer", None)
+    fonts: Any = getattr(qt_viewer, "_font_manager", None)
+    face = getattr(qt_viewer, "_overlay_font", None)
+    if hasattr(fonts, "get_font") and face is not None:
+        font = fonts.get_font(face)
+        for letter in "ÅÉÑŐjgpqy":
+            yield font[letter] is not None
+
 
 def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
-    """Read in another thread, and add the layers below the seed point."""
+    """Show the seed point; read in another thread, and add the layers below it."""
     from napari.layers import Layer
     from napari.utils.notifications import show_error
     from qtpy.QtCore import QTimer
@@ -117,12 +138,6 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
 
     arrived: list[Layer] = []
     steps: deque[Callable[[Viewer], None]] = deque()
-
-    def add(found: list[LayerData]) -> None:
-        """Add the layers, a step at a time."""
-        steps.extend(partial(make, data=data) for data in found)
-        steps.extend((choose, look))
-        QTimer.singleShot(0, go_on)
 
     def go_on() -> None:
         """Take a step, and come back for the next one when the window has lived."""
@@ -138,11 +153,30 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
         if steps:
             QTimer.singleShot(BREATH, go_on)
 
+    def show_seed(shown: Viewer) -> None:
+        next(layer for layer in shown.layers if layer.source.sample == _SAMPLE).visible = True
+
+    def read(_: Viewer) -> None:
+        worker = JobWorker(cortex, "Demo cortex")
+        worker.returned.connect(add)
+        worker.errored.connect(lambda error: None if isinstance(error, Cancelled) else show_error(str(error)))
+        worker.start()
+
+    def add(found: list[LayerData]) -> None:
+        """Add the layers, a step at a time."""
+        steps.extend(partial(make, data=data) for data in found)
+        steps.extend((choose, look))
+        QTimer.singleShot(0, go_on)
+
     def make(shown: Viewer, data: LayerData) -> None:
-        layer = Layer.create(*data)
+        layer = Layer.create(*hidden(data))
         arrived.append(layer)
         make_controls(shown, layer)
+        steps.appendleft(partial(show, layer=layer))
         steps.appendleft(partial(insert, layer=layer, index=min(len(arrived) - 1, len(shown.layers))))
+
+    def show(_: Viewer, layer: Layer) -> None:
+        layer.visible = True
 
     def choose(shown: Viewer) -> None:
         if arrived[-1] in shown.layers:
@@ -154,7 +188,5 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
         shown.reset_view()
         shown.dims.set_point(range(3), SEED_POINT)
 
-    worker = JobWorker(cortex, "Demo cortex")
-    worker.returned.connect(add)
-    worker.errored.connect(lambda error: None if isinstance(error, Cancelled) else show_error(str(error)))
-    worker.start()
+    steps.extend((show_seed, read))
+    QTimer.singleShot(BREATH, go_on)
