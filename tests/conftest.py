@@ -20,7 +20,7 @@ settings.load_profile("without a clock")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-LONGEST = ("test_demo.py", "test_lab.py")
+LONGEST = ("test_demo.py", "test_lab.py", "test_fuzz.py")
 
 
 def pytest_collection_modifyitems(items):
