@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import importlib
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,7 @@ import voxflat
 from voxflat._napari.layers.sampled import Overlay
 from voxflat._napari.map_viewer.dock import FlatMapDock, open_flat_map
 from voxflat._napari.map_viewer.viewer_parts import canvas_widget
+from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.run import Run
 from voxflat._napari.workbench import Workbench
@@ -139,8 +141,12 @@ def main() -> None:
     workbench = Workbench.of(viewer)
     pool = ThreadPoolExecutor(1)
 
+    def made_by_a_job() -> FlatLayers:
+        importlib.import_module("voxflat.figures")  # as a job does
+        return map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values))
+
     def another() -> Run:
-        made = pool.submit(lambda: map_layers(copy.deepcopy(flat_map), "sheet", Overlay("sheet", values)))
+        made = pool.submit(made_by_a_job)
         while not made.done():
             live(0.02)
         return Run(made.result(), "sheet")

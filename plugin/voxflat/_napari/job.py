@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -88,7 +89,7 @@ class Job:
         _tell(progress, "reading the layer")
         flat_map = self._flatten(progress)
         flat_map = replace(flat_map, metadata={**flat_map.metadata, "napari": self.surface.origin})
-        _tell(progress, "drawing the map")
+        _draw(progress, "map")
         return map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
 
     def _flatten(self, progress: Progress) -> FlatMap:
@@ -157,8 +158,14 @@ class PatchesJob:
         atlas = patches(source, label=self.label, threshold=self.threshold, progress=progress, **self.limit)
         atlas.metadata["napari"] = self.surface.origin
         glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)
-        _tell(progress, "drawing the page")
+        _draw(progress, "page")
         return page_layers(atlas if glued is None else glued, self.shown, self.pixel_size)
+
+
+def _draw(progress: Progress, what: str) -> None:
+    """Go on to drawing, and have imported what the dock will draw with: later the window waits for Python's lock."""
+    _tell(progress, f"drawing the {what}")
+    importlib.import_module("voxflat.figures")
 
 
 def _tell(progress: Progress, stage: str) -> None:

@@ -157,34 +157,35 @@ def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
     list of ndarray of int64
         Each line's numbers, in order; a closed line's first is its last, too. All links are in one line each.
     """
-    around: dict[int, list[int]] = {}
-    for number, pair in enumerate(links.tolist()):
-        for end in pair:
-            around.setdefault(end, []).append(number)
-    ends = links.tolist()
-    is_used = [False] * len(ends)
+    points, first, ends = np.unique(links, return_index=True, return_inverse=True)
+    order = np.argsort(ends, axis=None, kind="stable")
+    begin = np.searchsorted(ends.ravel()[order], np.arange(len(points) + 1)).tolist()  # of each point among the ways
+    ways = (order // 2).tolist()  # flat: a list for each point has Python look for garbage
+    sides = [side.tolist() for side in ends.reshape(-1, 2).T]
+    is_used = [False] * len(links)
 
     def follow(start: int, number: int) -> NDArray[np.int64]:
         line, at = [start], start
         while True:
             is_used[number] = True
-            a, b = ends[number]
-            at = b if a == at else a
+            at = sides[1][number] if at == sides[0][number] else sides[0][number]
             line.append(at)
-            ways = around[at]
-            if len(ways) != 2 or at == start:
-                return np.array(line)
-            number = ways[0] if ways[1] == number else ways[1]
+            low = begin[at]
+            if begin[at + 1] - low != 2 or at == start:
+                break
+            number = ways[low] if ways[low + 1] == number else ways[low + 1]
             if is_used[number]:
-                return np.array(line)
+                break
+        return points[line].astype(np.int64)
 
     lines = []
-    for at, ways in around.items():  # from ends and junctions, then what is closed
-        if len(ways) != 2:
-            lines += [follow(at, number) for number in ways if not is_used[number]]
-    for number, (a, _) in enumerate(ends):
+    for at in np.argsort(first).tolist():  # from ends and junctions, then what is closed
+        around = ways[begin[at] : begin[at + 1]]
+        if len(around) != 2:
+            lines += [follow(at, number) for number in around if not is_used[number]]
+    for number, start in enumerate(sides[0]):
         if not is_used[number]:
-            lines.append(follow(a, number))
+            lines.append(follow(start, number))
     return lines
 
 
