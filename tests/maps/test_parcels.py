@@ -1,9 +1,12 @@
 """Parcels: labels carried to a map, borders between them, and pixels on the same side of them."""
 
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import voxflat
 from voxflat import InputError
@@ -43,6 +46,17 @@ class TestLines:
         found = sorted(tuple(sorted(pair)) for line in lines for pair in pairwise(line))
         assert found == sorted(tuple(sorted(pair)) for pair in links.tolist())
         assert sorted(map(len, lines)) == [2, 2, 4, 4]  # two from the junction, one to it, a closed one
+
+    @given(
+        st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)).filter(lambda ends: ends[0] < ends[1]), unique=True)
+    )
+    def test_chains_end_where_not_two_links_meet(self, links):
+        lines = chains(np.array(links, dtype=np.int64).reshape(-1, 2))
+        meet = Counter(end for link in links for end in link)
+        assert Counter(tuple(sorted(pair)) for line in lines for pair in pairwise(line.tolist())) == Counter(links)
+        for line in lines:
+            assert all(meet[point] == 2 for point in line[1:-1].tolist())
+            assert line[0] == line[-1] or meet[line[0]] != 2 != meet[line[-1]]
 
     def test_the_outline_is_one_closed_line_around_the_map(self):
         uv, faces = grid()

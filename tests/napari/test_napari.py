@@ -182,8 +182,12 @@ def test_demo_cortex_is_a_sample(make_napari_viewer, qtbot):
 
 def test_a_window_closed_while_the_sample_is_read(make_napari_viewer, qtbot):
     pytest.importorskip("nilearn")
+    from napari.utils import progress
+
     viewer = make_napari_viewer()
-    viewer.open_sample("voxflat", "demo_cortex")
+    seeds = [seed for _ in range(2) for seed in viewer.open_sample("voxflat", "demo_cortex")]
+    qtbot.waitUntil(lambda: len(progress._all_instances) == 2, timeout=PATIENCE)
+    assert all(seed.visible for seed in seeds)
     viewer.close()
     wait_for_threads(qtbot)
 

@@ -118,7 +118,7 @@ def _glyphs(viewer: Viewer) -> Iterator[bool]:
     qt_viewer = getattr(getattr(getattr(viewer, "__wrapped__", viewer), "window", None), "_qt_viewer", None)
     fonts: Any = getattr(qt_viewer, "_font_manager", None)
     face = getattr(qt_viewer, "_overlay_font", None)
-    if hasattr(fonts, "get_font") and face is not None:
+    if type(fonts).__name__ == "QtFontManager" and face is not None:  # vispy's own needs a context of OpenGL
         font = fonts.get_font(face)
         for letter in "ÅÉÑŐjgpqy":
             yield font[letter] is not None
@@ -134,7 +134,7 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
     from voxflat._napari.results.listed import BREATH, drop_controls, insert, make_controls
     from voxflat._napari.worker import JobWorker
 
-    there = weakref.ref(viewer)
+    there, earlier = weakref.ref(viewer), weakref.WeakSet(viewer.layers)
 
     arrived: list[Layer] = []
     steps: deque[Callable[[Viewer], None]] = deque()
@@ -154,7 +154,9 @@ def _add_when_read(viewer: Viewer, cortex: _Cortex) -> None:
             QTimer.singleShot(BREATH, go_on)
 
     def show_seed(shown: Viewer) -> None:
-        next(layer for layer in shown.layers if layer.source.sample == _SAMPLE).visible = True
+        for layer in shown.layers:
+            if layer.source.sample == _SAMPLE and layer not in earlier:
+                layer.visible = True
 
     def read(_: Viewer) -> None:
         worker = JobWorker(cortex, "Demo cortex")
