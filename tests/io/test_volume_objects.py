@@ -7,7 +7,7 @@ import pytest
 from volume_files import SHAPE, agrees_with_itk, change, itk_image, oblique, physical, rotation, save, values
 
 from voxflat.errors import InputError
-from voxflat.io.grid import check_affine
+from voxflat.io.grid import check_affine, voxel_size
 from voxflat.io.volumes import Volume, as_volume, read_volume
 
 itk = pytest.importorskip("itk")
@@ -187,3 +187,13 @@ def test_bad_affines(affine, reason):
     if affine is not None:
         with pytest.raises(InputError, match=reason):
             as_volume(values(), affine=affine)
+
+
+@pytest.mark.parametrize("size", [0.1, 0.25, 0.3, 0.5, 0.7, 1.0, 1.25])
+def test_the_size_of_cubes_is_their_spacing(size):
+    assert voxel_size(np.diag([size, -size, size, 1])) == size  # to the bit, so that pixels are as large everywhere
+
+
+def test_the_size_of_voxels_is_the_mean_of_the_spacings():
+    assert voxel_size(np.diag([1.0, 1.0, 8.0, 1.0])) == pytest.approx(2.0)
+    assert voxel_size(oblique()) == pytest.approx(np.abs(np.linalg.det(oblique()[:3, :3])) ** (1 / 3))

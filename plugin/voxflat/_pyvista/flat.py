@@ -16,6 +16,7 @@ from voxflat.distortion.triangles import measure_arrays
 from voxflat.judging.measure import JudgedMap
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.pictures import place
+from voxflat.rows import in_rows
 from voxflat.surfaces.cut import CutSurface
 
 
@@ -142,8 +143,7 @@ def to_cut_polydata(done: CutSurface, point_ids: NDArray[np.int64] | None = None
     named = np.asarray if point_ids is None else point_ids.__getitem__
     number = np.full(len(whole), -1, dtype=np.int64)
     for which, cut in enumerate(done.cuts):
-        is_on = np.isin(whole.ids, cut.ids) if whole.ids.ndim == 1 else in_rows(whole.ids, cut.ids)
-        number[is_on] = which
+        number[in_rows(whole.ids, cut.ids)] = which
     mesh.point_data["cut"] = number
     mesh.point_data["voxel_ids" if whole.is_voxels else "vertex_ids"] = named(whole.ids)
     cuts = [
@@ -153,15 +153,6 @@ def to_cut_polydata(done: CutSurface, point_ids: NDArray[np.int64] | None = None
     mesh.field_data["voxflat"] = [json.dumps({"cuts": cuts, "remarks": list(done.remarks)})]
     mesh.set_active_scalars("cut", preference="point")
     return mesh
-
-
-def in_rows(rows: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Say which rows are among others."""
-    keys, which = np.unique(np.concatenate([of, rows]), axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    is_there = np.zeros(len(keys), dtype=np.bool_)
-    is_there[which[: len(of)]] = True
-    return is_there[which[len(of) :]]
 
 
 def is_map(mesh: pv.DataSet) -> bool:

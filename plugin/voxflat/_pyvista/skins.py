@@ -14,6 +14,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from voxflat.arguments import log
 from voxflat.errors import InputError
+from voxflat.rows import numbered
 
 _POINT, _CELL = "voxflat_point", "voxflat_cell"
 
@@ -216,11 +217,10 @@ class Skin:
     def _cells(self, faces: NDArray[np.int64]) -> NDArray[np.int64] | None:
         """Return the cell of each triangle of the surface, by its corners; None if one is no triangle of it."""
         own = np.sort(np.asarray(self.mesh.regular_faces, dtype=np.int64), axis=1)
-        keys, which = np.unique(np.concatenate([own, np.sort(faces, axis=1)]), axis=0, return_inverse=True)
-        which = which.reshape(-1)
-        triangle = np.full(len(keys), -1, dtype=np.int64)
-        triangle[which[: len(own)]] = np.arange(len(own))
-        found = triangle[which[len(own) :]]
+        known, wanted = numbered(own, np.sort(faces, axis=1))
+        triangle = np.full(len(own) + len(faces), -1, dtype=np.int64)
+        triangle[known] = np.arange(len(own))
+        found = triangle[wanted]
         return None if (found < 0).any() else self.cell_ids[found]
 
 

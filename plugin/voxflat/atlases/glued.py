@@ -16,6 +16,7 @@ from voxflat.atlases.atlas import Atlas, figures_of
 from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
+from voxflat.rows import distinct
 
 __all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue", "measured"]
 
@@ -120,8 +121,8 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
     def outline(self) -> NDArray[np.int64]:
         """Where pieces end, at cuts and at the surface's boundary: edges as pairs of rows of `uv`, shape (edges, 2)."""
         edges = np.sort(np.stack([self.uv_faces, np.roll(self.uv_faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        found, uses = np.unique(edges, axis=0, return_counts=True)
-        return np.asarray(found[uses == 1])
+        found = distinct(edges)
+        return np.asarray(found.rows[found.counts == 1])
 
     @cached_property
     def cuts(self) -> NDArray[np.int64]:

@@ -26,7 +26,7 @@ from voxflat.io.volumes import as_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.surfaces.foreground import foreground
 from voxflat.surfaces.making import surface
-from voxflat.surfaces.surface import triangle_keys
+from voxflat.surfaces.surface import are_triangles
 
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista
@@ -297,7 +297,7 @@ def _patch_of_mesh(pyvista: Any, flat_map: FlatMap, whole: object | None) -> lis
             f"the mesh lies up to {apart:.3g} mm apart from the map; give the one that was flattened: where it had a "
             "pial surface, voxflat.surface(white, pial=...)"
         )
-    is_around = ~np.isin(triangle_keys(mesh.ids[mesh.faces]), triangle_keys(flat_map.ids[faces]))
+    is_around = ~are_triangles(mesh.ids[mesh.faces], flat_map.ids[faces])
     if not is_around.any():
         return [patch]
     around = mesh.faces[is_around].astype(np.int64)

@@ -24,6 +24,25 @@ SMALLEST = _core.SMALLEST
 """mm that a voxel has at least, and the longest side of a surface's box."""
 
 
+def voxel_size(affine: ArrayLike) -> float:
+    """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine.
+
+    Parameters
+    ----------
+    affine : array_like, shape (4, 4)
+        Voxel index to RAS+ mm.
+
+    Returns
+    -------
+    float
+    """
+    spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
+    largest = spacing.max()
+    return float(
+        largest * np.cbrt(np.prod(spacing / largest))
+    )  # cbrt(0.125) is not 0.5 everywhere
+
+
 def check_affine(affine: ArrayLike) -> Affine:
     """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
 

@@ -21,6 +21,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, check_size, contents, naming
 from voxflat.io.reading import check_room
 from voxflat.io.triangles import as_float32, check_faces
+from voxflat.rows import distinct
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _REMEDY = "is it complete, and of this format?"
@@ -236,8 +237,8 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     cut = corners[~is_inside]
     border[cut[cut >= 0]] = True
     edges = np.sort(np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]]), axis=1)
-    pairs, counts = np.unique(edges, axis=0, return_counts=True)
-    border[pairs[counts == 1]] = True
+    found = distinct(edges)
+    border[found.rows[found.counts == 1]] = True
     return border
 
 

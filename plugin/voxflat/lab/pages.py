@@ -26,6 +26,7 @@ from voxflat.figures.overlays import painted
 from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
+from voxflat.rows import distinct
 
 __all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
 
@@ -261,7 +262,7 @@ def scene(
         base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole
         numbers as they are.
     """
-    rows = np.unique(flat_map.ids, axis=0, return_inverse=True)[1].ravel()  # both sides of a cut have one
+    rows = distinct(flat_map.ids).which  # both sides of a cut have one
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
     places = flat_map.points[chosen]
     parts: list[bytes] = []
@@ -364,7 +365,7 @@ def thinned(
     ab, ac = b - a, c - a
     area = float(np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]).sum() / 2)
     size = np.sqrt(area / most)
-    cell = np.unique(np.floor((uv - uv.min(axis=0)) / size).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    cell = distinct(np.floor((uv - uv.min(axis=0)) / size).astype(np.int64)).which
     pairs, counts = _edges(faces)
     is_single = np.bincount(ids)[ids] == 1  # sides of cuts stay whole, so that they still belong together
     within = pairs[(cell[pairs[:, 0]] == cell[pairs[:, 1]]) & is_single[pairs].all(axis=1)]
@@ -378,16 +379,16 @@ def thinned(
     row[group[chosen]] = np.arange(len(chosen))
     left = row[group[faces.astype(np.int64)]]
     left = left[(left[:, 0] != left[:, 1]) & (left[:, 1] != left[:, 2]) & (left[:, 2] != left[:, 0])]
-    _, once = np.unique(np.sort(left, axis=1), axis=0, return_index=True)
-    used, faces = np.unique(left[np.sort(once)], return_inverse=True)
+    once = np.sort(distinct(np.sort(left, axis=1)).first)
+    used, faces = np.unique(left[once], return_inverse=True)
     return chosen[used], faces.reshape(-1, 3)
 
 
 def _edges(faces: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the edges of triangles, shape (E, 2), and how many triangles have each."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    edges, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-    return edges, counts
+    found = distinct(np.sort(ends, axis=1))
+    return found.rows, found.counts
 
 
 def _smoothed(

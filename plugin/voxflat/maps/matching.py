@@ -18,6 +18,7 @@ from voxflat.io.meshes import Mesh
 from voxflat.io.obj import read_obj_texture
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import FlatMap, load
+from voxflat.rows import distinct
 from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.surface import Surface
 
@@ -164,7 +165,7 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
     faces = whole.merged_in(faces)
     _check_triangles(whole, faces)
     corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # + 0.0, so that −0 is 0
-    rows, numbers = np.unique(corners, axis=0, return_inverse=True)
+    rows, _, numbers, _ = distinct(corners)
     vertices = rows[:, 0].astype(np.int64)
     core, _ = _core.Surface.from_triangles(_places_of(whole)[vertices], numbers.reshape(-1, 3), mend=True)
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
@@ -226,8 +227,7 @@ def vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
         If the surface does not have one.
     """
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
-    _, kind, counts = np.unique(whole.ids, axis=0, return_inverse=True, return_counts=True)
-    kind = kind.ravel()
+    _, _, kind, counts = distinct(whole.ids)
     order, ends = np.argsort(kind, kind="stable"), np.cumsum(counts)
     for point in np.flatnonzero(counts[kind[found]] > 1):
         end = ends[kind[found[point]]]

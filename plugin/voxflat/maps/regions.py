@@ -33,6 +33,7 @@ from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
 from voxflat.maps.sampling import majority
+from voxflat.rows import distinct
 
 __all__ = ["REGION_ENDINGS", "Regions", "regions_of"]
 
@@ -316,7 +317,7 @@ def _columns(
     ]
     thick = np.linalg.norm(ends[1] - ends[0], axis=1)[faces].mean(axis=1)
     check_room(int(200 * (np.mean(areas, axis=0) * thick).sum() / 2))  # bytes for each voxel of the ribbon
-    numbers = np.unique(surface.ids, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    numbers = distinct(surface.ids).which
     voxels, triangles, weights, _ = _core.ribbon_voxels(ends[0], ends[1], faces, numbers, list(shape), middle)
     return voxels.astype(np.int64), np.einsum("pc,pcx->px", weights, flat.uv[faces[triangles]])
 

@@ -19,6 +19,7 @@ from voxflat.errors import InputError
 from voxflat.io.channels import Channels, Timing, points_of_nibabel, series_of
 from voxflat.io.chunks import chunked_of, is_chunked, is_zarr_path
 from voxflat.io.files import AGAIN, REMEDY, naming
+from voxflat.io.grid import voxel_size
 from voxflat.io.overlays import holds_volume, read_channels
 from voxflat.io.readers import has_place
 from voxflat.io.spaces import Space
@@ -53,8 +54,7 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
         Of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
     """
     if metadata["kind"] == "voxels":
-        affine = np.asarray(metadata["affine"], dtype=np.float64)
-        return float(np.cbrt(np.prod(np.linalg.norm(affine[:3, :3], axis=0))))
+        return voxel_size(metadata["affine"])
     sides = uv[faces] - uv[np.roll(faces, 1, axis=1)]
     return float(np.median(np.linalg.norm(sides, axis=2)))
 

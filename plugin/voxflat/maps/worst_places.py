@@ -29,6 +29,7 @@ from voxflat.io.provenance import Record, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.parcels import Parcels, parcels_of
+from voxflat.rows import distinct
 from voxflat.surfaces.cuts import close_holes
 from voxflat.surfaces.region import sketch_error
 from voxflat.surfaces.surface import Surface
@@ -546,7 +547,8 @@ class _Ways:
         self.border = is_border
         self.of_row = np.full(len(flat_map), -1)
         self.of_row[self.rows] = np.arange(count)
-        ends = np.unique(np.sort(np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1), axis=0)
+        sides = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        ends = distinct(np.sort(sides, axis=1)).rows
         self.ends = ends[~is_border[ends].all(axis=1)]  # a way along the border, or across to it, cuts nothing open
         self.lengths = np.linalg.norm(np.subtract(*(self.part.points[self.ends[:, end]] for end in (0, 1))), axis=1)
         self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.maps.matching import Matched
+from voxflat.rows import numbered
 from voxflat.surfaces.region import Cutout, cut_out_as, opened_to_disk
-from voxflat.surfaces.surface import Surface, triangle_keys
+from voxflat.surfaces.surface import Surface
 
 __all__ = ["cut_as", "places_of"]
 
@@ -90,11 +91,11 @@ def _at_corners(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the places of the corners of triangles in a map, (F, 3, 2), and which triangles the map has."""
     wanted, known = vertices[faces], start.vertices[start.core.faces]
-    keys = triangle_keys(known)
-    order = np.argsort(keys)
-    at = np.minimum(np.searchsorted(keys, triangle_keys(wanted), sorter=order), len(order) - 1)
-    found = order[at]
-    is_there = keys[found] == triangle_keys(wanted)
+    keys, wanted_keys = numbered(np.sort(known, axis=1), np.sort(wanted, axis=1))
+    triangle = np.zeros(len(keys) + len(wanted_keys), dtype=np.int64)
+    triangle[keys] = np.arange(len(keys))
+    found = triangle[wanted_keys]
+    is_there = keys[found] == wanted_keys
     sorted_known = np.take_along_axis(
         start.core.faces[found].astype(np.int64), np.argsort(known[found], axis=1), axis=1
     )

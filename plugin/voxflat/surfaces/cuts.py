@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
+from voxflat.rows import distinct
 from voxflat.surfaces.surface import Surface
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
@@ -112,8 +113,7 @@ def _vertices_along(part: Surface, path: Any, name: str) -> NDArray[np.uint32]:
     found = part.find(path, name)
     if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
         return found
-    _, voxel = np.unique(part.ids, axis=0, return_inverse=True)
-    voxel = voxel.reshape(-1)
+    voxel = distinct(part.ids).which
     choices = [np.flatnonzero(voxel == voxel[vertex]).tolist() for vertex in found]
     links = _links(part, np.concatenate([np.array(vertices) for vertices in choices]))
     before: list[dict[int, int]] = [dict.fromkeys(choices[0], -1)]

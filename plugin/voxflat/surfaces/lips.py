@@ -16,6 +16,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from voxflat.rows import distinct
+
 __all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
 
 
@@ -226,8 +228,7 @@ def _of_largest_piece(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) == 0:
         return np.zeros(0, dtype=np.bool_)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64), axis=1)
-    _, edge_ids = np.unique(edges, axis=0, return_inverse=True)
     face_ids = np.tile(np.arange(len(faces)), 3)
-    of_edges = scipy.sparse.coo_matrix((np.ones(len(face_ids)), (face_ids, edge_ids.ravel()))).tocsr()
+    of_edges = scipy.sparse.coo_matrix((np.ones(len(face_ids)), (face_ids, distinct(edges).which))).tocsr()
     _, pieces = scipy.sparse.csgraph.connected_components(of_edges @ of_edges.T, directed=False)
     return np.asarray(pieces == np.bincount(pieces).argmax())

@@ -23,14 +23,16 @@ from voxflat.arguments import (
     shown,
 )
 from voxflat.errors import InputError
+from voxflat.io.grid import voxel_size
 from voxflat.io.meshes import Mesh, in_tkras, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch, patch_border, write_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
+from voxflat.rows import distinct, in_rows
 from voxflat.surfaces.lips import listed_points, triangles_of
 
-__all__ = ["Surface", "patch_of", "triangle_keys"]
+__all__ = ["Surface", "are_triangles", "patch_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ class Surface:
         """Geometric mean of the voxels' three spacings, mm, where it came from a volume."""
         if not self.is_voxels:
             return None
-        return float(np.cbrt(abs(np.linalg.det(np.asarray(self.metadata["affine"])[:3, :3]))))
+        return voxel_size(self.metadata["affine"])
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -314,9 +316,9 @@ class Surface:
         """
         faces = self.merged_in(faces)
         a, b, c = faces.T
-        wanted = triangle_keys(faces[(a != b) & (b != c) & (c != a)])
-        found = np.isin(triangle_keys(self.vertices[self.faces]), wanted)
-        return found if found.sum() == len(np.unique(wanted)) else None
+        wanted = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
+        found = are_triangles(self.vertices[self.faces], wanted)
+        return found if found.sum() == len(wanted) else None
 
     def in_patch(self, patch: Patch) -> NDArray[np.bool_]:
         """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed.
@@ -357,7 +359,7 @@ class Surface:
             return np.zeros((0, 3), dtype=np.int64)
         own = self.vertices[self.faces if faces is None else check_faces(faces, len(self))]
         among = self.mesh_faces[triangles_of(np.unique(own), self.mesh_faces)]
-        return among[~np.isin(triangle_keys(among), triangle_keys(own))]
+        return among[~are_triangles(among, own)]
 
     def changed_voxels(self) -> NDArray[np.uint8]:
         """Return which voxels the repair changed, as labels: 1 removed, 2 added.
@@ -463,10 +465,9 @@ class Surface:
         write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count, self.merged))
 
 
-def triangle_keys(faces: NDArray[np.int64]) -> NDArray[Any]:
-    """Return one item a triangle that does not depend on where it begins or which way it runs."""
-    rows = np.ascontiguousarray(np.sort(faces, axis=1))
-    return rows.view([("", np.int64)] * 3).ravel()
+def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Say which triangles are among others, wherever they begin and whichever way they run."""
+    return in_rows(np.sort(faces, axis=1), np.sort(of, axis=1))
 
 
 def patch_of(

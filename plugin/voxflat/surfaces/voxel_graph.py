@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from voxflat import _core
 from voxflat.arguments import Progress, voxel_indices
 from voxflat.errors import InputError
+from voxflat.io.grid import voxel_size
 from voxflat.surfaces.foreground import foreground_of, keep_mask
 from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
 
@@ -60,7 +61,7 @@ class VoxelGraph:
     @property
     def voxel_size(self) -> float:
         """Geometric mean of the voxels' three spacings, mm."""
-        return float(np.cbrt(abs(np.linalg.det(np.asarray(self.metadata["affine"])[:3, :3]))))
+        return voxel_size(self.metadata["affine"])
 
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Find voxels of the part.

@@ -14,6 +14,7 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
+from voxflat.rows import in_rows
 from voxflat.surfaces.cut import cut
 from voxflat.surfaces.making import surface
 from voxflat.surfaces.region import cut_out, sketch_error
@@ -99,8 +100,7 @@ class CutsOfMap:
         names += [f"cut {number}" for number in range(len(paths) + 1, len(paths) + len(further) + 1)]
         paths += [np.asarray(cut["ids"], dtype=np.int64) for cut in further]
         shown, every = self.flat_map.ids[np.unique(self.flat_map.faces)], self.surface.ids
-        _, row = np.unique(np.concatenate([shown, every]), axis=0, return_inverse=True)
-        return paths, names, every[~np.isin(row.ravel()[len(shown) :], row.ravel()[: len(shown)])]
+        return paths, names, every[~in_rows(every, shown)]
 
 
 @dataclass(frozen=True, eq=False)

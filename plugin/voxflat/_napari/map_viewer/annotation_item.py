@@ -11,6 +11,7 @@ from qtpy.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF
 from qtpy.QtWidgets import QGraphicsItem
 
 from voxflat._napari.map_viewer.annotations import OnMap
+from voxflat.rows import distinct
 
 _DOT, _LINE, _RIM = 8.0, 2.0, 1.25  # pixels: across, wide, and of the dark rim around both
 _HALO = QColor(0, 0, 0, 190)
@@ -78,9 +79,9 @@ class AnnotationItem(QGraphicsItem):
 def _by_colour(colours: NDArray[np.uint8]) -> list[tuple[QColor, NDArray[np.int64]]]:
     """Return colours, opaque, and which rows have each."""
     step = 256 // _TONES
-    tones, which = np.unique(colours[:, :3] // step, axis=0, return_inverse=True)
-    order = np.argsort(which.ravel(), kind="stable")
-    rows = np.split(order, np.cumsum(np.bincount(which.ravel(), minlength=len(tones)))[:-1]) if len(tones) else []
+    tones = distinct(colours[:, :3] // step)
+    order = np.argsort(tones.which, kind="stable")
+    rows = np.split(order, np.cumsum(tones.counts)[:-1]) if len(order) else []
     return [(QColor(*colours[own[0], :3].tolist()), own) for own in rows]
 
 

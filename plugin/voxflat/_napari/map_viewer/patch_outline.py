@@ -17,6 +17,7 @@ from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
+from voxflat.rows import distinct
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -51,11 +52,10 @@ def edges(sheet: Sheet) -> tuple[Segments, Segments]:
         [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
     )
     rows, which = np.unique(pairs, return_inverse=True)
-    same = np.unique(sheet.points[rows], axis=0, return_inverse=True)[1].ravel()  # both sides of a cut are at one place
-    ends = np.sort(same[which].reshape(-1, 2), axis=1)
-    _, first, counts = np.unique(ends, axis=0, return_index=True, return_counts=True)
-    found = sheet.points[pairs[first]]
-    return found[counts == 1], found[counts > 1]
+    same = distinct(sheet.points[rows]).which  # both sides of a cut are at one place
+    ends = distinct(np.sort(same[which].reshape(-1, 2), axis=1))
+    found = sheet.points[pairs[ends.first]]
+    return found[ends.counts == 1], found[ends.counts > 1]
 
 
 def lifted(sheet: Sheet, segments: Segments) -> Segments:

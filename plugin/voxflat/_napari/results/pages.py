@@ -10,6 +10,7 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, description, placement, shown_image, units
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.colours import label_colours
+from voxflat.rows import distinct
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 """What the colours of a page's heat map mean."""
@@ -89,5 +90,5 @@ def _surface(atlas: Atlas, name: str) -> LayerData:
 
 def _unique(pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the two columns of the different pairs, in their order, and which of them each pair is."""
-    found, which = np.unique(pairs, axis=0, return_inverse=True)
-    return found.T, which.reshape(-1)
+    found = distinct(pairs)
+    return found.rows.T, found.which

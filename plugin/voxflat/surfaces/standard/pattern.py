@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from voxflat.rows import distinct
+
 __all__ = ["DEPTH_UNIT", "PLACE_UNIT", "SIDES", "Pattern", "icosphere", "pattern"]
 
 SIDES = ("left", "right")
@@ -58,10 +60,10 @@ def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], ND
     faces = np.array(corners, dtype=np.int64)
     for _ in range(subdivisions):
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        unique, number = np.unique(edges, axis=0, return_inverse=True)
+        unique = distinct(edges)
         a, b, c = faces.T
-        ab, bc, ca = len(points) + number.reshape(3, -1)
-        middle = points[unique].sum(axis=1)
+        ab, bc, ca = len(points) + unique.which.reshape(3, -1)
+        middle = points[unique.rows].sum(axis=1)
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
         faces = np.concatenate([np.stack(one, axis=1) for one in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
     return points, faces

@@ -17,7 +17,7 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
-from voxflat.surfaces.surface import Surface, triangle_keys
+from voxflat.surfaces.surface import Surface, are_triangles
 
 __all__ = ["Sphere", "in_triangles", "registered_sphere", "sphere_beside", "sphere_of"]
 
@@ -143,7 +143,7 @@ def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
     if isinstance(mesh, Mesh):
         own = whole.vertices[whole.faces]
-        shared = float(np.isin(triangle_keys(own), triangle_keys(whole.merged_in(mesh.faces))).mean())
+        shared = float(are_triangles(own, whole.merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
                 f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "
