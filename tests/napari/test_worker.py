@@ -8,7 +8,9 @@ from napari_window import PATIENCE, wait_for_threads
 from voxflat.errors import Cancelled
 
 napari = pytest.importorskip("napari")
+from napari.resources import LOADING_GIF_PATH  # noqa: E402
 from napari.utils import progress  # noqa: E402
+from qtpy.QtWidgets import QLabel  # noqa: E402
 
 from voxflat._napari.worker import JobWorker  # noqa: E402
 
@@ -27,16 +29,21 @@ class Endless:
         raise Cancelled("cancelled")
 
 
-def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot):
-    make_napari_viewer()
+def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypatch):
+    monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
+    window = make_napari_viewer().window._qt_window
+    (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
     worker, errors = JobWorker(Endless(), "Flatten"), []
     worker.errored.connect(errors.append)
     worker.start()
+    qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
     (bar,) = progress._all_instances
     qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
     assert bar.desc.startswith("Flatten: counting")
+    assert wheel.speed() < 20  # %: each of its pictures has the whole window put together
     bar.cancel()  # as the button there
     qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
     assert isinstance(errors[0], Cancelled)
     wait_for_threads(qtbot)
     assert not progress._all_instances
+    assert wheel.speed() == 100

@@ -92,6 +92,10 @@ def _make_ready(viewer: Viewer) -> None:
     """Have made what napari's first layers need, in another thread or bit by bit, while the window is drawn."""
     from qtpy.QtCore import QCoreApplication, QEventLoop
 
+    from voxflat._napari.garbage import put_off_collections
+
+    put_off_collections()
+
     def load() -> None:
         with suppress(ImportError):  # another napari may need others
             importlib.import_module("pandas")

@@ -38,9 +38,8 @@ def voxel_size(affine: ArrayLike) -> float:
     """
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
-    return float(
-        largest * np.cbrt(np.prod(spacing / largest))
-    )  # cbrt(0.125) is not 0.5 everywhere
+    # the cube root of 1 is 1 everywhere, that of 0.125 is not 0.5 everywhere
+    return float(largest * np.cbrt(np.prod(spacing / largest)))
 
 
 def check_affine(affine: ArrayLike) -> Affine:

@@ -13,6 +13,7 @@ from napari.layers import Layer
 from napari.utils.events import Event
 from qtpy.QtCore import QTimer
 
+from voxflat._napari.garbage import put_off_collections
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, hidden
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ class ListedLayers:
         result : FlatLayers
             Its layers.
         """
+        put_off_collections()
         earlier = self.layers
         for data in [*result.in_space, *result.layers]:
             taken = next((layer for layer in earlier if _is_like(layer, data)), None)
@@ -125,7 +127,8 @@ class ListedLayers:
             return
         layer = Layer.create(*hidden(data))
         self._layers.append(layer)
-        self._steps.extendleft([partial(_insert_hidden, layer=layer), partial(make_controls, layer=layer)])
+        ahead = (make_controls, make_room, _insert_hidden)
+        self._steps.extendleft(partial(step, layer=layer) for step in reversed(ahead))
 
     def _take_out(self, viewer: Viewer, layer: Layer) -> None:
         self._layers.remove(layer)
@@ -153,6 +156,21 @@ def make_controls(viewer: Viewer, layer: Layer) -> None:
     controls = _controls(viewer)
     if controls is not None:
         controls._add(Event("inserted", value=layer))
+
+
+def make_room(viewer: Viewer, layer: Layer) -> None:
+    """Let the sliders reach as far as they will with a layer that is about to come: what is shown is sliced anew.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        The viewer.
+    layer : Layer
+        The layer, which `insert` puts into the list in a later turn of the event loop.
+    """
+    extent = viewer.layers.get_extent([*viewer.layers, layer])
+    if len(extent.step) == viewer.dims.ndim:
+        viewer.dims.range = tuple(zip(*extent.world, extent.step, strict=True))
 
 
 def drop_controls(viewer: Viewer, layer: Layer) -> None:

@@ -22,12 +22,13 @@ from qtpy.QtWidgets import (
 from voxflat._napari.map_viewer.dock import open_flat_map
 from voxflat._napari.results import report
 from voxflat._napari.results.flat_layers import FlatLayers
+from voxflat._napari.results.listed import BREATH
 from voxflat._napari.results.map_panel import MapPanel
 from voxflat._napari.results.run import Run
 from voxflat._napari.scripts import Recipe
 from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import Workbench
-from voxflat._napari.worker import JobWorker
+from voxflat._napari.worker import GLANCE, JobWorker
 from voxflat.errors import Cancelled, VoxflatError
 from voxflat.maps.flat_map import FlatMap
 
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
     from voxflat._napari.forms.patches_form import PatchesForm
     from voxflat._napari.forms.surface_form import SurfaceForm
-
-_TICK = 50  # ms between two looks at the worker
 
 
 class FlattenWidget(QWidget):
@@ -61,8 +60,13 @@ class FlattenWidget(QWidget):
         self._viewer = viewer
         self._worker: JobWorker | None = None
         self._started = 0.0
+        self._arriving: tuple[Run, str] | None = None
+        self._coming = QTimer(self)
+        self._coming.setSingleShot(True)
+        self._coming.setInterval(BREATH)
+        self._coming.timeout.connect(self._arrive)
         self._timer = QTimer(self)
-        self._timer.setInterval(_TICK)
+        self._timer.setInterval(GLANCE)
         self._timer.timeout.connect(self._show_progress)
         self.form = form
         self.results = results
@@ -153,14 +157,22 @@ class FlattenWidget(QWidget):
         if self._worker is None or self._worker.abort_requested:
             return  # cancelled when it was just done
         seconds = time.perf_counter() - self._started
-        summary = f"{report.summary(result.flat_map)} in {seconds:.1f} s"
         self._timer.stop()
-        workbench = Workbench.of(self._viewer)
-        if not workbench.runs:
+        run = Run(result, result.flat_map.metadata["napari"]["layer"], self._worker.job)
+        self._arriving = run, f"{report.summary(result.flat_map)} in {seconds:.1f} s"
+        if not Workbench.of(self._viewer).runs:
             open_flat_map(self._viewer)
-        workbench.add(Run(result, result.flat_map.metadata["napari"]["layer"], self._worker.job))
-        self.status.setText(summary)
-        self._viewer.status = summary
+        self._coming.start()
+
+    def _arrive(self) -> None:
+        """Show the run, when the window has lived since its dock opened."""
+        assert self._arriving is not None
+        (run, summary), self._arriving = self._arriving, None
+        if self._worker is not None and not self._worker.abort_requested:
+            Workbench.of(self._viewer).add(run)
+            self.status.setText(summary)
+            self._viewer.status = summary
+        self._on_finished()
 
     def _show_current(self) -> None:
         """Tell of the current run, if it is of this widget's kind."""
@@ -180,6 +192,8 @@ class FlattenWidget(QWidget):
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
     def _on_finished(self) -> None:
+        if self._arriving is not None:
+            return
         if self._worker is not None and self._worker.abort_requested:
             self.status.setText("cancelled")
         self._worker = None

@@ -1,0 +1,39 @@
+"""How layers come into the viewer's list, a step at a time."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("napari")
+from napari.layers import Image, Surface
+
+from voxflat._napari.results.listed import insert, make_room
+
+pytestmark = pytest.mark.slow  # a window
+
+
+@pytest.mark.parametrize(
+    "layer",
+    [
+        Image(np.eye(90), scale=(0.25, 0.25), translate=(-200, 30), units="mm"),
+        Image(np.zeros((9, 9, 9)), translate=(0, 50, 0), units="mm"),
+    ],
+    ids=["flat", "in space"],
+)
+def test_sliders_reach_as_far_before_a_layer_comes_as_then(open_widget, layer):
+    corners = 40 * np.array([[0, 0, 0], [0, 1, 0], [1, 0, 1.0]])
+    viewer, _ = open_widget(Surface((corners, np.array([[0, 1, 2]])), units="mm"))
+    before, changes = viewer.dims.range, []
+    make_room(viewer, layer)
+    assert viewer.dims.range != before
+    viewer.dims.events.range.connect(changes.append)
+    insert(viewer, layer)
+    assert not changes  # so that nothing is sliced anew in the same turn
+    viewer.layers.remove(layer)
+    assert viewer.dims.range == before
+
+
+def test_a_layer_of_more_dimensions_makes_its_own_room(make_napari_viewer):
+    viewer = make_napari_viewer()
+    before = viewer.dims.range
+    make_room(viewer, Image(np.zeros((4, 4, 4))))
+    assert viewer.dims.range == before
