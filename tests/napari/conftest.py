@@ -14,7 +14,6 @@ def what_is_imported_is_no_garbage():
     import napari  # noqa: F401
     from napari._qt.qt_main_window import Window  # noqa: F401
 
-    gc.collect()  # closed windows: what is frozen is never collected
     gc.freeze()  # before each test: much is imported when it is first used
 
 

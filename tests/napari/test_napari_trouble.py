@@ -56,7 +56,7 @@ def start_large(widget, qtbot, large, sources=6000, radius=60):
 def start(widget, qtbot, sources):
     widget.form.options.sources.setValue(sources)
     widget.start.click()
-    qtbot.waitUntil(lambda: widget.bar.value() > 0, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: widget._worker.stage[1] > 0, timeout=PATIENCE)  # the bar looks four times a second
 
 
 # ------------------------------------------------------------------------------------------------ trouble

@@ -47,3 +47,30 @@ def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypa
     wait_for_threads(qtbot)
     assert not progress._all_instances
     assert wheel.speed() == 100
+
+
+def test_the_wheel_turns_slowly_while_any_job_runs(make_napari_viewer, qtbot, monkeypatch):
+    monkeypatch.setattr("napari._qt.dialogs.qt_activity_dialog.LOADING_GIF_PATH", LOADING_GIF_PATH)
+    window = make_napari_viewer().window._qt_window
+    (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
+    workers = [JobWorker(Endless(), name) for name in ("one", "other")]
+    for worker in workers:
+        worker.start()
+    qtbot.waitUntil(lambda: all(worker.is_running for worker in workers), timeout=PATIENCE)
+    for worker, speed in zip(workers, (12, 100), strict=True):
+        with qtbot.waitSignal(worker.finished, timeout=PATIENCE):
+            worker.quit()
+        qtbot.waitUntil(lambda speed=speed: wheel.speed() == speed, timeout=PATIENCE)
+    wait_for_threads(qtbot)
+
+
+def test_who_cancels_at_once_sees_no_bar(make_napari_viewer, qtbot):
+    make_napari_viewer()
+    worker, errors = JobWorker(Endless()), []
+    worker.errored.connect(errors.append)
+    worker.start()
+    worker.quit()
+    qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)
+    assert isinstance(errors[0], Cancelled)
+    assert not progress._all_instances
+    wait_for_threads(qtbot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from napari.qt.threading import WorkerBase
 from napari.utils import cancelable_progress
@@ -53,8 +53,9 @@ class JobWorker(WorkerBase):  # type: ignore[misc]  # napari's type is Any
         put_off_collections()
 
         def show() -> None:
-            self._activity = _Activity(self)
-            self.finished.connect(self._activity.end)
+            if not self.abort_requested:
+                self._activity = _Activity(self)
+                self.finished.connect(self._activity.end)
             QTimer.singleShot(BREATH, begin)
 
         def begin() -> None:
@@ -78,10 +79,13 @@ class _Activity(QObject):
     card that takes the better part of a core from the work. Meanwhile it turns 4 times a second.
     """
 
+    _count: ClassVar[int] = 0
+
     def __init__(self, worker: JobWorker) -> None:
         super().__init__()
         self._worker = worker
         self._bar = cancelable_progress(total=0, desc=worker.title)
+        _Activity._count += 1
         _turn_wheels(_CALM)
         self._looks = 0
         self._timer = QTimer(self)
@@ -111,7 +115,9 @@ class _Activity(QObject):
         """Take the bar away."""
         self._timer.stop()
         self._bar.close()
-        _turn_wheels(100)
+        _Activity._count -= 1
+        if _Activity._count == 0:
+            _turn_wheels(100)
 
 
 def _turn_wheels(percent: int) -> None:

@@ -60,6 +60,7 @@ class FlattenWidget(QWidget):
         self._viewer = viewer
         self._worker: JobWorker | None = None
         self._started = 0.0
+        self._has_finished = True
         self._arriving: tuple[Run, str] | None = None
         self._coming = QTimer(self)
         self._coming.setSingleShot(True)
@@ -123,6 +124,7 @@ class FlattenWidget(QWidget):
         worker.finished.connect(self._on_finished)
         self.destroyed.connect(worker.quit)  # with the window
         self._worker = worker
+        self._has_finished = False
         self._started = time.perf_counter()
         self._set_running(True)
         worker.start()
@@ -172,7 +174,7 @@ class FlattenWidget(QWidget):
             Workbench.of(self._viewer).add(run)
             self.status.setText(summary)
             self._viewer.status = summary
-        self._on_finished()
+        self._end()
 
     def _show_current(self) -> None:
         """Tell of the current run, if it is of this widget's kind."""
@@ -192,7 +194,12 @@ class FlattenWidget(QWidget):
             notification_manager.receive_error(type(error), error, error.__traceback__)
 
     def _on_finished(self) -> None:
-        if self._arriving is not None:
+        self._has_finished = True
+        self._end()
+
+    def _end(self) -> None:
+        """Be ready for the next one, if the thread has ended and what it made has come."""
+        if self._arriving is not None or not self._has_finished:
             return
         if self._worker is not None and self._worker.abort_requested:
             self.status.setText("cancelled")
