@@ -35,11 +35,14 @@ def test_the_activity_dock_shows_and_cancels(make_napari_viewer, qtbot, monkeypa
     (wheel,) = (label.movie() for label in window.statusBar().findChildren(QLabel) if label.movie() is not None)
     worker, errors = JobWorker(Endless(), "Flatten"), []
     worker.errored.connect(errors.append)
+    calls = []
+    monkeypatch.setattr("voxflat._napari.worker.put_off_collections", lambda: calls.append(worker.stage))
     worker.start()
     qtbot.waitUntil(lambda: bool(progress._all_instances), timeout=PATIENCE)
     (bar,) = progress._all_instances
     qtbot.waitUntil(lambda: (bar.n, bar.total) == (3, 7), timeout=PATIENCE)
     assert bar.desc.startswith("Flatten: counting")
+    assert len(calls) > 1  # as long as it works
     assert wheel.speed() < 20  # %: each of its pictures has the whole window put together
     bar.cancel()  # as the button there
     qtbot.waitUntil(lambda: bool(errors), timeout=PATIENCE)

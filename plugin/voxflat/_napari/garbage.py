@@ -9,17 +9,17 @@ from __future__ import annotations
 import gc
 from typing import ClassVar
 
-from qtpy.QtCore import QObject, Qt, QThreadPool, QTimer
+from qtpy.QtCore import QObject, Qt, QTimer
 from qtpy.QtGui import QCursor, QGuiApplication
 from qtpy.QtWidgets import QApplication
 
 _LOOK = 1000  # ms between two looks at whether all is at rest
-_LOOKS = 10  # without a job, then it is left to Python again
+_LOOKS = 10  # then it is left to Python again
 _PATIENCE = 100  # times as much garbage as usual, and Python collects meanwhile, too
 
 
 def put_off_collections() -> None:
-    """Have full collections wait until nothing goes on, or for ten seconds after the last job and the last call.
+    """Have full collections wait until nothing goes on, for ten seconds at most unless this is called again.
 
     Whoever asks for a collection gets it at once, as napari does when a layer goes. A Python that collects in small
     steps, and one that was told not to collect, are left alone.
@@ -52,11 +52,8 @@ class _PutOff(QObject):
         _, young, old = gc.get_count()
         now = (QCursor.pos(), young, old)
         is_at_rest = now == self._before and QGuiApplication.mouseButtons() == Qt.MouseButton.NoButton
+        is_at_rest = is_at_rest and self.looks > 0  # nothing has come since the last look
         self._before = now
-        pool = QThreadPool.globalInstance()
-        if pool is not None and pool.activeThreadCount():  # napari's workers
-            self.looks = 0
-            return
         self.looks += 1
         if is_at_rest and old > self._usual[2] and gc.isenabled():
             gc.collect()

@@ -94,6 +94,7 @@ class _Activity(QObject):
         self._timer.start()
 
     def _look(self) -> None:
+        put_off_collections()
         if self._bar.is_canceled:
             self._worker.quit()
         self._looks += 1
