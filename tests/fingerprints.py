@@ -34,6 +34,7 @@ from pathlib import Path
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+import composed
 import nibabel
 import numpy as np
 import pyvista
@@ -44,7 +45,18 @@ from scipy.spatial.transform import Rotation
 import voxflat
 
 DATA = Path(__file__).resolve().parent / "data"
-HOW = {"memory_need_bytes", "napari", "sampling", "seed", "sources", "store", "versions", "warnings", "input"}
+HOW = {
+    "provenance",
+    "memory_need_bytes",
+    "napari",
+    "sampling",
+    "seed",
+    "sources",
+    "store",
+    "versions",
+    "warnings",
+    "input",
+}
 """Keys of metadata that say how a map was made, not what it is."""
 
 CASES = {}
@@ -159,6 +171,7 @@ def flat(value, name=""):
         items = ((key, of_the_map(item) if key == "metadata" else item) for key, item in items if key[0] != "_")
     else:
         return {}
+    items = ((key, item) for key, item in items if key != "provenance")  # how it was made, not what it is
     found = dict(chain.from_iterable(flat(item, f"{name}.{key}".strip(".")).items() for key, item in items))
     if name.endswith("standard_error"):  # so many that they are told together
         return {name: digest(np.sort([float(number) for number in found.values()]))}
@@ -356,7 +369,7 @@ def cortex(side="left"):
 
 @cache
 def patch_of_cortex(threads):
-    return voxflat.flatten(cortex(), seed_point=4000, radius=30.0, threads=threads)
+    return cortex().disk(4000, 30.0).flatten(threads=threads)
 
 
 def command(*arguments, place):
@@ -382,7 +395,7 @@ def command(*arguments, place):
 @case
 def voxflat_of_a_sheet_of_voxels(threads, place):
     volume = curled_sheet()
-    flat_map = voxflat.flatten(volume, spacing=(0.7, 0.7, 0.7), keep_rows=True, threads=threads)
+    flat_map = voxflat.surface(volume, spacing=(0.7, 0.7, 0.7)).flatten(rows=True, threads=threads)
     colours = np.stack([waves(volume.shape) * 40 + 100] * 3, axis=-1).astype(np.uint8)
     return of_map(flat_map, volume, waves(volume.shape), colours, depth=0.6)
 
@@ -391,18 +404,20 @@ def voxflat_of_a_sheet_of_voxels(threads, place):
 def voxflat_by_marching(threads, place):
     affine = np.array([[0, -0.9, 0, 5], [1.1, 0, 0, -7], [0, 0, 1.3, 11], [0, 0, 0, 1]])
     how = {"geodesic": "marching", "weighting": 0.2, "sampling": "curvature", "sources": 120, "seed": 3}
-    return of_map(voxflat.flatten(curled_sheet(), affine=affine, threads=threads, **how))
+    return of_map(composed.flatten(curled_sheet(), affine=affine, threads=threads, **how))
 
 
 @case
 def voxflat_by_exact_distances(threads, place):
     how = {"geodesic": "exact", "weighting": 1.0, "sampling": "random", "sources": 60, "seed": 7}
-    return of_map(voxflat.flatten(cap(), threads=threads, **how), cap()[0][:, 2])
+    return of_map(composed.flatten(cap(), threads=threads, **how), cap()[0][:, 2])
 
 
 @case
 def voxflat_from_given_sources(threads, place):
-    found = voxflat.flatten(cylinder(), sources=np.arange(0, 1100, 13), store=place / "rows", threads=threads)
+    found = voxflat.flatten(
+        cylinder(), method=voxflat.methods.Voxflat(sources=np.arange(0, 1100, 13)), rows=place / "rows", threads=threads
+    )
     rows = voxflat.open_rows(place / "rows")
     rows.verify()
     return {**of_map(found), "stored": rows}
@@ -418,29 +433,29 @@ def voxflat_of_a_repaired_solid(threads, place):
 @case
 def voxflat_of_a_solid_cut_open(threads, place):
     whole = voxflat.surface(blob(), probability=waves(blob().shape) * 0.02 + blob(), repair="cuts", threads=threads)
-    opened = voxflat.cut(whole, relax=15.0, threads=threads)
+    opened = whole.cut(relax=15.0, threads=threads)
     part = {"seed_point": tuple(whole.ids[0].tolist()), "radius": 14.0}
-    found = voxflat.flatten(whole, threads=threads, **part)
+    found = composed.flatten(whole, threads=threads, **part)
     cuts = [{"ids": cut.ids, "length": cut.length} for cut in opened.cuts]
     return {**of_map(found), "surface": of_surface(whole), "cut": of_surface(opened.surface), "cuts": cuts}
 
 
 @case
 def voxflat_of_a_hemisphere(threads, place):
-    flat_map = voxflat.flatten(cortex(), drop="medial wall", relax=False, sources=100, threads=threads)
+    flat_map = cortex().drop("medial wall").flatten(voxflat.methods.Voxflat(sources=100), relax=False, threads=threads)
     return of_map(flat_map, fsaverage5("sulc_left"), pixel_size=1.0)
 
 
 @case
 def voxflat_along_given_cuts(threads, place):
     right = cortex("right")
-    rim = voxflat.geodesic(right, [4000], threads=threads).rows[0]
+    rim = voxflat.surface(right).geodesic([4000], threads=threads).rows[0]
     ends = [int(np.abs(rim - far).argmin()) for far in (12.0, 20.0, 28.0)]
-    cuts = [voxflat.path(right, ends[0], *ends[1:], geodesic="edges").ids]
+    cuts = [voxflat.surface(right).path(ends[0], *ends[1:], geodesic="edges").ids]
     corners = voxflat.surface(right).find([100, 2000, 5000, 9000]).tolist()
-    polygon = voxflat.geodesic(right, 40, polygon=corners, threads=threads)
+    polygon = voxflat.surface(right).polygon(corners).geodesic(40, threads=threads)
     part = {"seed_point": 4000, "radius": 45.0, "cuts": cuts, "relax": True}
-    flat_map = voxflat.flatten(right, sources=100, threads=threads, **part)
+    flat_map = composed.flatten(right, sources=100, threads=threads, **part)
     return {**of_map(flat_map), "cuts": cuts, "polygon": polygon}
 
 
@@ -449,7 +464,7 @@ def voxflat_of_grey_matter(threads, place):
     """Flatten a part of LAYNII's sheet of voxels."""
     volume = nibabel.load(DATA / "laynii" / "occipital_midGM.nii.gz").slicer[24:84, 20:80, 28:88]
     how = {"label": 1, "seed_point": (29, 29, 29), "radius": 22.0}
-    return of_map(voxflat.flatten(volume, threads=threads, **how), volume)
+    return of_map(composed.flatten(volume, threads=threads, **how), volume)
 
 
 # ----------------------------------------------------------------------------------- the papers' methods
@@ -458,7 +473,7 @@ def voxflat_of_grey_matter(threads, place):
 @case
 def grossmann2002_by_chain_codes(threads, place):
     volume = curled_sheet()
-    flat_map = voxflat.flatten(volume, method="grossmann2002", sources=400, keep_rows=True, threads=threads)
+    flat_map = voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=400), rows=True, threads=threads)
     return of_map(flat_map, volume, waves(volume.shape))
 
 
@@ -467,45 +482,51 @@ def grossmann2002_of_a_patch(threads, place):
     how = {"link_lengths": "euclidean", "sampling": "random", "sources": 300, "seed": 5, "radius": 17.0}
     seed_point = tuple(np.argwhere(blob())[0].tolist())
     how |= {"spacing": (0.8, 1.0, 1.3), "seed_point": seed_point}
-    return of_map(voxflat.flatten(blob(), method="grossmann2002", threads=threads, **how))
+    return of_map(composed.flatten(blob(), method="grossmann2002", threads=threads, **how))
 
 
 @case
 def zigelman2002_by_decimation(threads, place):
-    return of_map(voxflat.flatten(cylinder(), method="zigelman2002", sources=250, keep_rows=True, threads=threads))
+    return of_map(
+        voxflat.flatten(cylinder(), method=voxflat.methods.Zigelman2002(sources=250), rows=True, threads=threads)
+    )
 
 
 @case
 def zigelman2002_from_far_sources(threads, place):
     how = {"sampling": "farthest", "sources": 150, "seed": 2, "seed_point": 4000, "radius": 25.0}
-    return of_map(voxflat.flatten(cortex(), method="zigelman2002", threads=threads, **how))
+    return of_map(composed.flatten(cortex(), method="zigelman2002", threads=threads, **how))
 
 
 @case
 def zigelman2002_on_a_grid(threads, place):
-    found = of_map(voxflat.flatten(face(), method="zigelman2002", sampling="grid", sources=300, threads=threads))
+    found = of_map(
+        voxflat.flatten(face(), method=voxflat.methods.Zigelman2002(sources=300, sampling="grid"), threads=threads)
+    )
     return {**found, "surface": of_surface(face())}
 
 
 @case
 def schwartz1989_in_neighbourhoods(threads, place):
-    return of_map(voxflat.flatten(cap(), method="schwartz1989", starts=2, keep_rows=True, threads=threads))
+    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Schwartz1989(starts=2), rows=True, threads=threads))
 
 
 @case
 def schwartz1989_by_all_distances(threads, place):
     how = {"neighbourhood": "all", "starts": 2, "sources": 0, "seed": 11, "seed_point": 4000, "radius": 14.0}
-    return of_map(voxflat.flatten(cortex(), method="schwartz1989", threads=threads, **how))
+    return of_map(composed.flatten(cortex(), method="schwartz1989", threads=threads, **how))
 
 
 @case
 def saucan2006_of_a_mesh(threads, place):
-    return of_map(voxflat.flatten(cap(), method="saucan2006", bound=1.4, threads=threads))
+    return of_map(voxflat.flatten(cap(), method=voxflat.methods.Saucan2006(bound=1.4), threads=threads))
 
 
 @case
 def saucan2006_of_voxels(threads, place):
-    return of_map(voxflat.flatten(curled_sheet(), method="saucan2006", bound=2.0, seed=1, threads=threads))
+    return of_map(
+        voxflat.flatten(curled_sheet(), method=voxflat.methods.Saucan2006(bound=2.0), seed=1, threads=threads)
+    )
 
 
 # --------------------------------------------------------------------------------------- other questions
@@ -513,7 +534,7 @@ def saucan2006_of_voxels(threads, place):
 
 @case
 def patches_of_a_skull(threads, place):
-    atlas = voxflat.patches(DATA / "skull.ply", threads=threads)
+    atlas = voxflat.surface(DATA / "skull.ply").patches(threads=threads)
     atlas.save(place / "atlas.npz")
     loaded = voxflat.load_atlas(place / "atlas.npz")
     return {**of_atlas(atlas), "loaded": loaded, "shapes": atlas.layout(packing="shapes")}
@@ -523,14 +544,14 @@ def patches_of_a_skull(threads, place):
 def patches_of_voxels(threads, place):
     found = {}
     for seeds, limit in (("curvature", {"count": 60}), ("flattest", {"bound": 1.3}), ("random", {"max_angle": 25.0})):
-        atlas = voxflat.patches(blob(), seeds=seeds, seed=4, spacing=(1, 1, 1), threads=threads, **limit)
+        atlas = composed.patches(blob(), seeds=seeds, seed=4, spacing=(1, 1, 1), threads=threads, **limit)
         found[seeds] = {"atlas": atlas, "figures": atlas.figures(), "page": of_page(atlas, waves(blob().shape))}
     return found
 
 
 @case
 def patches_glued(threads, place):
-    atlas = voxflat.patches(DATA / "skull.ply", max_angle=15.0, threads=threads).glue(1.6, threads=threads)
+    atlas = voxflat.surface(DATA / "skull.ply").patches(max_angle=15.0, threads=threads).glue(1.6, threads=threads)
     atlas.save(place / "glued.npz")
     overlay = atlas.image(np.arange(5154.0) % 100, pixel_size=0.5 * atlas.page().pixel_size)
     loaded = voxflat.load_atlas(place / "glued.npz")
@@ -540,23 +561,25 @@ def patches_glued(threads, place):
 @case
 def distances(threads, place):
     found = {
-        name: voxflat.geodesic(cap(), 40, geodesic=name, sampling=sampling, seed=6, threads=threads)
+        name: voxflat.surface(cap()).geodesic(40, geodesic=name, sampling=sampling, seed=6, threads=threads)
         for name, sampling in (("graph", "farthest"), ("marching", "curvature"), ("exact", "random"))
     }
-    found["chain"] = voxflat.geodesic(blob(), 30, geodesic="chain", threads=threads)
-    found["sheet"] = voxflat.geodesic(curled_sheet(), voxflat.surface(curled_sheet()).ids[::60], threads=threads)
-    found["stored"] = voxflat.geodesic(cortex(), 50, drop="medial wall", store=place / "rows", threads=threads)
+    found["chain"] = voxflat.surface(blob()).geodesic(30, geodesic="chain", threads=threads)
+    found["sheet"] = voxflat.surface(curled_sheet()).geodesic(
+        voxflat.surface(curled_sheet()).ids[::60], threads=threads
+    )
+    found["stored"] = cortex().drop("medial wall").geodesic(50, store=place / "rows", threads=threads)
     return found
 
 
 @case
 def paths(threads, place):
     names = ("graph", "marching", "exact", "edges")
-    found = {name: voxflat.path(cortex(), 4000, 300, 8000, geodesic=name) for name in names}
+    found = {name: cortex().path(4000, 300, 8000, geodesic=name) for name in names}
     voxels = voxflat.surface(blob(), spacing=(1, 1, 1)).ids
     stops = [voxels[k].tolist() for k in (0, len(voxels) // 2, -1)]
-    found["chain"] = voxflat.path(blob(), *stops, geodesic="chain")
-    found["chain euclidean"] = voxflat.path(blob(), *stops, geodesic="chain", link_lengths="euclidean")
+    found["chain"] = voxflat.surface(blob()).path(*stops, geodesic="chain")
+    found["chain euclidean"] = voxflat.surface(blob()).path(*stops, geodesic="chain", link_lengths="euclidean")
     return found
 
 
@@ -566,11 +589,13 @@ def judgements(threads, place):
     ours = patch_of_cortex(threads)
     maps = {"ours": ours, "shipped": fsaverage5("flat_left")}
     how = {"sources": 40, "seed": 8, "threads": threads}
-    voxels = voxflat.flatten(curled_sheet(), spacing=(1, 1, 1), sources=50, threads=threads)
+    voxels = voxflat.surface(curled_sheet(), spacing=(1, 1, 1)).flatten(
+        voxflat.methods.Voxflat(sources=50), threads=threads
+    )
     return {
         "together": voxflat.compare(cortex(), maps, **how),
         "alone": voxflat.measure(cortex(), ours, reference="graph", **how),
-        "voxels": voxflat.measure(curled_sheet(), voxels, spacing=(1, 1, 1), **how),
+        "voxels": composed.measure(curled_sheet(), voxels, spacing=(1, 1, 1), **how),
     }
 
 
@@ -579,7 +604,7 @@ def checks(threads, place):
     return {
         "solid": voxflat.check(blob(), spacing=(1, 1, 1)),
         "sheet": voxflat.check(curled_sheet(), spacing=(1, 1, 1)),
-        "part": voxflat.check(cortex(), seed_point=4000, radius=30.0),
+        "part": voxflat.check(cortex(), part=lambda s: s.disk(4000, 30.0)),
         "skull": voxflat.check(DATA / "skull.ply"),
     }
 
@@ -695,7 +720,7 @@ def pyvista_accessor(threads, place):
         "solid": of_polydata(image.voxflat.to_polydata(solid)),
         "solid in space": of_polydata(image.voxflat.to_surface_polydata(solid)),
         "image": solid.image(image.voxflat.volume("waves")),
-        "mesh": of_polydata(mesh.voxflat(keep="middle", sources=80, threads=threads)),
+        "mesh": of_polydata(mesh.voxflat(keep="middle", method=voxflat.methods.Voxflat(sources=80), threads=threads)),
         "page": of_polydata(mesh.voxflat.patches(8.0, glue=1.3, threads=threads)),
     }
 

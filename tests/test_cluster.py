@@ -12,6 +12,7 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 
+import composed
 import numpy as np
 import pytest
 import studies
@@ -220,7 +221,7 @@ SOURCES = 500
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
     """The store that one process makes."""
-    return voxflat.geodesic(SHEET, SOURCES, store=tmp_path_factory.mktemp("rows") / "store")
+    return voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path_factory.mktemp("rows") / "store")
 
 
 def rows_known(store):
@@ -247,7 +248,7 @@ def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expe
     store = tmp_path / "store"
     killer = threading.Thread(target=lambda: (until(lambda: rows_known(store) > 60), kill_one(workers)))
     killer.start()
-    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     killer.join()
     assert is_that_of_one_process(rows, expected)
     assert rows.provenance == expected.provenance | {"parameters": rows.provenance["parameters"]}
@@ -255,10 +256,10 @@ def test_rows_are_those_of_one_process_though_a_worker_dies(workers, ready, expe
 
 def test_rows_over_a_cut_patch_by_another_solver_from_given_sources_are_those_of_memory(ready, tmp_path):
     across = [(20 + n, 30, 0) for n in range(15)]
-    patch = {"seed_point": (30, 30, 0), "radius": 20, "cuts": [across], "geodesic": "marching"}
+    patch = voxflat.surface(SHEET).disk((30, 30, 0), 20).cut([across], relax=False).surface
     sources = [(30, 32, 0), (30, 28, 0), (20, 30, 0)]
-    rows = voxflat.geodesic(SHEET, sources, **patch, store=tmp_path / "store", dask=ready)
-    usual = voxflat.geodesic(SHEET, sources, **patch)
+    rows = patch.geodesic(sources, geodesic="marching", store=tmp_path / "store", dask=ready)
+    usual = patch.geodesic(sources, geodesic="marching")
     for name in ("rows", "points", "ids", "sources"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(usual, name))
     assert usual.rows[0, usual.sources[1]] > 8  # around the cut
@@ -274,7 +275,7 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
         return rows_known(store) < 60 or not (store / "parts").exists()
 
     with pytest.raises(voxflat.Cancelled):
-        voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready, progress=stop_after_some)
+        voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready, progress=stop_after_some)
     assert ("measuring distances", SOURCES) in {(stage, total) for stage, _, total in seen}
     with pytest.raises(voxflat.InputError, match="not complete"):
         voxflat.open_rows(store)
@@ -282,12 +283,12 @@ def test_what_a_dead_caller_left_is_taken_over_and_computed_by_nobody_again(read
     there = rows_known(store)
     assert 60 <= there <= SOURCES
     caplog.clear()
-    rows = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    rows = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     told = re.search(r"(\d+) rows were in the store", caplog.text)
     assert there <= int(told[1]) <= SOURCES  # a worker may have begun another part when the caller died
     assert is_that_of_one_process(rows, expected)
     caplog.clear()
-    again = voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+    again = voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
     assert is_that_of_one_process(again, expected)
 
 
@@ -318,7 +319,7 @@ def test_a_part_waits_until_the_worker_that_had_it_has_ended(ready, expected, tm
         return places
 
     monkeypatch.setattr(parts, "_deal", deal_and_hold_one)
-    rows = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", dask=ready)
+    rows = voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store", dask=ready)
     assert released[0] < SOURCES
     assert is_that_of_one_process(rows, expected)
 
@@ -334,13 +335,13 @@ def test_what_workers_cannot_do_is_told(ready, tmp_path, monkeypatch):
         ),
     ):
         with pytest.raises(voxflat.InputError, match=match):
-            voxflat.geodesic(sheet, SOURCES, **options)
+            composed.geodesic(sheet, SOURCES, **options)
     assert run("rows", "none.npy", "--sources", 5, "--store", store, "--dask", ready).exit_code == 1
     monkeypatch.setattr("voxflat.distances.parts._PATIENCE", 0.1)
     with (store / "lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with pytest.raises(OSError, match="in use by process"):
-            voxflat.geodesic(SHEET, SOURCES, store=store, dask=ready)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=store, dask=ready)
 
 
 def test_dask_is_for_participants(study):

@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import composed
 import lab
 import nibabel as nib
 import pytest
@@ -83,10 +84,10 @@ def test_what_is_left_out_gives_the_best_map_of_any_option(tmp_path, monkeypatch
     surface = voxflat.surface("lh.white", pial="lh.pial")
 
     def error(**options):
-        return voxflat.flatten(surface, **options).distortion.raw.relative_error
+        return composed.flatten(surface, **options).distortion.raw.relative_error
 
     patch = {"drop": "lh.Medial_wall.label"}
-    flat = voxflat.flatten(surface, **patch)
+    flat = composed.flatten(surface, **patch)
     usual = flat.distortion.raw.relative_error
     assert usual < 0.08  # 0.2 without cuts
     own = {"cuts": [cut["ids"] for cut in flat.metadata["automatic_cuts"]], **patch}
@@ -101,6 +102,6 @@ def test_what_is_left_out_gives_the_best_map_of_any_option(tmp_path, monkeypatch
 def test_a_patch_keeps_its_cuts_and_the_map_is_as_good(subject, monkeypatch):
     folder, _ = subject
     monkeypatch.chdir(folder)
-    kept = voxflat.flatten("lh.midthickness.surf.gii", keep="lh.cortex.patch.3d")
+    kept = voxflat.surface("lh.midthickness.surf.gii").keep("lh.cortex.patch.3d").flatten()
     assert kept.metadata["automatic_cuts"] == []
     assert kept.distortion.raw.relative_error < 0.08  # 0.2 without cuts

@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import composed
 import hard_shapes
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ CHOICES = {
     "weighting": st.sampled_from([None, 0.0, 1.0, 2.0]),
     "scale": st.sampled_from([None, "distances", "areas", "none"]),
     "geodesic": st.sampled_from([None, "graph", "exact", "fast-marching"]),
-    "keep_rows": st.booleans(),
+    "rows": st.booleans(),
     "bound": st.sampled_from([None, 1.2, 3.0, 0.5]),
     "radius": st.sampled_from([None, 2.5, -1.0]),
     "seed_point": st.one_of(st.none(), st.integers(-1, 60), st.tuples(*[st.integers(0, SIDE)] * 3)),
@@ -112,7 +113,7 @@ class Orders(RuleBasedStateMachine):
 
     @rule(target=maps, surface=surfaces, given=options(*CHOICES))
     def flatten(self, surface, given):
-        flat = outcome(voxflat.flatten, surface, **given)
+        flat = outcome(composed.flatten, surface, **given)
         if flat is not None:
             assert np.isfinite(flat.uv).all()
             assert len(flat.uv) == len(flat.points) == len(flat.ids) == len(flat)
@@ -132,35 +133,35 @@ class Orders(RuleBasedStateMachine):
 
     @rule(surface=surfaces, given=options("sources", "sampling", "seed", "geodesic", "threads", "memory_limit"))
     def geodesic(self, surface, given):
-        rows = outcome(voxflat.geodesic, surface, **{**given, "sources": given.get("sources") or 3})
+        rows = outcome(composed.geodesic, surface, given.pop("sources", None) or 3, **given)
         if rows is not None:
             assert (np.asarray(rows) >= 0).all()
             assert (rows[np.arange(len(rows)), rows.sources] == 0).all()
 
     @rule(surface=surfaces, given=options("sources", "sampling", "seed", "geodesic"), name=st.sampled_from("ab"))
     def store(self, surface, given, name):
-        outcome(voxflat.geodesic, surface, **{**given, "sources": given.get("sources") or 3}, store=self.folder / name)
+        outcome(composed.geodesic, surface, given.pop("sources", None) or 3, **given, store=self.folder / name)
         rows = outcome(voxflat.open_rows, self.folder / name)
         if rows is not None:
             rows.verify()
 
     @rule(surface=surfaces, ends=st.tuples(st.integers(-1, 60), st.integers(-1, 60)))
     def path(self, surface, ends):
-        outcome(voxflat.path, surface, *ends)
+        outcome(composed.path, surface, *ends)
 
     @rule(surface=surfaces, given=options("threads", "memory_limit", "seed_point", "radius"))
     def check(self, surface, given):
-        found = outcome(voxflat.check, surface, **given)
+        found = outcome(composed.check, surface, **given)
         assert found is None or found.table()
 
     @rule(target=surfaces, surface=surfaces, relax=MAYBE)
     def cut(self, surface, relax):
-        done = outcome(voxflat.cut, surface, relax=relax)
+        done = outcome(composed.cut, surface, relax=relax)
         return with_results(None if done is None else done.surface)
 
     @rule(surface=surfaces, bound=st.sampled_from([1.05, 1.5, 0.9]), glue=st.booleans())
     def patches(self, surface, bound, glue):
-        atlas = outcome(voxflat.patches, surface, bound=bound)
+        atlas = outcome(composed.patches, surface, bound=bound)
         if atlas is not None and glue:
             outcome(atlas.glue, 2 * bound)
 

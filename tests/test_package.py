@@ -97,7 +97,7 @@ def test_the_wheel_installs_and_flattens_with_its_base_packages_alone(wheel, tmp
     # the library directory of this environment stands for an index: only the wheel itself is new
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
-    code = "import numpy, voxflat; print(voxflat.__file__, voxflat.flatten(numpy.ones((9, 9, 1), int), sources=20))"
+    code = "import numpy, voxflat; print(voxflat.__file__, voxflat.flatten(numpy.ones((9, 9, 1), int)))"
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); {code}"],
         capture_output=True,

@@ -7,6 +7,8 @@ import pytest
 
 import voxflat
 from voxflat import io
+from voxflat.pipeline.cut_surface import Cut
+from voxflat.surfaces.standard.registration import Registration
 
 LONGEST = 300
 
@@ -19,22 +21,28 @@ def shown(tmp_path_factory):
     faces = np.concatenate([corner[:, None] + [0, 40, 1], corner[:, None] + [1, 40, 41]])
     points = np.column_stack([i, j, 3 * np.sin(i / 4) * np.cos(j / 4)])
     mesh = io.Mesh(points, faces)
-    flat_map = voxflat.flatten(mesh, sources=30)
-    atlas = voxflat.patches(mesh, 15)
+    flat_map = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
+    atlas = voxflat.surface(mesh).patches(15)
     glued = atlas.glue(1.6)
     compared = voxflat.compare(mesh, {f"map {n}": flat_map for n in range(40)}, sources=5)
-    cut = voxflat.cut(mesh)
+    cut = voxflat.surface(mesh).cut()
     store = tmp_path_factory.mktemp("rows") / "store"
-    voxflat.geodesic(mesh, 5, store=store)
+    voxflat.surface(mesh).geodesic(5, store=store)
     patch = io.Patch(np.arange(1600), points, np.zeros(1600, dtype=bool))
     worst = voxflat.worst_places(flat_map, 1, beyond=1.0001)
-    registration = voxflat.Registration(cut.surface, points, "left", 0.99, {"scores": points})
+    registration = Registration(cut.surface, points, "left", 0.99, {"scores": points})
     results = [
         *(mesh, flat_map, flat_map.distortion, flat_map.distortion.raw, flat_map.distortion.triangles),
         *(flat_map.distortion.standard_error, flat_map.raster(), flat_map.heat_map(), flat_map.look_up(points[:, :2])),
         *(atlas, atlas[0], atlas[0].plane, atlas.certificate, atlas.page(), glued, glued[0], glued.seams),
         *(atlas.page().textured(), compared, compared.maps["map 0"], voxflat.check(mesh), voxflat.surface(mesh)),
-        *(voxflat.path(mesh, 0, 1599), voxflat.open_rows(store), cut, voxflat.surfaces.cut.Cut(i, 1.5, "given"), patch),
+        *(
+            voxflat.surface(mesh).path(0, 1599),
+            voxflat.open_rows(store),
+            cut,
+            Cut(i, 1.5, "given"),
+            patch,
+        ),
         *(registration, worst, worst.places[0], worst.places[0].cut),
         *(mesh.space, io.VolumeGeometry(np.eye(3), np.array([3.0, -17.0, 22.0]), filename="x" * 40)),
         io.Volume(np.zeros((30, 40, 50), dtype=np.float32), np.diag([0.7, 0.7, 1.25, 1.0])),

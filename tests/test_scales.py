@@ -27,14 +27,20 @@ def fan(rng, span, largest):
 
 
 DOORS = {
-    "mesh": lambda size, path: voxflat.flatten(mesh(size), sources=9),
-    "spacing": lambda size, path: voxflat.flatten(SHEET, spacing=(size,) * 3, sources=9),
-    "affine": lambda size, path: voxflat.flatten(SHEET, affine=np.diag([size, size, size, 1]), sources=9),
-    "the paper's": lambda size, path: voxflat.flatten(SHEET, spacing=(size,) * 3, sources=9, method="grossmann2002"),
+    "mesh": lambda size, path: voxflat.flatten(mesh(size), method=voxflat.methods.Voxflat(sources=9)),
+    "spacing": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(
+        voxflat.methods.Voxflat(sources=9)
+    ),
+    "affine": lambda size, path: voxflat.surface(SHEET, affine=np.diag([size, size, size, 1])).flatten(
+        voxflat.methods.Voxflat(sources=9)
+    ),
+    "the paper's": lambda size, path: voxflat.surface(SHEET, spacing=(size,) * 3).flatten(
+        voxflat.methods.Grossmann2002(sources=9)
+    ),
     "range image": lambda size, path: voxflat.range_image(np.zeros((5, 5)), size),
-    "rows": lambda size, path: voxflat.geodesic(mesh(size), 3),
-    "patches": lambda size, path: voxflat.patches(mesh(size), bound=1.5),
-    "path": lambda size, path: voxflat.path(mesh(size), 0, 9),
+    "rows": lambda size, path: voxflat.surface(mesh(size)).geodesic(3),
+    "patches": lambda size, path: voxflat.surface(mesh(size)).patches(bound=1.5),
+    "path": lambda size, path: voxflat.surface(mesh(size)).path(0, 9),
     "pial": lambda size, path: voxflat.surface(mesh(), pial=mesh(size)),
     "ply": lambda size, path: voxflat.surface(ply(path, size)),
 }
@@ -73,7 +79,7 @@ def test_within_the_range_maps_are_maps(tmp_path, door, size):
 
 def test_a_volume_whose_far_corner_lies_beyond_is_refused():
     with pytest.raises(voxflat.InputError, match=r"voxel \[8, 0, 0\] of the volume lies at .* beyond 1e9 mm"):
-        voxflat.flatten(SHEET, spacing=(2e8, 1e8, 1e8), sources=9)
+        voxflat.surface(SHEET, spacing=(2e8, 1e8, 1e8)).flatten(voxflat.methods.Voxflat(sources=9))
 
 
 @pytest.mark.slow

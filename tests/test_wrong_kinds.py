@@ -89,20 +89,23 @@ CALLS = {
     "border": (lambda s: io.patch_border(FACES, [0], "64"), "number of points is '64'"),
     "points of a border": (lambda s: io.patch_border(FACES, [0], 10**25), "memory are needed"),
     "method": (lambda s: voxflat.flatten(s, method=np.ma.masked_array([1, 2], [1, 0])), "method is masked_array"),
-    "solver": (lambda s: voxflat.geodesic(s, 9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
-    "solver of a map": (lambda s: voxflat.flatten(s, geodesic=ARRAY), "geodesic is array"),
-    "way": (lambda s: voxflat.path(s, 0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
-    "stops": (lambda s: voxflat.path(s, 0, (0, 0, 2)), r"the stops are \[0, \(0, 0, 2\)\]; give rows of one length"),
-    "sampling": (lambda s: voxflat.geodesic(s, 9, sampling=1e19), r"the sampling is 1e\+19; give text"),
-    "no sampling": (lambda s: voxflat.geodesic(s, 9, sampling=None), 'sampling is ""; give'),
-    "no sources": (lambda s: voxflat.geodesic(s, None), "sources are None; give how many, or points"),
-    "seeds": (lambda s: voxflat.patches(s, 5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
-    "side": (lambda s: voxflat.register(s, side=ARRAY), "side is array.*; give 'left' or 'right'"),
+    "solver": (lambda s: s.geodesic(9, geodesic=ARRAY), "geodesic is array.*; give 'graph', 'marching'"),
+    "solver of a map": (
+        lambda s: voxflat.flatten(s, method=voxflat.methods.Voxflat(geodesic=ARRAY)),
+        "geodesic is array",
+    ),
+    "way": (lambda s: s.path(0, 9, geodesic=ARRAY), "geodesic is array.*'edges' or 'chain'"),
+    "stops": (lambda s: s.path(0, (0, 0, 2)), r"the stops are \(0, \(0, 0, 2\)\); give rows of one length"),
+    "sampling": (lambda s: s.geodesic(9, sampling=1e19), r"the sampling is 1e\+19; give text"),
+    "no sampling": (lambda s: s.geodesic(9, sampling=None), 'sampling is ""; give'),
+    "no sources": (lambda s: s.geodesic(None), "sources are None; give how many, or points"),
+    "seeds": (lambda s: s.patches(5, seeds=ARRAY), "seeds is array.*; give 'curvature', 'flattest' or"),
+    "side": (lambda s: s.register(side=ARRAY), "side is array.*; give 'left' or 'right'"),
     "mirror": (lambda s: voxflat.flatten(s, mirror=ARRAY), "mirror is array.*; give True or False"),
     "sheet": (lambda s: voxflat.surface(VOLUME, sheet={1, 2}), r"sheet is \{1, 2\}; give True or False"),
-    "cuts of a volume": (lambda s: voxflat.cut(VOLUME, cuts=ARRAY), "cut 0 must be voxel indices"),
+    "cuts of a volume": (lambda s: voxflat.surface(VOLUME).cut(cuts=ARRAY), "cut 0 must be voxel indices"),
     "label": (lambda s: io.read_region("lh.annot", 9, name=ARRAY), "name of a label is array.*; give text"),
-    "rows": (lambda s: voxflat.flatten(s, keep_rows=ARRAY), "keep_rows is array.*; give True or False"),
+    "rows": (lambda s: voxflat.flatten(s, rows=ARRAY), "rows is array.*; give True or False"),
     "maps": (lambda s: voxflat.compare(s, [1, [2, 3]]), r"maps is \[1, \[2, 3\]\]; give maps by their names"),
     "map": (lambda s: voxflat.compare(s, {"a": [1, [2, 3]]}), r"places are \[1, \[2, 3\]\]; give rows of one length"),
     "reference": (lambda s: voxflat.measure(s, POINTS[:, :2], reference=ARRAY), "reference is array"),
@@ -157,9 +160,9 @@ CALLS = {
     "record": (lambda s: figures.save_picture(np.zeros((4, 4, 3), np.uint8), "x.png", ARRAY), "record is array.*JSON"),
     "cuts of numbers": (lambda s: voxflat.flatten(s, cuts=ARRAY), "cut"),
     "cuts": (lambda s: voxflat.flatten(s, cuts=np.array("x")), "cuts are ndarray; give a list of paths"),
-    "number of a cut": (lambda s: voxflat.cut(s, relax=False).title(0), "the number of a cut is 0; there are 0"),
+    "number of a cut": (lambda s: s.cut(relax=False).title(0), "the number of a cut is 0; there are 0"),
     "numbers of a cut": (
-        lambda s: voxflat.cut(s, relax=False).title(ARRAY),
+        lambda s: s.cut(relax=False).title(ARRAY),
         "the number of a cut is array.*; there are",
     ),
     "flat map": (lambda s: figures.flat_map(1), "flat map is 1; give a FlatMap"),
@@ -214,12 +217,15 @@ ON_MAPS = {
     "cuts of places": (lambda m, a: voxflat.worst_places(m, cuts=ARRAY), "cuts is array.*; give True or False"),
     "overwrite": (lambda m, a: m.textured(np.eye(4)).save("x.obj", overwrite=ARRAY), "overwrite is array.*; give True"),
     "polygon": (lambda m, a: m.regions({"a": m.uv[:3] + 0j}), "a polygon has"),
-    "zero": (lambda m, a: figures.flat_map(m, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
+    "zero": (lambda m, a: figures.Overlay(VALUES, zero=ARRAY), "zero is array.*; give 'right' or 'top'"),
     "underlay": (lambda m, a: figures.flat_map(m, underlay=ARRAY), "underlay is array.*; give 'curvature', "),
     "title": (lambda m, a: figures.flat_map(m, title=ARRAY), "the title is array.*; give text"),
-    "colour map": (lambda m, a: figures.flat_map(m, VALUES, colour_map=[1]), r"no colour map \[1\]"),
-    "limits": (lambda m, a: figures.flat_map(m, VALUES, limits=3), "limits are 3; give two numbers"),
-    "limit": (lambda m, a: figures.flat_map(m, VALUES, limits=(None, 1)), "a limit is None; give a number"),
+    "colour map": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, colour_map=[1])), r"no colour map \[1\]"),
+    "limits": (lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=3)), "limits are 3; give two numbers"),
+    "limit": (
+        lambda m, a: figures.flat_map(m, figures.Overlay(VALUES, limits=(None, 1))),
+        "a limit is None; give a number",
+    ),
     "change": (lambda m, a: figures.movie(m, VALUES, change=ARRAY), "change is array.*; give True or False"),
     "towards": (lambda m, a: figures.atlas_3d(a, towards=""), "coordinates of towards are ''; give numbers"),
     "size": (lambda m, a: figures.atlas_3d(a, size=-1), "the size is -1; give 16 to 16384 pixels"),
@@ -247,12 +253,14 @@ def test_functions_say_it_so(name, of_mesh):
 
 @pytest.fixture(scope="module")
 def on_mesh(of_mesh):
-    return voxflat.flatten(of_mesh, sources=9), voxflat.patches(of_mesh, bound=1.2)
+    return voxflat.flatten(of_mesh, method=voxflat.methods.Voxflat(sources=9)), voxflat.surface(of_mesh).patches(
+        bound=1.2
+    )
 
 
 def test_backgrounds_that_the_type_of_the_values_holds():
     """In numbers of any kind, without a warning."""
-    flat_map = voxflat.flatten(VOLUME, sources=9)
+    flat_map = voxflat.flatten(VOLUME, method=voxflat.methods.Voxflat(sources=9))
     values = np.ones(len(flat_map))
     for background in (10**30, np.float32(1e30), np.float16(4), np.inf, -np.inf, np.nan):
         with warnings.catch_warnings(action="error"):
@@ -280,6 +288,9 @@ def test_sizes_beyond_a_billion_mm(scale):
 def test_sizes_up_to_a_billion_mm_keep_their_distances():
     """A map is as good at any of the scales that are taken."""
     errors = [
-        voxflat.flatten((POINTS * scale, FACES), sources=9).distortion.raw.relative_error for scale in (1e-3, 1.0, 3e7)
+        voxflat.flatten(
+            (POINTS * scale, FACES), method=voxflat.methods.Voxflat(sources=9)
+        ).distortion.raw.relative_error
+        for scale in (1e-3, 1.0, 3e7)
     ]
     np.testing.assert_allclose(errors, errors[1], atol=1e-3)

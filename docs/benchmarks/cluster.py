@@ -61,7 +61,7 @@ def measure(options, store, workers):
     how = {"sampling": "random", "store": store, "threads": 1}
     start = time.perf_counter(), time.process_time()
     if workers is None:
-        voxflat.geodesic(surface, options.sources, **how)
+        surface.geodesic(options.sources, **how)
         return time.perf_counter() - start[0], time.process_time() - start[1], 0.0, 0.0
     with distributed.LocalCluster(
         n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL"
@@ -69,7 +69,7 @@ def measure(options, store, workers):
         with distributed.Client(cluster) as client:
             client.run(importlib.import_module, "voxflat.distances.parts")
         ready = time.perf_counter(), spent(cluster)
-        voxflat.geodesic(surface, options.sources, dask=cluster.scheduler_address, **how)
+        surface.geodesic(options.sources, dask=cluster.scheduler_address, **how)
         end = time.perf_counter(), spent(cluster)
         return end[0] - ready[0], end[1] - ready[1], ready[0] - start[0], ready[1] - start[1]
 

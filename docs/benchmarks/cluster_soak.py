@@ -144,7 +144,7 @@ def killing(cluster, share):
 
 def rows_of(options, **how):
     """Return the rows of a bumpy sheet."""
-    return voxflat.geodesic(bumpy_sheet(options.side), options.sources, **how, **OPTIONS)
+    return voxflat.surface(bumpy_sheet(options.side)).geodesic(options.sources, **how, **OPTIONS)
 
 
 def run(options, store, cluster, limit=None):

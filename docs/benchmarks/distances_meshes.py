@@ -118,7 +118,7 @@ def of_pair(surface, exact, a, b):
         kind: surface.core.rows(np.array([a], dtype=np.uint32), geodesic=kind, threads=1)[0, b]
         for kind in ("exact", "graph")
     }
-    path = {kind: voxflat.path(surface, a, b, geodesic=kind) for kind in ("exact", "graph", "marching")}
+    path = {kind: surface.path(a, b, geodesic=kind) for kind in ("exact", "graph", "marching")}
     drawn = np.linalg.norm(np.diff(path["exact"].points, axis=0), axis=1).sum()
     true = exact(a)[b]
     ratios = drawn / row["exact"], drawn / true, path["exact"].length / true, path["graph"].length / row["graph"]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import voxflat
 from voxflat import _core
-from voxflat.surfaces.region import cut_out
+from voxflat.surfaces.parts import largest_piece
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "helpers"))
 
@@ -92,7 +92,7 @@ def curled_sheet(width, number):
     length = 2 * width
     rotation = Rotation.random(rng=number)
     volume = shapes.curled_sheet(length, width, TURNS, rotation)
-    surface = cut_out(voxflat.surface(volume), to_disk=False).part  # a corner may hang on by an edge only
+    surface = largest_piece(voxflat.surface(volume))  # a corner may hang on by an edge only
     radius = length / (2 * np.pi * TURNS)
     angle = np.linspace(0, 2 * np.pi * TURNS, int(length * 16))
     edge = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)], axis=1)
@@ -148,7 +148,7 @@ def maps(options):
     worst = np.zeros(2)
     for number in range(options.maps):
         volume, _, plane = curled_sheet(WIDTHS[1], number)
-        flat = voxflat.flatten(volume, sources=150, threads=1)
+        flat = voxflat.flatten(volume, method=voxflat.methods.Voxflat(sources=150), threads=1)
         surface = voxflat.surface(volume)
         order = {tuple(voxel): index for index, voxel in enumerate(surface.ids.tolist())}
         true = plane[[order[tuple(voxel)] for voxel in flat.ids.tolist()]]

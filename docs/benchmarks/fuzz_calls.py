@@ -60,13 +60,16 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
     surface = voxflat.surface(sheet())
     mesh = (grid().points, grid().faces)
     of_mesh = voxflat.surface(mesh)
-    flat_map, of_mesh_map = voxflat.flatten(surface, sources=9), voxflat.flatten(of_mesh, sources=9)
-    atlas = voxflat.patches(surface, bound=1.2)
+    flat_map, of_mesh_map = (
+        voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=9)),
+        voxflat.flatten(of_mesh, method=voxflat.methods.Voxflat(sources=9)),
+    )
+    atlas = surface.patches(bound=1.2)
     write_volume(folder / "v.nii", sheet(), np.eye(4))
     io.write_mesh(folder / "s.surf.gii", grid())
     flat_map.save(folder / "map.npz")
     atlas.save(folder / "atlas.npz")
-    voxflat.geodesic(surface, 9, store=folder / "store")
+    surface.geodesic(9, store=folder / "store")
     made: dict[str, Any] = {
         "surface": surface,
         "of_mesh": of_mesh,
@@ -75,8 +78,8 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
         "atlas": atlas,
         "glued": atlas.glue(),
         "page": atlas.page(),
-        "cut": voxflat.cut(of_mesh, relax=False),
-        "rows": voxflat.geodesic(surface, 9),
+        "cut": voxflat.surface(of_mesh).cut(relax=False),
+        "rows": surface.geodesic(9),
         "image": flat_map.heat_map(),
         "images": flat_map.images(np.ones((*sheet().shape, 2))),
         "regions": flat_map.regions({"a": flat_map.uv.mean(axis=0) + np.array([[-2, -2], [2, -2], [0, 2]])}),

@@ -106,7 +106,7 @@ def _store(path: Path) -> None:
 
 
 def _cuts(path: Path) -> None:
-    voxflat.cut(_MADE["surface"], cuts=path, relax=False)
+    voxflat.surface(_MADE["surface"]).cut(cuts=path, relax=False)
 
 
 def _template(path: Path) -> None:
@@ -189,7 +189,7 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
         entries.append(Entry(own, main, opener))
 
     surface = voxflat.surface(sheet())
-    flat_map = voxflat.flatten(surface, sources=9)
+    flat_map = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=9))
     _MADE.update(surface=surface, map=flat_map)
     affine = np.diag([1.0, 1.0, 2.0, 1.0])
     floats = np.random.default_rng(0).random((6, 5, 4)).astype(np.float32)
@@ -211,12 +211,12 @@ def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     _meshes(entry)
     _on_points(entry)
     entry("map.npz", "map", flat_map.save)
-    of_mesh = voxflat.flatten((grid().points, grid().faces), sources=9)
+    of_mesh = voxflat.flatten((grid().points, grid().faces), method=voxflat.methods.Voxflat(sources=9))
     entry("map.voxflat", "map", of_mesh.save)
-    atlas = voxflat.patches(surface, bound=1.2)
+    atlas = surface.patches(bound=1.2)
     entry("atlas.npz", "atlas", atlas.save)
     entry("glued.npz", "atlas", atlas.glue().save)
-    entry("store", "store", lambda path: voxflat.geodesic(surface, 9, store=path))
+    entry("store", "store", lambda path: surface.geodesic(9, store=path))
     entry("cuts.json", "cuts", lambda path: path.write_text('{"cuts": [[[0,3,2],[1,3,2],[2,3,2]]], "drop": [[7,7,2]]}'))
     entry("t.json", "template", lambda path: path.write_text(standard_template("fsaverage", "left").as_json()))
     middle = flat_map.uv.mean(axis=0)

@@ -33,14 +33,14 @@ def main():
         surface = voxflat.surface((hemisphere["white"], hemisphere["faces"]))
         faces = hemisphere["flat"][1]
         wall, length = shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
-        uncut = distances(surface, wall, faces)
-        for name, mm, patch in (
-            ("medial wall only", 0, {"drop": wall, "relax": False}),
-            ("shipped", length, {"keep": (hemisphere["white"], faces)}),
-            ("automatic", None, {"drop": wall, "relax": length}),
-            ("automatic, as long as it pays", None, {"drop": wall, "relax": True}),
+        uncut, cortex = distances(surface, wall, faces), surface.drop(wall)
+        for name, mm, part, how in (
+            ("medial wall only", 0, cortex, {"relax": False}),
+            ("shipped", length, surface.keep((hemisphere["white"], faces)), {}),
+            ("automatic", None, cortex, {"relax": length}),
+            ("automatic, as long as it pays", None, cortex, {"relax": True}),
         ):
-            flat = report(f"fsaverage5 white {side}", name, mm, surface, uncut, **patch)
+            flat = report(f"fsaverage5 white {side}", name, mm, part, uncut, **how)
             if side == "left" and name in ("shipped", "automatic"):
                 drawn[f"{name} cuts"] = flat
     if len(sys.argv) > 1:
@@ -84,7 +84,7 @@ def around(points, faces):
 def distances(surface, wall, flat):
     """Measure distances on the surface without the medial wall, from points that all maps have."""
     chosen = np.random.default_rng(0).choice(np.unique(flat), SOURCES, replace=False)
-    return voxflat.geodesic(surface, np.sort(chosen), drop=wall)
+    return surface.drop(wall).geodesic(np.sort(chosen))
 
 
 def error_on(rows, flat):
@@ -102,10 +102,10 @@ def error_on(rows, flat):
     return float(np.abs(scale * weight - 1).mean())
 
 
-def report(surface_name, cuts, length, surface, uncut, /, **patch):
+def report(surface_name, cuts, length, surface, uncut, /, **how):
     """Make a map, print a row, and return the map."""
     wall, cpu = time.monotonic(), time.process_time()
-    flat = voxflat.flatten(surface, **patch)
+    flat = voxflat.flatten(surface, **how)
     wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     if length is None:
         length = sum(cut["length"] for cut in flat.metadata["automatic_cuts"])

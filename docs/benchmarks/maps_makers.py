@@ -121,6 +121,15 @@ def _key(job):
 # ------------------------------------------------------------------------------------- in a process of its own
 
 
+def flatten(surface, method="voxflat", **options):
+    """Flatten: options of the method go into its object."""
+    from voxflat.methods import METHODS
+
+    kind = METHODS[method]
+    own = {name: options.pop(name) for name in list(options) if name in kind.__dataclass_fields__}
+    return surface.flatten(kind(**own), **options)
+
+
 def voxflat_map(job, options):
     """Return a map of the default method, the surface as it was cut, the memory that was said, and how descent went."""
     import voxflat
@@ -129,7 +138,7 @@ def voxflat_map(job, options):
         surface = voxflat.surface(job["labels"], affine=job["affine"], repair="voxels")
     else:
         surface = voxflat.surface((job["points"], job["faces"]))
-    made = voxflat.flatten(surface, **{"relax": False, **options})
+    made = flatten(surface, **{"relax": False, **options})
     told = {"need": made.metadata["memory_need_bytes"] / GIB, "descent": made.metadata.get("descent", {})}
     return made.uv, made.points, made.faces, told
 

@@ -115,7 +115,7 @@ def cancels(times: int, points: int) -> None:
 def maps(times: int, points: int) -> None:
     """Let maps take each other's place, and tell the memory that is taken."""
     vertices, faces, values = sheet(points)
-    flat_map = voxflat.flatten((vertices, faces), sources=50)
+    flat_map = voxflat.flatten((vertices, faces), method=voxflat.methods.Voxflat(sources=50))
     flat_map.metadata["napari"] = {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
     viewer = napari.Viewer()
     viewer.window.resize(1600, 960)

@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30, help="how many, of which the first two flatten")
     asked = parser.parse_args()
     points, faces, values = sheet(asked.points)
-    flat_map = voxflat.flatten((points, faces), sources=50)
+    flat_map = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=50))
     flat_map.metadata["napari"] = {"layer": "sheet", "world_axes": "RAS", "unit": "millimeter"}
 
     viewer = napari.Viewer()

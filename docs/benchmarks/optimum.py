@@ -26,7 +26,6 @@ import optimum_bound
 from distances_tables import table
 
 import voxflat
-from voxflat.surfaces.region import cut_out
 
 PATIENCE = 10
 POINTS = 40
@@ -121,7 +120,7 @@ def row(name, points, faces, published, options, wrong):
         wrong.append(f"{name}: the map from {label} has {100 * below:.2f} % less energy than the default")
     near = sum(found < (1 + AIM) * min(least, energy) for found, _ in known.values())
     sample = np.random.default_rng(0).choice(len(surface), POINTS, replace=False)
-    rows = voxflat.geodesic(surface, sample, geodesic="exact")[:, sample].astype(float)
+    rows = surface.geodesic(sample, geodesic="exact")[:, sample].astype(float)
     apart = 0.5 * (rows + rows.T)
     errors = [least_error_at_best_scale(apart, uv[sample]) for uv in (default.uv, places)]
     return [
@@ -156,10 +155,16 @@ def starts(disk, default, published, count):
             yield f"seed {number + 1}", voxflat.flatten(disk, relax=False, seed=number + 1).uv
         elif kind == "sources":
             sources = (200, 800, 100, 1200)[number % 4]
-            yield f"{sources} sources", voxflat.flatten(disk, relax=False, sources=sources, seed=number).uv
+            yield (
+                f"{sources} sources",
+                voxflat.flatten(disk, method=voxflat.methods.Voxflat(sources=sources), relax=False, seed=number).uv,
+            )
         elif kind == "weighting":
             weighting = (0.25, 0.75, 0.0, 1.0)[number % 4]
-            yield f"weighting {weighting}", voxflat.flatten(disk, relax=False, weighting=weighting).uv
+            yield (
+                f"weighting {weighting}",
+                voxflat.flatten(disk, method=voxflat.methods.Voxflat(weighting=weighting), relax=False).uv,
+            )
         elif kind == "tutte":
             longer = (1.0, 1.5, 2.0, 3.0)[number % 4]
             yield f"ellipse {longer:g}:1", stretched(on_circle(*disk), longer, rng)
@@ -169,10 +174,16 @@ def starts(disk, default, published, count):
 
 def again(disk, default, start):
     """Return the energy that descent ends with from a start, and the map: with the default's sources and distances."""
-    core = cut_out(voxflat.surface(disk), relax=False).part.core
+    core = voxflat.surface(disk).cut(relax=False).surface.core
     sources = default.sources.astype(np.uint32)
     geodesic = default.metadata["geodesic"]
-    found = core.voxflat(sources, 0, geodesic, start=np.ascontiguousarray(start, float), patience=PATIENCE)
+    found = core.voxflat(
+        sources,
+        0,
+        geodesic,
+        method=voxflat.methods.Voxflat(start=np.ascontiguousarray(start, float)),
+        patience=PATIENCE,
+    )
     return found["convergence"][0][-1], found["uv"]
 
 

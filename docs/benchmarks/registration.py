@@ -141,7 +141,7 @@ def cut_places(side):
 def measured(name, side, points, faces, sphere):
     """Register a surface; return a row of the table."""
     start = time.perf_counter()
-    made = voxflat.register((points @ rotation(len(name)).T, faces))
+    made = voxflat.surface((points @ rotation(len(name)).T, faces)).register()
     seconds = time.perf_counter() - start
     true, found, areas = unit(sphere), made.sphere, vertex_areas(points, faces)
     off = np.sqrt(areas.sum() / (4 * np.pi)) * np.arccos(np.clip((true * found).sum(axis=1), -1, 1))
@@ -180,7 +180,7 @@ def mni152(side):
     """Register MNI152's white matter, straight from the volume."""
     whole = voxflat.surface(demo.hemisphere(demo.demo_cortex()[0], side), repair="voxels")
     start = time.perf_counter()
-    made = voxflat.register(whole)
+    made = whole.register()
     seconds = time.perf_counter() - start
     white, faces = fsaverage5("white", side)
     gap = np.linalg.norm(whole.points - at(made.points, fsaverage5("sphere", side)[0], faces, white), axis=1)
@@ -210,7 +210,7 @@ def refused(name, shape):
     """Return a row: whether `register` refuses, and the evidence, below whose threshold it does."""
     threshold, registration._MIDWAY = registration._MIDWAY, -np.inf
     try:
-        worse, better = sorted(voxflat.register(shape).figures["score"].values())
+        worse, better = sorted(voxflat.surface(shape).register().figures["score"].values())
     except InputError as error:
         return name, f"refused: {error}", ""
     finally:

@@ -63,7 +63,7 @@ def hemisphere():
         voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
     )
     surface = voxflat.surface(white, pial=pial)
-    return voxflat.flatten(surface, drop="medial wall", cuts="standard", sphere=sphere.astype(float))
+    return surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
 
 
 def volumes(folder, count):

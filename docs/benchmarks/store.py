@@ -51,8 +51,7 @@ def measure(options):
             if stage == "measuring distances" and not memory.rows:
                 memory.rows = 1
 
-        rows = voxflat.geodesic(
-            sheet,
+        rows = voxflat.surface(sheet).geodesic(
             options.sources,
             sampling="random",
             geodesic=options.geodesic,
@@ -81,7 +80,7 @@ def measure(options):
 def again(options, sheet, store):
     """Open the complete store by the same call."""
     kind, threads = options.geodesic, options.threads
-    voxflat.geodesic(sheet, options.sources, sampling="random", geodesic=kind, store=store, threads=threads)
+    voxflat.surface(sheet).geodesic(options.sources, sampling="random", geodesic=kind, store=store, threads=threads)
 
 
 def plain(directory, rows):

@@ -34,9 +34,9 @@ def main():
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     if options.run:
-        voxflat.geodesic(sheet(), SOURCES, store=options.run, threads=options.threads, **OPTIONS)
+        voxflat.surface(sheet()).geodesic(SOURCES, store=options.run, threads=options.threads, **OPTIONS)
         return
-    expected = voxflat.geodesic(sheet(), SOURCES, **OPTIONS)
+    expected = voxflat.surface(sheet()).geodesic(SOURCES, **OPTIONS)
     random.seed(options.seed)
     kills, restarts = 0, 0
     with tempfile.TemporaryDirectory() as directory:

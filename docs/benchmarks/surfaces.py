@@ -110,7 +110,7 @@ def workbench():
         places, faces = np.nan_to_num(mesh["flat"][0]), mesh["flat"][1]
         with tempfile.TemporaryDirectory() as folder:
             ours = Path(folder) / "voxflat.surf.gii"
-            voxflat.flatten((mesh["white"], mesh["faces"]), keep=(places, faces)).save(ours)
+            voxflat.surface((mesh["white"], mesh["faces"])).keep((places, faces)).flatten().save(ours)
             subprocess.run(["wb_command", "-file-information", ours], check=True, capture_output=True)
             for name, flat in (("voxflat", read_mesh(ours)), ("shipped", Mesh(places * [1, 1, 0], faces))):
                 paths = [Path(folder) / name for name in ("white.surf.gii", "flat.surf.gii", "out.func.gii")]

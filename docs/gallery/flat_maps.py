@@ -29,14 +29,13 @@ def main(packages, output):
     white_matter, t1, _ = demo.demo_cortex()
     flat = voxflat.flatten(demo.hemisphere(white_matter), cuts="standard")
     draw(figures.flat_map(flat), output / "gallery_folds.png")
-    contrast = figures.flat_map(
-        flat, data / "image_10426.nii.gz", depth=1.5, above=3, below=-3, limits=(-8, 8),
-        label="left against right button presses (z)",
-    )  # fmt: skip
+    label = "left against right button presses (z)"
+    statistic = figures.Overlay(data / "image_10426.nii.gz", above=3, below=-3, limits=(-8, 8), label=label)
+    contrast = figures.flat_map(flat, statistic, depth=1.5)
     draw(contrast, output / "gallery_statistic.png")
     for number, depth in enumerate(DEPTHS):
-        look = {"colour_map": "gray", "limits": (0.2, 0.9), "label": f"T1, {depth:+g} mm", "width": 60}
-        draw(figures.flat_map(flat, t1, depth=depth, **look), output / f"gallery_depth_{number}.png")
+        look = figures.Overlay(t1, colour_map="gray", limits=(0.2, 0.9), label=f"T1, {depth:+g} mm")
+        draw(figures.flat_map(flat, look, depth=depth, width=60), output / f"gallery_depth_{number}.png")
     for side in ("left", "right"):
         draw(thickness(data / "fsaverage5", side), output / f"gallery_thickness_{side}.png")
     draw(atlas(packages), output / "gallery_atlas.png")
@@ -51,9 +50,9 @@ def thickness(folder, side):
     faces = faces.astype(int)
     white, pial = (voxflat.io.Mesh(points.astype(float), faces, structure=structure) for points in (white, pial))
     surface = voxflat.surface(white, pial=pial)
-    flat = voxflat.flatten(surface, drop="medial wall", cuts="standard", sphere=sphere.astype(float))
+    flat = surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
     values = np.asarray(nib.load(folder / f"thick_{side}.gii.gz").agg_data(), dtype=float)
-    return figures.flat_map(flat, values, limits=(1.5, 3.5), label="thickness (mm)")
+    return figures.flat_map(flat, figures.Overlay(values, limits=(1.5, 3.5), label="thickness (mm)"))
 
 
 def atlas(packages):
@@ -61,7 +60,7 @@ def atlas(packages):
     labels = packages / ATLAS
     numbers, _, names = nib.freesurfer.read_annot(labels)
     drop = (numbers < 0) | np.isin(numbers, [n for n, name in enumerate(names) if name.decode() in NO_CORTEX])
-    flat = voxflat.flatten(packages / CENTRAL, drop=drop, cuts="standard", sphere=packages / SPHERE)
+    flat = voxflat.surface(packages / CENTRAL).drop(drop).flatten(cuts="standard", sphere=packages / SPHERE)
     return figures.flat_map(flat, parcels=labels, width=170)
 
 

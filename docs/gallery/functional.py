@@ -26,11 +26,13 @@ def main(output):
     flat = hemisphere()
     series = stimulated(flat)
     look = {"above": 0.8, "below": -0.8, "limits": (-3, 3), "label": "signal change (%), simulated"}
-    film = figures.movie(flat, series[:, : round(PERIOD / STEP)], **look, time_step=STEP, rate=8, size=480)
+    shown = figures.Overlay(series[:, : round(PERIOD / STEP)], **look, time_step=STEP)
+    film = figures.movie(flat, shown, rate=8, size=480)
     figures.save_movie(film, output / "functional_movie.gif")
     phase, coherence = travelling_wave(series)
     drawn = figures.flat_map(
-        flat, phase, period=360, strength=coherence, above=0.4, label="polar angle (degrees), simulated"
+        flat,
+        figures.Overlay(phase, above=0.4, strength=coherence, period=360, label="polar angle (degrees), simulated"),
     )
     figures.save(drawn, output / "functional_phase.png")
     print(*(output / name for name in ("functional_movie.gif", "functional_phase.png")), sep="\n")
@@ -46,7 +48,7 @@ def hemisphere():
         voxflat.io.Mesh(points.astype(float), faces.astype(int), structure="CortexLeft") for points in (white, pial)
     )
     surface = voxflat.surface(white, pial=pial)
-    return voxflat.flatten(surface, drop="medial wall", cuts="standard", sphere=sphere.astype(float))
+    return surface.drop("medial wall").flatten(cuts="standard", sphere=sphere.astype(float))
 
 
 def stimulated(flat):

@@ -109,7 +109,8 @@ def curled_sheets():
 def flatten_all(volume):
     """Flatten with every voxel a source."""
     return voxflat.flatten(
-        volume, method="grossmann2002", sources=len(voxflat.geodesic(volume, 1, geodesic="chain").ids)
+        volume,
+        method=voxflat.methods.Grossmann2002(sources=len(voxflat.surface(volume).geodesic(1, geodesic="chain").ids)),
     )
 
 
@@ -117,7 +118,9 @@ def one_sheet(seed, traversed, sources):
     """Flatten a sheet in one orientation: its size, mean geodesic, absolute and relative error."""
     volume = shapes.curled_sheet(rotation=Rotation.random(rng=seed), traversed=traversed)
     flat_map = (
-        flatten_all(volume) if sources is None else voxflat.flatten(volume, method="grossmann2002", sources=sources)
+        flatten_all(volume)
+        if sources is None
+        else voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=sources))
     )
     distortion = flat_map.distortion
     raw = distortion.raw
@@ -176,7 +179,7 @@ def head():
     """Figures 10 to 13: a head as a depth image, its scatter, and textures mapped onto it."""
     volume = shapes.depth_surface(shapes.head_depth())
     upright = [[0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]  # rows of the image go down
-    flat_map = voxflat.flatten(volume, method="grossmann2002", affine=upright)
+    flat_map = voxflat.surface(volume, affine=upright).flatten("grossmann2002")
     distortion = flat_map.distortion
     row(f"head as a depth image, {len(flat_map)} voxels: mean geodesic", "141.9", f"{distortion.mean_geodesic:.1f}")
     row("  mean absolute error, voxels", "9.04", f"{distortion.raw.absolute_error:.2f}")
@@ -222,8 +225,8 @@ def path_round_an_obstacle():
     volume = shapes.depth_surface(np.where(river & ~bridge, 0, height))
     top = {(int(i), int(j)): int(k) for i, j, k in np.argwhere(volume)}  # the highest voxel of each column is the last
     start, end = ((*ij, top[ij]) for ij in ((12, 14), (148, 20)))
-    path = voxflat.path(volume, start, end, geodesic="chain")
-    rows = voxflat.geodesic(volume, [start], geodesic="chain")
+    path = voxflat.surface(volume).path(start, end, geodesic="chain")
+    rows = voxflat.surface(volume).geodesic([start], geodesic="chain")
     distance = np.full(volume.shape[:2], np.nan)
     distance[tuple(rows.ids[:, :2].T)] = rows.rows[0]
     figure = Figure(figsize=(6, 6), layout="constrained")

@@ -110,7 +110,7 @@ def certificates(surfaces):
     print(f"\n{'':26}{'θ':>5}{'paper':>9}{'C':>9}{'C measured':>12}{'K':>9}{'K measured':>12}{'broken':>8}")
     for name, surface in surfaces.items():
         for angle, paper in PAPER.items():
-            atlas = voxflat.patches(surface, angle)
+            atlas = surface.patches(angle)
             of = atlas.figures()
             proven, measured = of["certificate"], of["measured"]
             print(
@@ -128,10 +128,10 @@ def numbers(surfaces):
     print(f"{'':50}{'the paper’s seeds':>19}{'ours':>11}")
     for name, surface in surfaces.items():
         for text, limit in LIMITS.items():
-            counts = [len(voxflat.patches(surface, **limit, seeds="random", seed=seed)) for seed in range(SEEDS)]
-            flattest = len(voxflat.patches(surface, **limit, seeds="flattest"))
+            counts = [len(surface.patches(**limit, seeds="random", seed=seed)) for seed in range(SEEDS)]
+            flattest = len(surface.patches(**limit, seeds="flattest"))
             start = time.process_time()
-            ours = len(voxflat.patches(surface, **limit))
+            ours = len(surface.patches(**limit))
             seconds = time.process_time() - start
             random = float(np.mean(counts))
             print(
@@ -187,7 +187,7 @@ def speed(surface):
     seconds = []
     for _ in range(3):
         start = time.process_time()
-        atlas = voxflat.patches(surface, 10, threads=1)
+        atlas = surface.patches(10, threads=1)
         seconds.append(time.process_time() - start)
     print(f"\n{len(surface.faces)} triangles (paper: 60339), {len(atlas)} patches: {min(seconds):.2f} s of CPU time")
 
@@ -196,13 +196,13 @@ def pictures(surfaces):
     """Draw each surface with its patches, and the pages of two of them."""
     figure = Figure(figsize=(4.2 * len(surfaces), 4.4), layout="constrained")
     for axes, (name, surface) in zip(np.atleast_1d(figure.subplots(1, len(surfaces))), surfaces.items(), strict=True):
-        atlas = voxflat.patches(surface, bound=1.1763)
+        atlas = surface.patches(bound=1.1763)
         towards = (-1.0, -0.3, 0.3) if name.startswith("fsaverage5") else (0.6, -1.0, 0.5)
         axes.imshow(trimmed(figures.atlas_3d(atlas, towards=towards)))
         axes.set_title(f"{name}\n{len(atlas)} patches, C ≤ 1.1763")
         axes.set_axis_off()
     save(figure, "saucan_surfaces.png")
-    save(figures.atlas_page(voxflat.patches(surfaces["synthetic colon"], bound=1.1763)), "saucan_page.png")
+    save(figures.atlas_page(voxflat.surface(surfaces["synthetic colon"]).patches(bound=1.1763)), "saucan_page.png")
 
 
 def trimmed(picture):

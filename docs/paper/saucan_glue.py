@@ -31,7 +31,7 @@ def gluing(colon):
     print(f"{'':26}{'limit':>12}" + "".join(f"{name:>10}" for name in header) + f"{'CPU s':>8}")
     for name, surface in surfaces.items():
         for text, limit in {"θ = 10°": {"max_angle": 10}, "C = 1.1763": {"bound": 1.1763}}.items():
-            atlas = voxflat.patches(surface, **limit)
+            atlas = surface.patches(**limit)
             start = time.process_time()
             glued = atlas.glue(BOUND)
             seconds = time.process_time() - start
@@ -56,7 +56,7 @@ def developable():
             36, 20, lambda x, y: (5 * np.cos(x * np.pi / 18), 5 * np.sin(x * np.pi / 18), y)
         ),
     }.items():
-        atlas = voxflat.patches(mesh, 10)
+        atlas = voxflat.surface(mesh).patches(10)
         glued = atlas.glue(BOUND)
         change = np.abs(glued.stretch - 1).max()
         print(f"{name:26}{len(atlas):10}{len(glued):10}{glued.seams.cuts:10.3f}{change:14.1e}", flush=True)
@@ -145,7 +145,7 @@ def covering(corners, pixel=0.25):
 
 def picture(surface):
     """Draw patches that were laid out naively beside glued ones: all of them, and the middle of it larger."""
-    atlas = voxflat.patches(surface, 10)
+    atlas = surface.patches(10)
     glued = atlas.glue(BOUND)
     ours, theirs = glued.uv[glued.uv_faces], naive(atlas)
     # the same view: around a triangle in the middle of the largest piece

@@ -48,10 +48,10 @@ def row(what, paper, ours):
     print(f"{what:76}{paper:>10}{ours:>26}", flush=True)
 
 
-def flatten(surface, **options):
+def flatten(surface, *, seed=0, **options):
     """Flatten, and return the CPU seconds that it took as well."""
     start = time.process_time()
-    flat_map = voxflat.flatten(surface, method="schwartz1989", relax=False, **options)
+    flat_map = voxflat.flatten(surface, voxflat.methods.Schwartz1989(**options), relax=False, seed=seed)
     return flat_map, time.process_time() - start
 
 
@@ -97,18 +97,17 @@ def disk(cortex, nodes):
     """Return the disk around the occipital pole that has about so many nodes."""
     surface, pole = cortex
     radii = np.arange(20.0, 80.0, 0.5)
-    distances = np.asarray(voxflat.geodesic(surface, [pole]).rows)[0]
+    distances = np.asarray(surface.geodesic([pole]).rows)[0]
     radius = radii[np.abs([(distances <= radius).sum() - nodes for radius in radii]).argmin()]
-    return {"seed_point": pole, "radius": float(radius)}
+    return surface.disk(pole, float(radius))
 
 
 def same_map(cortex):
     """Figure 2: three random starts end in the same map, up to a rotation and a reflection."""
-    surface, _ = cortex
     patch = disk(cortex, 600)
-    sources = flatten(surface, **patch, starts=1)[0]
+    sources = flatten(patch, starts=1)[0]
     sources = sources.ids[sources.sources]
-    maps = [flatten(surface, **patch, neighbourhood=8, sources=sources, starts=1, seed=seed)[0] for seed in range(3)]
+    maps = [flatten(patch, neighbourhood=8, sources=sources, starts=1, seed=seed)[0] for seed in range(3)]
     row(f"figure 2: occipital cortex, {len(maps[0])} nodes (paper: 600), 8 rings", "", "")
     row("  stress of the 3 starts", "equal", " ".join(f"{m.metadata['starts'][0]:.5f}" for m in maps))
     apart = max(procrustes(maps[0].uv, other.uv) for other in maps[1:])
@@ -141,7 +140,6 @@ def procrustes(uv, other):
 
 def neighbourhoods(cortex):
     """Short distances alone fold the map; how far they have to reach, and what a few long ones change."""
-    surface, _ = cortex
     patch = disk(cortex, 600)
     print(f"\n{'distances kept':44}{'of all pairs':>13}{'best of':>10}{'error':>9}{'turned over':>13}{'CPU s':>8}")
     print(f"{'':57}{f'{STARTS} starts':>10}")
@@ -158,7 +156,7 @@ def neighbourhoods(cortex):
     }
     maps = {}
     for name, (rings, sources) in cases.items():
-        flat_map, seconds = flatten(surface, **patch, neighbourhood=rings, sources=sources, starts=STARTS)
+        flat_map, seconds = flatten(patch, neighbourhood=rings, sources=sources, starts=STARTS)
         maps[name] = flat_map
         stresses = np.array(flat_map.metadata["starts"])
         share = flat_map.metadata["pairs"] / (len(flat_map) * (len(flat_map) - 1) / 2)
@@ -179,9 +177,8 @@ def neighbourhoods(cortex):
 
 def striate(cortex):
     """Figure 3: a patch of 1200 nodes."""
-    surface, _ = cortex
     patch = disk(cortex, 1200)
-    flat_map, seconds = flatten(surface, **patch)
+    flat_map, seconds = flatten(patch)
     metadata = flat_map.metadata
     row(f"figure 3: occipital cortex, {len(flat_map)} nodes (paper: 1200); CPU of 3 starts", "20 h", f"{seconds:.1f} s")
     row(
@@ -190,7 +187,7 @@ def striate(cortex):
         " ".join(f"{stress:.5f}" for stress in metadata["starts"]),
     )
     tell(flat_map)
-    usual = voxflat.flatten(surface, relax=False, **patch)
+    usual = patch.flatten(relax=False)
     row("  the same of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
     row("", "", f"{usual.distortion.triangles.flipped} of {len(usual.faces)}")
     figure = Figure(figsize=(10, 5.2), layout="constrained")

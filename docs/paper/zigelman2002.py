@@ -18,7 +18,7 @@ from scipy.spatial.distance import pdist
 import voxflat
 from voxflat import figures
 from voxflat._pyvista import to_surface_polydata
-from voxflat.surfaces.range_image import pixels_of
+from voxflat.surfaces.pixels import pixels_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
@@ -47,7 +47,7 @@ def row(what, paper, ours):
 def flatten(surface, **options):
     """Flatten, and return the CPU seconds that it took as well."""
     start = time.process_time()
-    flat_map = voxflat.flatten(surface, method="zigelman2002", sources=SOURCES, relax=False, **options)
+    flat_map = surface.flatten(voxflat.methods.Zigelman2002(sources=SOURCES, **options), relax=False)
     return flat_map, time.process_time() - start
 
 
@@ -143,10 +143,10 @@ def cortex():
     folder = Path(find_spec("nilearn").origin).parent / "datasets" / "data" / "fsaverage5"
     white, pial, flat = (str(folder / f"{name}_left.gii.gz") for name in ("white", "pial", "flat"))
     surface = voxflat.surface(white, pial=pial)
-    flat_map, seconds = flatten(surface, keep=flat)
+    flat_map, seconds = flatten(surface.keep(flat))
     row(f"fsaverage5's flat patch, {len(flat_map)} vertices: CPU s", "", f"{seconds:.1f}")
     tell("re-insertion", flat_map)
-    usual = voxflat.flatten(surface, keep=flat)
+    usual = surface.keep(flat).flatten()
     row("  relative error of the method voxflat, %", "", f"{100 * usual.distortion.raw.relative_error:.2f}")
 
 

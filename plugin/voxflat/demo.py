@@ -16,8 +16,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import require
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.flatten import flatten
-from voxflat.surfaces.making import surface
+from voxflat.pipeline.surface import surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -132,7 +131,7 @@ def run(output: Path, progress: Progress | None = None, tell: Callable[[str], No
     white_matter, t1, grey_matter = demo_cortex()
     start = time.perf_counter()
     whole = surface(hemisphere(white_matter), repair="voxels", progress=progress)
-    flat_map = flatten(whole, progress=progress)
+    flat_map = whole.flatten(progress=progress)
     seconds = time.perf_counter() - start
     flat_map.save(output / "map.npz")
     pictures: dict[str, Callable[[Path], None]] = {
@@ -159,7 +158,7 @@ def _flat_image(flat_map: FlatMap, volume: Volume, name: str) -> Figure:
 
     # right at the border of white matter T1 is the same everywhere
     label = f"{name}, {DEPTH:g} mm outside white matter"
-    return figures.flat_map(flat_map, volume, depth=DEPTH, colour_map="gray", label=label)
+    return figures.flat_map(flat_map, figures.Overlay(volume, colour_map="gray", label=label), depth=DEPTH)
 
 
 def _summary(flat_map: FlatMap, seconds: float) -> str:

@@ -7,7 +7,7 @@ arrays, bit by bit. Options are attributes; to change one makes the filter run a
 >>> from vtkmodules.vtkFiltersSources import vtkPlaneSource
 >>> plane = vtkPlaneSource()
 >>> plane.SetResolution(8, 8)
->>> flatten = voxflat.vtk.FlattenSurface(sources=9)
+>>> flatten = voxflat.vtk.FlattenSurface(method=voxflat.methods.Voxflat(sources=9))
 >>> flatten.SetInputConnection(plane.GetOutputPort())
 >>> _ = flatten.Update()
 >>> flatten.GetOutput().GetNumberOfPoints()
@@ -29,6 +29,7 @@ from vtkmodules.vtkCommonDataModel import vtkDataSet
 from voxflat._pyvista.accessor import VoxflatAccessor
 from voxflat._pyvista.options import Seed
 from voxflat.errors import Cancelled, InputError
+from voxflat.methods import Method
 
 __all__ = ["FlattenSurface", "SurfaceGeodesic", "SurfacePatches"]
 
@@ -153,15 +154,15 @@ class FlattenSurface(_Filter):
     scalars : str or None
         For images the name of the array; None for the active one.
     label, threshold
-        What of an image is foreground, as in `voxflat.flatten`.
+        What of an image is foreground, as in `voxflat.surface`.
     keep, drop : str, ndarray or None
         Regions: names of arrays of the points, or masks.
     seed_point : int, position, pyvista.Cell or None
         Middle of a patch, with `radius`.
     radius : float or None
         Of the patch along the surface, in the data's unit.
-    cuts, relax, scale, method, sources, geodesic, seed, threads
-        As in `voxflat.flatten`.
+    cuts, relax, method, seed, threads
+        As in `Surface.flatten`.
     """
 
     scalars: _Option[str | None] = _Option(None)
@@ -173,10 +174,7 @@ class FlattenSurface(_Filter):
     radius: _Option[float | None] = _Option(None)
     cuts: _Option[object] = _Option(None)
     relax: _Option[float | bool | None] = _Option(None)
-    scale: _Option[str | None] = _Option(None)
-    method: _Option[str] = _Option("voxflat")
-    sources: _Option[object] = _Option(None)
-    geodesic: _Option[str | None] = _Option(None)
+    method: _Option[str | Method] = _Option("voxflat")
     seed: _Option[int] = _Option(0)
     threads: _Option[int | None] = _Option(None)
 
@@ -257,6 +255,8 @@ def _is_same(one: object, other: object) -> bool:
         return True
     if type(one) is not type(other):
         return False
+    if isinstance(one, Method):
+        return bool(one.provenance == getattr(other, "provenance", None))
     if isinstance(one, np.ndarray):
         return one.dtype == np.asarray(other).dtype and np.array_equal(one, np.asarray(other))
     return isinstance(one, int | float | str | tuple) and one == other

@@ -2,13 +2,15 @@
 
 import json
 
+import composed
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from triangle_meshes import singular_values
 
 import voxflat
-from voxflat import Cancelled, FlatAtlas, GluedAtlas, InputError, figures
+from voxflat import Cancelled, FlatAtlas, InputError, figures
+from voxflat.atlases.glued import GluedAtlas
 from voxflat.cli import main
 from voxflat.io.meshes import Mesh, write_mesh
 
@@ -32,7 +34,7 @@ def bumps(m=24, n=20):
 
 @pytest.fixture(scope="module")
 def atlas():
-    return voxflat.patches(bumps(), 10)
+    return voxflat.surface(bumps()).patches(10)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +80,7 @@ class TestGlue:
         ids=["wavy cylinder", "cone sector"],
     )
     def test_developable_surfaces_are_isometric(self, place):
-        atlas = voxflat.patches(sheet(24, 12, place), 10)
+        atlas = voxflat.surface(sheet(24, 12, place)).patches(10)
         glued = atlas.glue()
         check(atlas, glued)
         assert len(atlas) > 5
@@ -95,7 +97,7 @@ class TestGlue:
         beside = np.roll(number, -1, axis=0)
         a, b, c, d = number[:, :-1], beside[:, :-1], beside[:, 1:], number[:, 1:]
         halves = [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
-        atlas = voxflat.patches((points, np.concatenate(halves)), 10)
+        atlas = voxflat.surface((points, np.concatenate(halves))).patches(10)
         glued = atlas.glue()
         check(atlas, glued)
         assert len(glued) == 1
@@ -245,8 +247,8 @@ class TestCommand:
 class TestOneMap:
     def test_it_is_the_glued_piece(self):
         mesh = bumps()
-        flat = voxflat.flatten(mesh, method="saucan2006", bound=1.3)
-        glued = voxflat.patches(mesh, 10).glue(1.3)
+        flat = voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=1.3))
+        glued = voxflat.surface(mesh).patches(10).glue(1.3)
         assert len(glued) == 1
         np.testing.assert_array_equal(flat.uv[flat.faces], glued.uv[glued.uv_faces])
         np.testing.assert_array_equal(flat.points[flat.faces], glued.points[glued.faces])
@@ -261,7 +263,7 @@ class TestOneMap:
 
     def test_a_closed_surface_is_cut_as_far_as_it_must(self, tmp_path):
         ball = np.linalg.norm(np.indices((16, 16, 16)).T - 7.4, axis=-1) < 6.5
-        flat = voxflat.flatten(ball, method="saucan2006", bound=1.6)
+        flat = voxflat.flatten(ball, method=voxflat.methods.Saucan2006(bound=1.6))
         assert any("stay cut" in warning for warning in flat.metadata["warnings"])
         assert len(flat) > len(np.unique(flat.ids, axis=0))  # both sides of cuts
         assert flat.metadata["seams"]["cuts"] + sum(cut["length"] for cut in flat.metadata["automatic_cuts"]) > 10
@@ -280,18 +282,15 @@ class TestOneMap:
             ({"bound": 1.0}, "bound is 1.0; give a number above 1, up to 10"),
             ({"bound": np.nan}, "bound is nan"),
             ({"bound": "1.5"}, "bound is '1.5'"),
-            ({"sources": 50}, "the method 'saucan2006' knows no sources"),
-            ({"sampling": "random"}, "knows no sampling"),
-            ({"keep_rows": True}, "knows no keep_rows"),
-            ({"method": "voxflat", "bound": 1.5}, "the method 'voxflat' knows no bound"),
+            ({"rows": True}, "the method 'saucan2006' measures no distances"),
         ],
     )
     def test_bad_options_are_refused(self, options, message):
         with pytest.raises(InputError, match=message):
-            voxflat.flatten(bumps(), **{"method": "saucan2006", **options})
+            composed.flatten(bumps(), **{"method": "saucan2006", **options})
 
     def test_metadata_say_what_the_method_has(self):
-        flat = voxflat.flatten(bumps(), method="saucan2006", bound=1.3)
+        flat = voxflat.flatten(bumps(), method=voxflat.methods.Saucan2006(bound=1.3))
         assert not {"sources", "sampling", "planarity"} & set(flat.metadata)
         assert flat.metadata["memory_need_bytes"] > 4000 * len(flat)  # gluing alone
         assert flat.metadata["before"]["c"] <= flat.metadata["before"]["certified_c"]
@@ -300,7 +299,7 @@ class TestOneMap:
         stages = []
         options = {"method": "saucan2006", "progress": lambda stage, done, total: stages.append(stage)}
         with pytest.raises(InputError, match=r"of memory are needed, .* is the limit; take a smaller patch"):
-            voxflat.flatten(bumps(), **options, memory_limit=400_000)  # its surface takes less
+            composed.flatten(bumps(), **options, memory_limit=400_000)  # its surface takes less
         assert "growing patches" not in stages
 
     def test_any_number_of_threads_makes_the_same_map(self):
@@ -311,9 +310,9 @@ class TestOneMap:
     @pytest.mark.slow
     def test_several_pieces_are_refused(self):
         mesh = sheet(20, 20, lambda x, y: (x, y, 6 * np.sin(1.9 * x) * np.cos(2.1 * y)))
-        assert len(voxflat.patches(mesh, 10).glue(1.02)) > 1
+        assert len(voxflat.surface(mesh).patches(10).glue(1.02)) > 1
         with pytest.raises(InputError, match=r"cannot be glued to one piece within C ≤ 1.02: \d+ remain"):
-            voxflat.flatten(mesh, method="saucan2006", bound=1.02)
+            voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=1.02))
 
     def test_the_command(self, tmp_path):
         write_mesh(tmp_path / "bumps.ply", Mesh(*bumps()))

@@ -23,12 +23,12 @@ pv = pytest.importorskip("pyvista")
 
 @pytest.fixture(scope="module")
 def atlas():
-    return voxflat.patches(torus(), 20)
+    return voxflat.surface(torus()).patches(20)
 
 
 @pytest.fixture(scope="module")
 def of_voxels():
-    return voxflat.patches(shapes.ball(9), 20, spacing=(0.5, 0.6, 0.7))
+    return voxflat.surface(shapes.ball(9), spacing=(0.5, 0.6, 0.7)).patches(20)
 
 
 @pytest.fixture(params=["boxes", "shapes"])
@@ -200,7 +200,7 @@ class TestLookUp:
         assert (weights[is_found] >= -1e-9).all()
 
     def test_a_map_has_it_too(self):
-        sheet = voxflat.flatten(shapes.sheet(), sources=50)
+        sheet = voxflat.flatten(shapes.sheet(), method=voxflat.methods.Voxflat(sources=50))
         rng = np.random.default_rng(2)
         weights = rng.dirichlet([2, 2, 2], len(sheet.faces))
         places = np.einsum("fc,fcx->fx", weights, sheet.uv[sheet.faces])
@@ -240,7 +240,9 @@ class TestTextures:
         assert (tmp_path / "atlas.mtl").exists()
         with Image.open(tmp_path / "atlas.png") as picture:
             assert picture.size == page.raster().shape[::-1]
-        again = voxflat.patches(torus(), 20).image(tmp_path / "atlas.obj")  # its own texture, read across the seams
+        again = (
+            voxflat.surface(torus()).patches(20).image(tmp_path / "atlas.obj")
+        )  # its own texture, read across the seams
         own = page.textured().picture
         inside = page.face_ids() >= 0
         assert np.mean(np.abs(again.data[inside][:, :3].astype(int) - own[inside]).max(axis=1) < 8) > 0.9

@@ -85,7 +85,7 @@ class TestCommand:
 
     @pytest.mark.slow
     def test_the_heat_map_is_a_figure(self, tmp_path):
-        atlas = voxflat.patches(torus(20), 30)
+        atlas = voxflat.surface(torus(20)).patches(30)
         for of in ("isometric", "quasi_conformal", "areal"):
             figures.save(figures.atlas_heat_map(atlas, of=of), tmp_path / f"{of}.png")
             assert (tmp_path / f"{of}.png").stat().st_size > 10_000
@@ -98,7 +98,7 @@ class TestPyVista:
         mesh = pv.PolyData.from_regular_faces(points, np.roll(faces[order], 1, axis=1))
         mesh.point_data["height"] = points[:, 2]
         page = mesh.voxflat.patches(max_angle=20)
-        atlas = voxflat.patches((points, faces), 20)
+        atlas = voxflat.surface((points, faces)).patches(20)
         assert_array_equal(page.cell_data["patch"], atlas.piece_ids[order])
         assert_allclose(page.cell_data["isometric"], atlas.isometric[order], rtol=1e-9)
         assert page.n_cells == mesh.n_cells
@@ -116,7 +116,7 @@ class TestPyVista:
     def test_the_page_of_glued_patches(self):
         mesh = pv.PolyData.from_regular_faces(*torus(20))
         page = mesh.voxflat.patches(max_angle=20, glue=1.6)
-        glued = voxflat.patches(mesh, 20).glue(1.6)
+        glued = voxflat.surface(mesh).patches(20).glue(1.6)
         assert_array_equal(page.cell_data["patch"], glued.patch_ids)
         assert_array_equal(page.cell_data["piece"], glued.piece_ids)
         assert page.n_points == len(glued.uv)
@@ -124,7 +124,7 @@ class TestPyVista:
 
     def test_texture_coordinates_are_those_of_the_image(self):
         mesh = pv.PolyData.from_regular_faces(*torus(20))
-        atlas = voxflat.patches(mesh, 20)
+        atlas = voxflat.surface(mesh).patches(20)
         page = mesh.voxflat.to_page_polydata(atlas)
         image = atlas.image(atlas.points[:, 0])
         height, width = image.data.shape

@@ -3,6 +3,7 @@
 import itertools
 import json
 
+import composed
 import mesh_files
 import numpy as np
 import pytest
@@ -20,12 +21,12 @@ pv = pytest.importorskip("pyvista")
 @pytest.fixture(scope="module")
 def torus():
     mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=60, v_res=30, w_res=1).clean().triangulate()
-    return np.asarray(mesh.points, dtype=float), np.asarray(mesh.regular_faces)
+    return voxflat.surface((np.asarray(mesh.points, dtype=float), np.asarray(mesh.regular_faces)))
 
 
 @pytest.fixture(scope="module")
 def atlas(torus):
-    return voxflat.patches(torus, 10)
+    return torus.patches(10)
 
 
 def check(atlas):
@@ -55,13 +56,13 @@ def check(atlas):
 class TestPatches:
     @pytest.mark.parametrize(("angle", "c"), [(10, 1.1763), (5, 1.0875)])
     def test_certificates_are_the_papers(self, torus, angle, c):
-        atlas = voxflat.patches(torus, max_angle=angle)
+        atlas = torus.patches(max_angle=angle)
         assert atlas.certificate.c == pytest.approx(c, abs=5e-5)
         assert atlas.certificate.k == pytest.approx(c**1.5, abs=1e-4)
         check(atlas)
 
     def test_a_bound_allows_the_angle_of_its_cosine(self, torus, atlas):
-        bounded = voxflat.patches(torus, bound=1.1763)
+        bounded = torus.patches(bound=1.1763)
         assert (bounded.certificate.c, bounded.certificate.k) == (1.1763, 1.1763)
         assert bounded.certificate.angle == pytest.approx(np.degrees(np.arccos(1 / 1.1763)))
         assert max(patch.isometric for patch in bounded) > 1.1
@@ -69,44 +70,44 @@ class TestPatches:
         check(bounded)
 
     def test_a_number_of_patches_is_not_exceeded(self, torus):
-        few = voxflat.patches(torus, count=30)
+        few = torus.patches(count=30)
         assert len(few) <= 30
-        assert len(voxflat.patches(torus, 0.9 * few.certificate.angle)) > 30
+        assert len(torus.patches(0.9 * few.certificate.angle)) > 30
         check(few)
         with pytest.raises(InputError, match="2 patches are too few"):
-            voxflat.patches(torus, count=2)
+            torus.patches(count=2)
 
     @pytest.mark.parametrize("seeds", ["curvature", "flattest", "random"])
     def test_where_patches_begin(self, torus, atlas, seeds):
-        other = voxflat.patches(torus, seeds=seeds)
+        other = torus.patches(seeds=seeds)
         check(other)
         assert len(other) == len(atlas) if seeds == "curvature" else len(other) > 1.33 * len(atlas)
 
     def test_a_developable_surface_still_bends(self):
         mesh, _ = cylinder((21, 16))
-        check(voxflat.patches(mesh, 20))
+        check(voxflat.surface(mesh).patches(20))
 
     def test_voxels_take_the_same_way(self):
-        ball = voxflat.patches(shapes.ball(12), 15, spacing=(0.5, 0.5, 0.5))
+        ball = voxflat.surface(shapes.ball(12), spacing=(0.5, 0.5, 0.5)).patches(15)
         assert ball.ids.shape == ball.points.shape
         assert ball.metadata["limit"] == {"angle": 15.0}
         check(ball)
-        sheet = voxflat.patches(shapes.sheet())
+        sheet = voxflat.surface(shapes.sheet()).patches()
         assert len(sheet) == 1
         assert sheet[0].isometric == pytest.approx(1, abs=1e-9)
         check(sheet)
 
     def test_cortex_of_any_topology(self):
         surface = voxflat.surface(str(mesh_files.fsaverage5("white_left")))
-        counts = [len(voxflat.patches(surface, seeds=seeds)) for seeds in ("curvature", "random")]
+        counts = [len(surface.patches(seeds=seeds)) for seeds in ("curvature", "random")]
         assert counts[0] < 0.75 * counts[1]
 
     def test_numbers_of_vertices_and_faces_do_not_matter(self, torus, atlas):
         rng = np.random.default_rng(3)
-        points, faces = torus
+        points, faces = torus.points, torus.faces.astype(np.int64)
         order, rows = rng.permutation(len(points)), rng.permutation(len(faces))
         number = np.argsort(order)
-        other = voxflat.patches((points[order], np.roll(number[faces[rows]], 1, axis=1)), 10)
+        other = voxflat.surface((points[order], np.roll(number[faces[rows]], 1, axis=1))).patches(10)
         assert np.array_equal(atlas.piece_ids[rows], other.piece_ids)
         for one, two in zip(atlas, other, strict=True):
             mine = dict(zip(map(bytes, atlas.points[one.vertex_ids]), one.uv.tolist(), strict=True))
@@ -115,7 +116,7 @@ class TestPatches:
 
     def test_the_number_of_threads_does_not_matter(self, torus, atlas):
         for threads in (1, 2, 5):
-            other = voxflat.patches(torus, 10, threads=threads)
+            other = torus.patches(10, threads=threads)
             assert np.array_equal(atlas.piece_ids, other.piece_ids)
             assert np.array_equal(atlas.uv, other.uv)
 
@@ -139,20 +140,20 @@ class TestPatches:
     )
     def test_wrong_arguments_are_named(self, torus, options, message):
         with pytest.raises(InputError, match=message):
-            voxflat.patches(torus, **options)
+            composed.patches(torus, **options)
 
     def test_triangles_so_thin_that_rounding_counts_are_told(self, caplog):
         points = np.array([[0, 0, 0], [1e6, 0.3, 0.7], [3e5, 0.09, 0.21 + 1e-9], [2e5, -1e5, 4e4]]) + 1e3
-        atlas = voxflat.patches((points, np.array([[0, 1, 2], [1, 0, 3]])), 0.01)
+        atlas = voxflat.surface((points, np.array([[0, 1, 2], [1, 0, 3]]))).patches(0.01)
         assert len(atlas) == 2
         assert atlas.figures()["broken"] == atlas.broken.sum()
         assert ("rounding" in caplog.text) == bool(atlas.broken.any())
 
     def test_it_can_be_cancelled(self, torus):
         with pytest.raises(Cancelled):
-            voxflat.patches(torus, 10, progress=lambda stage, done, total: False)
+            torus.patches(10, progress=lambda stage, done, total: False)
         stages = []
-        voxflat.patches(torus, 10, progress=lambda stage, done, total: stages.append(stage))
+        torus.patches(10, progress=lambda stage, done, total: stages.append(stage))
         assert stages
 
     @pytest.mark.slow
@@ -162,8 +163,8 @@ class TestPatches:
         mesh = pv.ParametricTorus(ringradius=30, crosssectionradius=10, u_res=300, v_res=150, w_res=1)
         mesh = mesh.clean().triangulate()
         faces = np.asarray(mesh.regular_faces)
-        voxflat.patches(
-            (np.asarray(mesh.points, dtype=float), faces), 5, progress=lambda *report: reports.append(report)
+        voxflat.surface((np.asarray(mesh.points, dtype=float), faces)).patches(
+            5, progress=lambda *report: reports.append(report)
         )
         assert any(before == after for before, after in itertools.pairwise(reports))
 

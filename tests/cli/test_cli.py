@@ -64,7 +64,7 @@ def shared(tmp_path_factory):
         write_volume(folder / f"{name}.nii.gz", data, AFFINE)
     np.save(folder / "surface.npy", surface)
     np.save(folder / "t1.npy", volumes["t1"])
-    voxflat.flatten(folder / "surface.nii.gz", sources=60).save(folder / "map.npz")
+    voxflat.flatten(folder / "surface.nii.gz", method=voxflat.methods.Voxflat(sources=60)).save(folder / "map.npz")
     return folder
 
 
@@ -122,52 +122,6 @@ def test_flatten_warns_of_holes_on_stderr(shared, tmp_path):
     assert "warning" not in result.stdout
 
 
-def test_flatten_passes_every_option(shared, tmp_path, monkeypatch):
-    given = {}
-
-    def flatten(surface, progress=None, **options):
-        given.update(options)
-        raise voxflat.Cancelled
-
-    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
-    options = "--label 2 --threshold 0.5 --keep k.nii --seed-point 1,2,3 --radius 4.5 --spacing 0.5,1,2 --sources 70"
-    options += (
-        " --drop d.nii --method grossmann2002 --neighbourhood 8 --starts 5 --bound 1.4 --geodesic exact --weighting 0.7"
-    )
-    options += " --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G --keep-rows"
-    options += " --store rows --scale areas --adapt 7.5 --start map.npz --max-area 1.7"
-    run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", *options.split())
-    assert [given.pop(name) for name in ("cuts", "polygon", "relax", "sphere")] == [None] * 4
-    assert given.pop("mirror") is False
-    assert given == {
-        "method": "grossmann2002",
-        "drop": Path("d.nii"),
-        "label": 2,
-        "threshold": 0.5,
-        "keep": Path("k.nii"),
-        "seed_point": (1, 2, 3),
-        "radius": 4.5,
-        "spacing": (0.5, 1.0, 2.0),
-        "sources": 70,
-        "sampling": "random",
-        "link_lengths": "euclidean",
-        "neighbourhood": 8,
-        "starts": 5,
-        "bound": 1.4,
-        "geodesic": "exact",
-        "weighting": 0.7,
-        "scale": "areas",
-        "start": Path("map.npz"),
-        "max_area": 1.7,
-        "adapt": 7.5,
-        "seed": 9,
-        "threads": 2,
-        "memory_limit": 4 * 2**30,
-        "keep_rows": True,
-        "store": Path("rows"),
-    }
-
-
 @pytest.mark.parametrize(
     ("text", "size"), [("1000", 1000), ("4G", 2**32), ("1.5k", 1536), ("512MiB", 2**29), ("2 TB", 2**41), ("0", 0)]
 )
@@ -176,7 +130,7 @@ def test_memory_sizes(text, size):
 
 
 def test_keep_rows(shared, tmp_path):
-    run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20, "--keep-rows")
+    run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz", "--sources", 20, "--rows")
     rows = voxflat.load(tmp_path / "map.npz").rows
     assert rows is not None
     assert rows.shape[0] == 20
@@ -320,7 +274,7 @@ def test_neighbouring_label_numbers_look_different():
 
 
 def test_whole_intensities_are_no_labels(shared):
-    flat_map = voxflat.flatten(shared / "surface.nii.gz", method="grossmann2002", sources=60)
+    flat_map = voxflat.flatten(shared / "surface.nii.gz", method=voxflat.methods.Grossmann2002(sources=60))
     assert are_labels(flat_map.image(shared / "areas.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz").data)
     assert not are_labels(flat_map.image(shared / "t1_whole.nii.gz", 0.1).data)  # many pixels a voxel
@@ -435,7 +389,7 @@ def told_default(command, option, method):
 @pytest.mark.parametrize(
     ("method", "size", "options"),
     [
-        ("voxflat", 24, ["sources", "sampling", "geodesic", "weighting", "scale"]),
+        ("voxflat", 24, ["sources", "sampling", "weighting", "scale"]),
         ("grossmann2002", 33, ["sources", "sampling", "link_lengths"]),
         ("zigelman2002", 30, ["sources", "sampling"]),
         ("schwartz1989", 12, ["sources", "sampling", "starts"]),
@@ -456,23 +410,17 @@ def test_the_default_method_in_help_is_the_one_that_is_used(shared):
     assert told_default("flatten", "--method", None) == used
 
 
-def test_the_default_of_patches_in_help_is_the_one_that_is_used(tmp_path):
-    np.save(tmp_path / "sheet.npy", np.ones((9, 9, 1), np.uint8))
-    limit = voxflat.patches(tmp_path / "sheet.npy").metadata["limit"]
-    assert limit == {"angle": float(told_default("patches", "--max-angle", None))}
-
-
 @pytest.mark.parametrize(
     ("command", "function"),
     [
         ("flatten", voxflat.flatten),
         ("check", voxflat.check),
         ("surface", voxflat.surface),
-        ("cut", voxflat.cut),
-        ("path", voxflat.path),
+        ("cut", voxflat.Surface.cut),
+        ("path", voxflat.Surface.path),
         ("measure", voxflat.compare),
-        ("patches", voxflat.patches),
-        ("rows", voxflat.geodesic),
+        ("patches", voxflat.Surface.patches),
+        ("rows", voxflat.Surface.geodesic),
     ],
 )
 def test_commands_and_functions_have_the_same_defaults(command, function):
@@ -528,7 +476,7 @@ def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
     def flatten(*arguments, **options):
         raise ZeroDivisionError("first line\nsecond line")
 
-    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
+    monkeypatch.setattr("voxflat.cli.flatten.surface_of", flatten)
     arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
     result = run(*arguments)
     assert result.exit_code == 1
@@ -542,7 +490,7 @@ def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
     def flatten(*arguments, **options):
         raise raised
 
-    monkeypatch.setattr("voxflat.cli.flatten.flatten", flatten)
+    monkeypatch.setattr("voxflat.cli.flatten.surface_of", flatten)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
     assert (result.exit_code, result.stderr) == (130, "voxflat: cancelled\n")
 

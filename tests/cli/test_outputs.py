@@ -133,7 +133,7 @@ def test_files_beside_replace_only_what_is_ours(folder):
 
 def test_python_writes_over_no_input_either(folder):
     surface = voxflat.surface("lh.white", pial="lh.pial")
-    flat_map = voxflat.flatten(surface, sources=20)
+    flat_map = voxflat.flatten(surface, method=voxflat.methods.Voxflat(sources=20))
     before = everything()
     for result, path in ((surface, "lh.pial"), (surface, folder / "lh.white"), (flat_map, "lh.pial")):
         with pytest.raises(voxflat.InputError, match="it is an input"):
@@ -144,7 +144,7 @@ def test_python_writes_over_no_input_either(folder):
 
 
 def test_a_texture_found_beside_a_surface_is_an_input(folder):
-    voxflat.flatten("lh.white", sources=20).save("map.npz")
+    voxflat.flatten("lh.white", method=voxflat.methods.Voxflat(sources=20)).save("map.npz")
     points, faces = bump(12)
     lines = ["mtllib face.mtl", *("v {} {} {}".format(*point) for point in points)]
     lines += [*("vt {} {}".format(*point[:2] / 12) for point in points), "usemtl skin"]
@@ -220,19 +220,14 @@ def test_a_record_is_in_every_kind_of_file(folder):
         kept = json.loads(str(file["metadata"]))["provenance"]
     assert kept == {name: value for name, value in record.items() if name not in ("figures", "warnings", "space")}
     assert (record["voxflat"], record["function"]) == (voxflat.__version__, "flatten")
-    surface = record["parameters"]["surface"]
+    part = record["parameters"]["of"]
+    surface = part["parameters"]["of"]
     assert (surface["parameters"]["source"], surface["parameters"]["pial"]) == ("lh.white", "lh.pial")
-    assert record["parameters"]["keep"] == "keep.txt"
-    used = {name: record["parameters"][name] for name in ("method", "sources", "sampling", "geodesic", "weighting")}
-    assert used == {
-        "method": "voxflat",
-        "sources": 20,
-        "sampling": "farthest",
-        "geodesic": "graph",
-        "weighting": 0.5,
-    }
+    assert (part["function"], part["parameters"]["region"]) == ("keep", "keep.txt")
+    used = record["parameters"]["method"]
+    assert used.items() >= {"method": "voxflat", "sources": 20, "geodesic": "graph", "weighting": 0.5}.items()
     assert record["parameters"]["seed"] == 0
-    assert record["files"] == {"keep.txt": sha256("keep.txt")}
+    assert part["files"] == {"keep.txt": sha256("keep.txt")}
     assert surface["files"] == {name: sha256(name) for name in ("lh.white", "lh.pial")}
     flat_map = voxflat.load("map.npz")
     assert record["figures"] == flat_map.distortion.figures()
@@ -268,22 +263,22 @@ def test_other_results_have_records(folder):
 
     assert run("cut", "lh.white", "-o", "cuts.json").exit_code == 0
     record = json.loads(Path("cuts.json").read_text())["provenance"]
-    assert (record["function"], record["files"]) == ("cut", files)
+    assert (record["function"], record["parameters"]["of"]["files"]) == ("cut", files)
     assert run("flatten", "lh.white", "--cuts", "cuts.json", "-o", "m.npz", "--sources", 20).exit_code == 0
-    assert voxflat.load("m.npz").provenance["files"] == {**files, "cuts.json": sha256("cuts.json")}
+    assert voxflat.load("m.npz").provenance["files"] == {"cuts.json": sha256("cuts.json")}
     made = told("surface", "lh.white", "-o", "s.surf.gii")
     assert made["metadata"]["provenance"] == json.loads(nib.load("s.surf.gii").meta["Provenance"])
     judged = told("measure", "lh.white", "m.npz")
-    assert judged["provenance"]["files"] == {**files, "m.npz": sha256("m.npz")}
+    assert judged["provenance"]["files"] == {"m.npz": sha256("m.npz")}
     kept = told("rows", "lh.white", "--sources", 5, "--store", "rows")
     assert kept["provenance"]["parameters"]["sources"] == 5
     assert voxflat.open_rows("rows").provenance == kept["provenance"]
-    assert told("path", "lh.white", 0, 5)["provenance"]["files"] == files
+    assert told("path", "lh.white", 0, 5)["provenance"]["parameters"]["of"]["files"] == files
     assert told("patches", "lh.white", "-o", "a.npz", "--glue", 1.5, "--page", "page.png")["metadata"]["provenance"]
     glued = json.loads(Image.open("page.png").text["Provenance"])
     assert (glued["function"], glued["parameters"]["bound"]) == ("glue", 1.5)
     assert glued["parameters"]["of"]["function"] == "patches"
-    assert glued["parameters"]["of"]["parameters"]["surface"]["files"] == files
+    assert glued["parameters"]["of"]["parameters"]["of"]["files"] == files
     assert run("surface", "solid.nii.gz", "--repair", "voxels", "--repaired", "r.nii", "-o", "r.ply").exit_code == 0
     (extension,) = nib.load("r.nii").header.extensions
     assert json.loads(extension.get_content())["files"] == {"solid.nii.gz": sha256("solid.nii.gz")}
@@ -295,9 +290,9 @@ def test_other_results_have_records(folder):
 def test_arrays_are_told_by_their_hash(folder):
     points, faces = square(6)
     keep = np.arange(49) >= 0
-    record = voxflat.flatten((points, faces), keep=keep, sources=[0, 5, 48]).provenance
-    assert record["parameters"]["sources"] == [0, 5, 48]
-    assert record["parameters"]["keep"] == {
+    record = voxflat.surface((points, faces)).keep(keep).flatten(voxflat.methods.Voxflat(sources=[0, 5, 48])).provenance
+    assert record["parameters"]["method"]["sources"] == [0, 5, 48]
+    assert record["parameters"]["of"]["parameters"]["region"] == {
         "dtype": "bool",
         "shape": [49],
         "sha256": hashlib.sha256(keep.tobytes()).hexdigest(),

@@ -21,7 +21,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def rows(ball):
-    return {solver: voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver) for solver in SOLVERS}
+    return {solver: voxflat.surface(ball).geodesic([0, 7, 1000], geodesic=solver) for solver in SOLVERS}
 
 
 def on_sphere(points, a):
@@ -46,20 +46,20 @@ def test_exact_is_never_longer_than_a_path_of_the_graph(rows):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_rows_have_the_same_bits_for_any_threads_and_in_a_store(ball, rows, solver, tmp_path):
     for threads in (1, 2, 7):
-        again = voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver, threads=threads)
+        again = voxflat.surface(ball).geodesic([0, 7, 1000], geodesic=solver, threads=threads)
         np.testing.assert_array_equal(again, rows[solver])
-    stored = voxflat.geodesic(ball, [0, 7, 1000], geodesic=solver, store=tmp_path / "store")
+    stored = voxflat.surface(ball).geodesic([0, 7, 1000], geodesic=solver, store=tmp_path / "store")
     np.testing.assert_array_equal(stored, rows[solver])
     other = SOLVERS[SOLVERS.index(solver) - 1]
     with pytest.raises(voxflat.InputError, match=f"its geodesic is '{solver}'"):
-        voxflat.geodesic(ball, [0, 7, 1000], geodesic=other, store=tmp_path / "store")
+        voxflat.surface(ball).geodesic([0, 7, 1000], geodesic=other, store=tmp_path / "store")
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_nothing_crosses_a_slit(solver):
     sheet = np.ones((21, 21, 1), dtype=np.uint8)
     sheet[10, :18] = 0
-    row = voxflat.geodesic(sheet, [[8, 0, 0]], geodesic=solver)
+    row = voxflat.surface(sheet).geodesic([[8, 0, 0]], geodesic=solver)
     across = np.flatnonzero((row.ids == [12, 0, 0]).all(axis=1))
     assert row[0][across] > 2 * 17  # round the end of the slit
 
@@ -70,23 +70,23 @@ def test_work_is_cancelled(ball, solver):
         return stage != "measuring distances"
 
     with pytest.raises(voxflat.Cancelled):
-        voxflat.geodesic(ball, 50, geodesic=solver, progress=stop)
+        voxflat.surface(ball).geodesic(50, geodesic=solver, progress=stop)
 
 
 def test_an_unknown_solver_is_named(ball):
     with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact' or 'chain'"):
-        voxflat.geodesic(ball, 5, geodesic="heat")
+        voxflat.surface(ball).geodesic(5, geodesic="heat")
     with pytest.raises(voxflat.InputError, match="'heat'; give 'graph', 'marching', 'exact', 'edges' or 'chain'"):
-        voxflat.path(ball, 0, 5, geodesic="heat")
+        voxflat.surface(ball).path(0, 5, geodesic="heat")
     with pytest.raises(voxflat.InputError, match="link_lengths"):
-        voxflat.geodesic(ball, 5, geodesic="exact", link_lengths="euclidean")
+        voxflat.surface(ball).geodesic(5, geodesic="exact", link_lengths="euclidean")
 
 
 class TestPaths:
     @pytest.mark.parametrize("solver", ["graph", "marching", "exact", "edges"])
     def test_are_as_long_as_the_distance_says(self, ball, rows, solver):
         for target in (3, 500, 2000):
-            found = voxflat.path(ball, 7, target, geodesic=solver)
+            found = voxflat.surface(ball).path(7, target, geodesic=solver)
             steps = np.linalg.norm(np.diff(found.points, axis=0), axis=1)
             if solver == "graph":
                 assert steps.sum() < found.length < 1.01 * steps.sum()  # links run over faces from vertex to vertex
@@ -98,20 +98,24 @@ class TestPaths:
 
     def test_of_marching_are_hardly_longer_than_exact_ones(self, ball):
         for source, target in ((7, 3), (7, 500), (500, 7), (33, 2000), (1000, 1001), (12, 1777)):
-            exact = voxflat.path(ball, source, target, geodesic="exact").length
-            assert exact * (1 - 1e-12) <= voxflat.path(ball, source, target, geodesic="marching").length < 1.005 * exact
+            exact = voxflat.surface(ball).path(source, target, geodesic="exact").length
+            assert (
+                exact * (1 - 1e-12)
+                <= voxflat.surface(ball).path(source, target, geodesic="marching").length
+                < 1.005 * exact
+            )
 
     def test_of_marching_go_round_a_slit(self):
         sheet = np.ones((21, 21, 1), dtype=np.uint8)
         sheet[10, :18] = 0
-        found, exact = (voxflat.path(sheet, (8, 0, 0), (12, 0, 0), geodesic=g) for g in ("marching", "exact"))
+        found, exact = (voxflat.surface(sheet).path((8, 0, 0), (12, 0, 0), geodesic=g) for g in ("marching", "exact"))
         assert exact.length * (1 - 1e-12) <= found.length < 1.002 * exact.length
         inside = (np.abs(found.points[:, 0] - 10) < 0.5 - 1e-9) & (found.points[:, 1] < 17)
         assert not inside.any()
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
     def test_over_triangles_cross_edges_on_the_surface(self, ball, solver):
-        found = voxflat.path(ball, 7, 2000, 33, geodesic=solver)
+        found = voxflat.surface(ball).path(7, 2000, 33, geodesic=solver)
         assert (found.ids == -1).sum() > 10
         np.testing.assert_array_equal(found.ids[found.ids >= 0][[0, -1]], [7, 33])
         assert 2000 in found.ids
@@ -121,14 +125,14 @@ class TestPaths:
 
     @pytest.mark.parametrize(("solver", "near"), [("marching", 1e-7), ("exact", 1e-9)])
     def test_over_voxels_are_straight_on_a_plane(self, solver, near):
-        found = voxflat.path(np.ones((9, 9, 1), np.uint8), (0, 0, 0), (8, 3, 0), geodesic=solver)
+        found = voxflat.surface(np.ones((9, 9, 1), np.uint8)).path((0, 0, 0), (8, 3, 0), geodesic=solver)
         assert found.length == pytest.approx(np.hypot(8, 3), rel=near)
         assert found.ids.shape == (len(found.points), 3)
         assert (found.ids[1:-1] == -1).all()
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
     def test_to_itself_is_a_point(self, ball, solver):
-        found = voxflat.path(ball, 7, 7, geodesic=solver)
+        found = voxflat.surface(ball).path(7, 7, geodesic=solver)
         assert (found.length, found.ids.tolist()) == (0.0, [7])
 
     @pytest.mark.parametrize("solver", ["graph", "edges", "exact", "chain"])
@@ -136,7 +140,7 @@ class TestPaths:
         mask = np.zeros((5, 5, 5), np.uint8)
         held = "122 123 132 231 232 233 312 321 332 333"  # fuzzed: the place of the last but two is that of another
         mask[tuple(np.array([[int(index) for index in voxel] for voxel in held.split()]).T)] = 1
-        found = voxflat.path(mask, (1, 2, 2), (3, 2, 1), geodesic=solver)
+        found = voxflat.surface(mask).path((1, 2, 2), (3, 2, 1), geodesic=solver)
         assert (found.ids[0].tolist(), found.ids[-1].tolist()) == ([1, 2, 2], [3, 2, 1])
         assert len(found.ids) < 8
 
@@ -149,7 +153,7 @@ class TestPaths:
         squares = first[:, None] + [0, 1, 11, 1, 12, 11]
         sheet = (points, squares.reshape(-1, 3))
         for target in (49, 50, 60, 61, 71, 72, 120):
-            found = voxflat.path(sheet, 0, target, geodesic=solver)
+            found = voxflat.surface(sheet).path(0, target, geodesic=solver)
             steps = np.linalg.norm(np.diff(found.points, axis=0), axis=1)
             assert found.length == pytest.approx(steps.sum(), rel=1e-6)
             straight = np.linalg.norm(points[target])
@@ -162,7 +166,7 @@ class TestPaths:
         apart = np.ones((9, 9, 1), np.uint8)
         apart[4] = 0
         with pytest.raises(voxflat.InputError, match="different components"):
-            voxflat.path(apart, (0, 0, 0), (8, 0, 0), geodesic=solver)
+            voxflat.surface(apart).path((0, 0, 0), (8, 0, 0), geodesic=solver)
 
 
 class TestCommandLine:
@@ -175,7 +179,7 @@ class TestCommandLine:
     def test_prints_a_path_over_triangles(self, mesh, ball, solver):
         done = CliRunner().invoke(main, ["path", str(mesh), "7", "2000", "--geodesic", solver, "--json"])
         told = json.loads(done.stdout)
-        assert told["length"] == pytest.approx(voxflat.path(ball, 7, 2000, geodesic=solver).length, rel=1e-6)
+        assert told["length"] == pytest.approx(voxflat.surface(ball).path(7, 2000, geodesic=solver).length, rel=1e-6)
         assert -1 in told["ids"]
 
     @pytest.mark.parametrize("solver", ["marching", "exact"])
@@ -201,4 +205,4 @@ class TestCommandLine:
         ]
         assert CliRunner().invoke(main, command).exit_code == 0
         rows = voxflat.open_rows(tmp_path / "store")
-        np.testing.assert_array_equal(rows, voxflat.geodesic(mesh, 5, geodesic=solver))
+        np.testing.assert_array_equal(rows, voxflat.surface(mesh).geodesic(5, geodesic=solver))

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import composed
 import hard_shapes
 import numpy as np
 import pytest
@@ -33,12 +34,12 @@ INDICES += (np.s_[5:5], np.s_[:, 4:4], np.s_[[True, False] * 20, 3:9], np.s_[2, 
 
 @pytest.fixture(scope="module")
 def expected():
-    return voxflat.geodesic(SHEET, SOURCES)
+    return voxflat.surface(SHEET).geodesic(SOURCES)
 
 
 @pytest.fixture
 def stored(tmp_path):
-    return voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+    return voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
 
 
 def names(folder):
@@ -66,12 +67,12 @@ class TestAStore:
 
     def test_of_chain_codes(self, tmp_path):
         options = {"geodesic": "chain", "link_lengths": "euclidean", "spacing": (1, 2, 1.5)}
-        rows = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
-        np.testing.assert_array_equal(rows, voxflat.geodesic(SHEET, SOURCES, **options))
+        rows = composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **options)
+        np.testing.assert_array_equal(rows, composed.geodesic(SHEET, SOURCES, **options))
         with pytest.raises(
             voxflat.InputError, match=r"its link_lengths is 'euclidean', not 'chain-code'; choose another"
         ):
-            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
+            composed.geodesic(SHEET, SOURCES, store=tmp_path / "store", **{**options, "link_lengths": None})
 
     def test_is_opened_without_reading_it(self, stored, expected):
         rows = voxflat.open_rows(str(stored.store))
@@ -101,24 +102,24 @@ class TestAStore:
 
     def test_has_the_same_bits_for_any_number_of_threads(self, tmp_path):
         for threads in (1, 2, 7):
-            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / str(threads), threads=threads)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / str(threads), threads=threads)
         one, two, seven = ((tmp_path / name / "rows.npy").read_bytes() for name in "127")
         assert one == two == seven
 
     def test_can_be_an_empty_directory_beforehand(self, tmp_path, expected):
         (tmp_path / "empty").mkdir()
-        np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "empty"), expected)
+        np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "empty"), expected)
         assert names(tmp_path) == ["empty"]
 
     def test_tells_what_it_needs(self, tmp_path, log):
-        stored = voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+        stored = voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
         memory, disk = messages(log)
         assert re.fullmatch(r"up to \S+ [KM]iB of memory are needed for rows in the making", memory)
         assert disk == f"up to 93.75 KiB on disk are needed in {stored.store}"
 
     def test_follows_no_change_of_directory(self, tmp_path, monkeypatch, expected):
         monkeypatch.chdir(tmp_path)
-        rows = voxflat.geodesic(SHEET, SOURCES, store="here")
+        rows = voxflat.surface(SHEET).geodesic(SOURCES, store="here")
         monkeypatch.chdir("/")
         assert rows.store == tmp_path / "here"
         rows.verify()
@@ -126,30 +127,30 @@ class TestAStore:
 
 class TestFlatten:
     def test_by_a_store_is_the_same(self, tmp_path):
-        plain = voxflat.flatten(SHEET, sources=SOURCES)
-        flat = voxflat.flatten(SHEET, sources=SOURCES, store=tmp_path / "store")
+        plain = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES))
+        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
         np.testing.assert_array_equal(flat.uv, plain.uv)
         assert flat.distortion.figures() == plain.distortion.figures()
-        np.testing.assert_array_equal(flat.rows, voxflat.geodesic(SHEET, SOURCES))
+        np.testing.assert_array_equal(flat.rows, voxflat.surface(SHEET).geodesic(SOURCES))
         np.testing.assert_array_equal(voxflat.open_rows(flat.metadata["store"]).sources, flat.sources)
 
     def test_takes_and_leaves_the_store_of_geodesic(self, stored, log):
         before = (stored.store / "journal.jsonl").stat().st_mtime_ns
         log.clear()
-        voxflat.flatten(SHEET, sources=SOURCES, store=stored.store)
+        voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=stored.store)
         assert f"{SOURCES} rows were in the store {stored.store} already" in messages(log)
         assert (stored.store / "journal.jsonl").stat().st_mtime_ns == before
 
     def test_of_the_paper_keeps_rows_there(self, tmp_path):
         options = {"method": "grossmann2002", "sources": SOURCES}
-        plain = voxflat.flatten(SHEET, **options, keep_rows=True)
-        flat = voxflat.flatten(SHEET, **options, keep_rows=True, store=tmp_path / "store")
+        plain = composed.flatten(SHEET, **options, rows=True)
+        flat = composed.flatten(SHEET, **options, rows=tmp_path / "store")
         np.testing.assert_array_equal(flat.uv, plain.uv)
         np.testing.assert_array_equal(flat.rows, plain.rows)
         assert isinstance(flat.rows, Table)
 
     def test_saves_no_rows_of_a_store(self, tmp_path):
-        flat = voxflat.flatten(SHEET, sources=SOURCES, store=tmp_path / "store")
+        flat = voxflat.flatten(SHEET, method=voxflat.methods.Voxflat(sources=SOURCES), rows=tmp_path / "store")
         flat.save(tmp_path / "map.npz")
         again = voxflat.load(tmp_path / "map.npz")
         assert again.rows is None
@@ -159,7 +160,7 @@ class TestFlatten:
         ring = SHEET.copy()
         ring[5:25, 5:15] = 0
         with pytest.raises(voxflat.InputError, match="no disk"):
-            voxflat.flatten(ring, sources=SOURCES, cuts=[], store=tmp_path / "store")
+            voxflat.flatten(ring, method=voxflat.methods.Voxflat(sources=SOURCES), cuts=[], rows=tmp_path / "store")
         assert not (tmp_path / "store" / "rows.npy").exists()
 
 
@@ -170,15 +171,15 @@ MANY = 500
 RUN = """
 import sys, logging, numpy, voxflat
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-print("computing", voxflat.geodesic(numpy.ones((100, 100, 1), numpy.uint8), 500, store=sys.argv[1], sampling="random",
-                                    threads=int(sys.argv[2])))
+sheet = voxflat.surface(numpy.ones((100, 100, 1), numpy.uint8))
+print("computing", sheet.geodesic(500, store=sys.argv[1], sampling="random", threads=int(sys.argv[2])))
 """
 
 
 @pytest.fixture(scope="module")
 def many(tmp_path_factory):
     """What a run writes that nothing stops."""
-    return voxflat.geodesic(LARGE, MANY, sampling="random", store=tmp_path_factory.mktemp("many") / "store")
+    return voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path_factory.mktemp("many") / "store")
 
 
 def rows_known(store):
@@ -211,7 +212,7 @@ def test_what_was_stopped_goes_on_and_ends_with_the_same_bits(tmp_path, number, 
             voxflat.open_rows(store)
     kept = rows_known(store)
     log.clear()
-    rows = voxflat.geodesic(LARGE, MANY, sampling="random", store=store)
+    rows = voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=store)
     found = int(re.search(r"(\d+) rows were in the store", "\n".join(messages(log)))[1])
     assert found == kept
     assert not messages(log, logging.WARNING)
@@ -227,8 +228,8 @@ def test_what_was_cancelled_goes_on(tmp_path, many):
         return stage != "measuring distances"
 
     with pytest.raises(voxflat.Cancelled):
-        voxflat.geodesic(LARGE, MANY, sampling="random", store=tmp_path / "store", progress=refuse)
-    rows = voxflat.geodesic(LARGE, MANY, sampling="random", store=tmp_path / "store")
+        voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path / "store", progress=refuse)
+    rows = voxflat.surface(LARGE).geodesic(MANY, sampling="random", store=tmp_path / "store")
     np.testing.assert_array_equal(rows, many)
 
 
@@ -236,7 +237,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on_later(tmp_path, expected):
     limited = """
 import resource, sys, numpy, voxflat
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
-voxflat.geodesic(numpy.ones((30, 20, 1), numpy.uint8), 40, store=sys.argv[1])
+voxflat.surface(numpy.ones((30, 20, 1), numpy.uint8)).geodesic(40, store=sys.argv[1])
 """
     store = tmp_path / "store"
     done = subprocess.run([sys.executable, "-B", "-c", limited, store], capture_output=True, text=True, check=False)
@@ -245,7 +246,7 @@ voxflat.geodesic(numpy.ones((30, 20, 1), numpy.uint8), 40, store=sys.argv[1])
     )
     with pytest.raises(voxflat.InputError, match="measure again with the same store"):
         voxflat.open_rows(store)
-    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=store), expected)
+    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=store), expected)
 
 
 # ------------------------------------------------------------------------------------------------ damage
@@ -263,7 +264,7 @@ def test_damaged_rows_are_found_and_mended(stored, expected, log):
     with pytest.raises(voxflat.InputError, match=r"the rows 39 of .*store do not agree .* measure again"):
         again.verify()
     log.clear()
-    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
     (warning,) = messages(log, logging.WARNING)
     assert warning.startswith("1 rows of the store")
     voxflat.open_rows(stored.store).verify()
@@ -294,7 +295,7 @@ def test_damage_is_refused_by_readers_and_mended_by_writers(stored, expected, da
     spoiled(stored.store / name)
     with pytest.raises(voxflat.InputError, match="measure again with the same store"):
         voxflat.open_rows(stored.store)
-    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
     rows = voxflat.open_rows(stored.store)
     rows.verify()
     np.testing.assert_array_equal(rows.sources, expected.sources)
@@ -310,7 +311,7 @@ def test_one_flipped_bit_in_what_numpy_parses_locks_no_store(stored, expected, n
         spoil(stored.store / name, at, bytes([whole[at] ^ 1]))  # of which NumPy raises TokenError, or SyntaxError
         with pytest.raises(voxflat.InputError, match=rf"{name} is damaged .*; measure again with the same store"):
             voxflat.open_rows(stored.store)
-        np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+        np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
         assert (stored.store / name).read_bytes() == whole
 
 
@@ -327,7 +328,7 @@ def test_garbage_in_the_journal_costs_no_more_than_its_lines(stored, expected, l
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join([lines[0], b"\x00\xffgarbage\n{}\n[1]\n", lines[1], b'{"row": 99, "crc32": "00"}\n']))
     log.clear()
-    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
     assert any(re.match(r"1 rows were in the store", message) for message in messages(log))
     voxflat.open_rows(stored.store).verify()
 
@@ -351,7 +352,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
     spoil(stored.store / "journal.jsonl", 0, b"garbage")
     before = (stored.store / "rows.npy").read_bytes()
     with pytest.raises(voxflat.InputError, match=r"journal.jsonl is no journal of these rows.* or delete this store"):
-        voxflat.geodesic(SHEET, SOURCES, store=stored.store)
+        voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)
     assert (stored.store / "rows.npy").read_bytes() == before
     with pytest.raises(voxflat.InputError, match=r"journal.jsonl is damaged .* or delete this one"):
         voxflat.open_rows(stored.store)
@@ -371,7 +372,7 @@ def test_a_journal_without_its_first_line_is_refused(stored):
 )
 def test_a_bad_description_is_refused(stored, text, message):
     (stored.store / "store.json").write_text(text)
-    for use in (voxflat.open_rows, lambda path: voxflat.geodesic(SHEET, SOURCES, store=path)):
+    for use in (voxflat.open_rows, lambda path: voxflat.surface(SHEET).geodesic(SOURCES, store=path)):
         with pytest.raises(voxflat.InputError, match=message + r".*; choose another directory, or delete this one"):
             use(stored.store)
 
@@ -393,15 +394,15 @@ def test_a_store_of_other_rows_is_refused_and_left_alone(stored):
         (mesh, 2, {}, "its surface is another (600 points; this one has 4)"),
     ]:
         with pytest.raises(voxflat.InputError, match=re.escape(f"is a store of other rows: {message}")):
-            voxflat.geodesic(surface, sources, store=stored.store, **options)
+            composed.geodesic(surface, sources, store=stored.store, **options)
     assert before == {name: (stored.store / name).read_bytes() for name in before}
 
 
 def test_the_same_points_under_other_triangles_are_told_apart(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]])
-    voxflat.geodesic((points, np.array([[0, 1, 2], [1, 3, 2]])), [0, 3], store=tmp_path / "store")
+    voxflat.surface((points, np.array([[0, 1, 2], [1, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
     with pytest.raises(voxflat.InputError, match="its surface has other triangles"):
-        voxflat.geodesic((points, np.array([[0, 1, 3], [0, 3, 2]])), [0, 3], store=tmp_path / "store")
+        voxflat.surface((points, np.array([[0, 1, 3], [0, 3, 2]]))).geodesic([0, 3], store=tmp_path / "store")
 
 
 def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
@@ -413,55 +414,55 @@ def test_other_directories_and_files_are_refused_and_left_alone(tmp_path):
         ("file", "is a file; give a directory"),
     ]:
         with pytest.raises(voxflat.InputError, match=re.escape(message)):
-            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / name)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / name)
         with pytest.raises(voxflat.InputError, match="no store"):
             voxflat.open_rows(tmp_path / name)
     for name in ("missing/store", "file/store"):
         with pytest.raises(OSError, match=name.split("/")[0]):
-            voxflat.geodesic(SHEET, SOURCES, store=tmp_path / name)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / name)
     assert names(tmp_path) == ["file", "thesis"]
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "much work"
     for store in ("", 5):
         with pytest.raises(voxflat.InputError, match="give the name of a file or directory"):
-            voxflat.geodesic(SHEET, SOURCES, store=store)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=store)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_directory_that_is_not_writable_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(PermissionError, match="store"):
-        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
 
 
 def test_a_store_in_use_is_refused(stored):
     with (stored.store / "lock").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         with pytest.raises(BlockingIOError, match=f"in use by process {os.getpid()}: wait until that ends") as told:
-            voxflat.geodesic(SHEET, SOURCES, store=stored.store)
+            voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)
     assert told.value.filename == str(stored.store)
-    voxflat.geodesic(SHEET, SOURCES, store=stored.store)  # a lock file that nobody holds is stale
+    voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store)  # a lock file that nobody holds is stale
 
 
 def test_too_little_memory_is_refused_with_numbers(tmp_path):
     with pytest.raises(voxflat.InputError, match=r"[\d.]+ \S+ of memory are needed, 1000 bytes is the limit"):
-        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store", memory_limit=1000)
+        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store", memory_limit=1000)
     mesh = hard_shapes.sheet(lambda u, v: (u, v, 0 * u), (29, 19), (30, 20))
     with pytest.raises(voxflat.InputError, match=r"MiB of memory are needed, 976.6 KiB is the limit; .* a store"):
-        voxflat.geodesic(mesh, 600, memory_limit=1_000_000)
+        voxflat.surface(mesh).geodesic(600, memory_limit=1_000_000)
     assert names(tmp_path) == []
 
 
 def test_too_little_room_on_the_disk_is_refused_with_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 1024}))
     with pytest.raises(OSError, match=r"93.75 KiB on disk are needed, 1 KiB are free; make room.*store"):
-        voxflat.geodesic(SHEET, SOURCES, store=tmp_path / "store")
+        voxflat.surface(SHEET).geodesic(SOURCES, store=tmp_path / "store")
     assert names(tmp_path) == []
 
 
 def test_a_complete_store_needs_no_room(stored, expected, monkeypatch, log):
     log.clear()
     monkeypatch.setattr(_store.shutil, "disk_usage", lambda path: type("Usage", (), {"free": 0}))
-    np.testing.assert_array_equal(voxflat.geodesic(SHEET, SOURCES, store=stored.store), expected)
+    np.testing.assert_array_equal(voxflat.surface(SHEET).geodesic(SOURCES, store=stored.store), expected)
     assert f"{SOURCES} rows were in the store" in "\n".join(messages(log))  # none was measured again
 
 
@@ -488,7 +489,7 @@ def test_the_command_measures_and_goes_on(tmp_path):
     assert result.exit_code == 0, result.output
     assert result.stdout == f"40 x 600 distances, 0 MiB\nsaved in {tmp_path / 'store'}\n"
     assert f"voxflat: up to 93.75 KiB on disk are needed in {tmp_path / 'store'}" in result.stderr
-    expected = voxflat.geodesic(tmp_path / "sheet.npy", SOURCES, spacing=(1, 1, 2))
+    expected = voxflat.surface(tmp_path / "sheet.npy", spacing=(1, 1, 2)).geodesic(SOURCES)
     np.testing.assert_array_equal(voxflat.open_rows(tmp_path / "store"), expected)
     again = run(*command, "--json")
     told = json.loads(again.stdout)
@@ -499,43 +500,6 @@ def test_the_command_measures_and_goes_on(tmp_path):
     refused = run(*command, "--radius", 9, "--seed-point", "9,9,1")
     assert refused.exit_code == 1
     assert "is a store of other rows" in refused.stderr
-    refused = run(*command, "--geodesic", "chain", "--repair", "voxels")
-    assert "are for surfaces of triangles" in refused.stderr
-
-
-def test_the_command_passes_every_option(tmp_path, monkeypatch):
-    given = {}
-
-    def geodesic(surface, sources, progress=None, **options):
-        given.update(options, surface=surface, sources=sources)
-        raise voxflat.Cancelled
-
-    monkeypatch.setattr("voxflat.cli.rows.geodesic", geodesic)
-    options = "--label 2 --threshold 0.5 --keep k.nii --drop d.nii --seed-point 7 --radius 4.5 --spacing 0.5,1,2"
-    options += " --geodesic chain --sampling random --link-lengths euclidean --seed 9 --threads 2 --memory-limit 4G"
-    options += " --dask local"
-    run("rows", "volume.npy", "--sources", 70, "--store", "rows", *options.split())
-    assert given == {
-        "surface": Path("volume.npy"),
-        "dask": "local",
-        "sources": 70,
-        "store": Path("rows"),
-        "geodesic": "chain",
-        "label": 2,
-        "threshold": 0.5,
-        "keep": Path("k.nii"),
-        "drop": Path("d.nii"),
-        "seed_point": 7,
-        "radius": 4.5,
-        "cuts": None,
-        "polygon": None,
-        "spacing": (0.5, 1.0, 2.0),
-        "sampling": "random",
-        "link_lengths": "euclidean",
-        "seed": 9,
-        "threads": 2,
-        "memory_limit": 4 * 2**30,
-    }
 
 
 def test_flatten_keeps_its_rows(tmp_path):

@@ -43,7 +43,7 @@ def test_figures_of_a_map_are_the_medians_of_its_arrays():
         [np.column_stack([corner, corner + 1, corner + 15]), np.column_stack([corner + 1, corner + 16, corner + 15])]
     )
     points = np.column_stack([10 * x.ravel(), 10 * y.ravel(), 6 * (x * x - y * y).ravel()])
-    flat_map = voxflat.flatten((points, faces), sources=20, relax=False)
+    flat_map = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20), relax=False)
     triangles = flat_map.distortion.triangles
     of_points, of_triangles = measure_arrays(flat_map.distortion, flat_map.points, flat_map.faces, flat_map.uv)
     a, b = (flat_map.points[flat_map.faces[:, k]] - flat_map.points[flat_map.faces[:, 0]] for k in (1, 2))

@@ -26,7 +26,7 @@ def flat_map():
     front = np.zeros(SHAPE, dtype=np.uint8)
     front[:12, 3:23] = 1
     front &= np.roll(solid(), 1, axis=0) == 0
-    return voxflat.flatten(solid(), keep=front, sources=80, spacing=(1.0, 1.0, 2.0))
+    return voxflat.surface(solid(), spacing=(1.0, 1.0, 2.0)).keep(front).flatten(voxflat.methods.Voxflat(sources=80))
 
 
 def with_errors(flat_map, per_point):
@@ -209,7 +209,7 @@ def mesh_map():
     corner = np.arange(900).reshape(30, 30)[:-1, :-1].ravel()
     faces = np.concatenate([corner[:, None] + [0, 30, 1], corner[:, None] + [1, 30, 31]])
     dome = np.column_stack([x, y, 8 * np.sin(x * np.pi / 29) * np.sin(y * np.pi / 29)]), faces
-    flat_map = voxflat.flatten(dome, seed_point=465, radius=9.0, sources=40)
+    flat_map = voxflat.surface(dome).disk(465, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
     return dome, with_errors(flat_map, np.where(flat_map.points[:, 0] > 15, 0.1, 0.0))
 
 

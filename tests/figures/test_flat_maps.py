@@ -5,6 +5,7 @@ import logging
 import re
 from xml.etree import ElementTree
 
+import composed
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -36,7 +37,7 @@ def flat_map():
     quads = np.column_stack([corner, corner + 1, corner + HIGH + 1, corner + HIGH])  # outside is towards −x
     faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
     points = np.column_stack([-0.3 * np.cos(2 * np.pi * y / 10) - 30, y, z])
-    flat = voxflat.flatten((points, faces), sources=40, relax=False)
+    flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=40), relax=False)
     return dataclasses.replace(flat, metadata={**flat.metadata, "structure": "CortexLeft"})
 
 
@@ -114,7 +115,7 @@ def test_thresholds_and_opacity_pixel_by_pixel(above, below, passes, opacity):
 def test_an_overlay_lies_where_the_map_shows_it(flat_map):
     values = np.zeros(COUNT)
     values[:] = np.repeat(np.arange(LONG), HIGH)  # y
-    figure = figures.flat_map(flat_map, values, above=20, limits=(0, 40), colour_map="magma")
+    figure = figures.flat_map(flat_map, figures.Overlay(values, above=20, limits=(0, 40), colour_map="magma"))
     (shown,) = layer(figure, "data")
     pixel = figure.axes[1].images[1].get_extent()
     size = (pixel[1] - pixel[0]) / shown.shape[1]
@@ -127,9 +128,9 @@ def test_an_overlay_lies_where_the_map_shows_it(flat_map):
 
 def test_limits_by_percentiles_and_by_sign(flat_map):
     values = np.linspace(0, 100, COUNT)
-    bar = figures.flat_map(flat_map, values, limits=("10%", "90%")).axes[2]
+    bar = figures.flat_map(flat_map, figures.Overlay(values, limits=("10%", "90%"))).axes[2]
     assert bar.get_xlim() == pytest.approx((10, 90), abs=1)
-    bar = figures.flat_map(flat_map, values - 30, label="effect (%)").axes[2]
+    bar = figures.flat_map(flat_map, figures.Overlay(values - 30, label="effect (%)")).axes[2]
     assert bar.get_xlim()[0] == pytest.approx(-bar.get_xlim()[1])
     assert bar.get_title() == "effect (%)"
 
@@ -137,7 +138,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"above": 1.0}, "of an overlay"),
+        ({"above": 1.0}, "an overlay shows values"),
         ({"overlay": np.ones(3)}, "3 values"),
         ({"overlay": np.arange(640.0), "limits": (3, 2)}, "lower one first"),
         ({"overlay": np.arange(640.0), "limits": (3,)}, "two numbers"),
@@ -152,7 +153,7 @@ def test_limits_by_percentiles_and_by_sign(flat_map):
 )
 def test_what_is_wrong_is_named(flat_map, wrong, said):
     with pytest.raises(InputError, match=said):
-        figures.flat_map(flat_map, **wrong)
+        composed.flat_map(flat_map, **wrong)
 
 
 def test_colours_and_labels_are_shown_as_they_are(flat_map):
@@ -160,7 +161,7 @@ def test_colours_and_labels_are_shown_as_they_are(flat_map):
     (shown,) = layer(figures.flat_map(flat_map, colours), "data")
     assert (shown[..., 3] > 0).sum() > 1000
     with pytest.raises(InputError, match="for values"):
-        figures.flat_map(flat_map, colours, above=3)
+        figures.flat_map(flat_map, figures.Overlay(colours, above=3))
     labels = np.repeat([3, 9], COUNT // 2)
     figure = figures.flat_map(flat_map, labels)
     assert len(figure.axes) == 2  # no colour bar
@@ -175,7 +176,7 @@ def test_a_volume_elsewhere_is_refused(flat_map):
 
 
 def test_thresholds_that_nothing_passes_are_told(flat_map, caplog):
-    figures.flat_map(flat_map, np.linspace(0, 1, COUNT), above=7)
+    figures.flat_map(flat_map, figures.Overlay(np.linspace(0, 1, COUNT), above=7))
     assert "no value of the overlay passes" in caplog.text
 
 
@@ -187,7 +188,7 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
     phase = np.repeat(np.linspace(-180, 170, LONG), HIGH)
     strength = np.tile(np.linspace(0, 1, HIGH), LONG)
     how = {"period": 360, "zero": zero, "strength": strength, "above": 0.5, "interpolation": "nearest"}
-    figure = figures.flat_map(flat_map, phase, **how)
+    figure = composed.flat_map(flat_map, phase, **how)
     (shown,) = layer(figure, "data")
     (left, right, *_), width = figure.axes[1].images[1].get_extent(), shown.shape[1]
     size = (right - left) / width
@@ -223,12 +224,12 @@ def test_phases_have_a_wheel_and_are_shown_where_they_are_strong(flat_map, zero)
         ({"strength": np.ones(COUNT)}, "strength is what has to pass"),
         ({"strength": np.full(COUNT, np.nan), "above": 0}, "its strength has no value anywhere"),
         ({"strength": np.ones((COUNT, 2)), "above": 0}, "choose one"),
-        ({"overlay": None, "period": 360}, "of an overlay"),
+        ({"overlay": None, "period": 360}, "an overlay shows values"),
     ],
 )
 def test_phases_that_are_wrong(flat_map, wrong, said):
     with pytest.raises(InputError, match=said):
-        figures.flat_map(flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
+        composed.flat_map(flat_map, **{"overlay": np.arange(float(COUNT)), **wrong})
 
 
 def test_radians_are_named_so_and_the_wheel_is_data(flat_map, tmp_path):
@@ -236,7 +237,7 @@ def test_radians_are_named_so_and_the_wheel_is_data(flat_map, tmp_path):
     doubled[[20, 300]] = doubled[[5, 200]]
     cuts = {"cuts": [[int(doubled[5])], [int(doubled[200])]], "cut_names": ["calcarine", "temporal"]}
     cut = dataclasses.replace(flat_map, ids=doubled, metadata={**flat_map.metadata, **cuts})
-    figure = figures.flat_map(cut, np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight")
+    figure = figures.flat_map(cut, figures.Overlay(np.linspace(0, 6, COUNT), period=2 * np.pi, colour_map="twilight"))
     numbers = [text.get_text() for text in texts(figure, "data")][:4]
     assert numbers == ["0", "π/2", "π", "3π/2"]
     figures.save(figure, tmp_path / "a.svg")
@@ -415,7 +416,7 @@ class TestCommand:
         [
             (["--above", "2"], "--above: only with --overlay"),
             (["--table", "MAP"], "--table is for --parcels"),
-            (["--overlay", "MAP", "--range", "1"], "no pair"),
+            (["--overlay", "MAP", "--range", "1"], "is not a pair"),
             (["--opacity", "3"], "opacity"),
         ],
     )
@@ -460,21 +461,21 @@ def test_depth_is_of_volumes_alone(flat_map):
     values = np.arange(COUNT, dtype=float)
     for depth in ({"depth": 2.0}, {"fraction": 0.5}):
         with pytest.raises(voxflat.InputError, match="are for volumes"):
-            figures.flat_map(flat_map, values, **depth)
+            composed.flat_map(flat_map, values, **depth)
     beside = np.full((4, 4, 4), 7, np.uint8)  # from 10 mm outside the sheet on
     affine = np.diag([25.0, 25, 25, 1])
     affine[:3, 3] = (-140 + 12.5, -12.5, -12.5)
     of = {"overlay": values, "parcels": Volume(beside, affine)}
     with pytest.raises(voxflat.InputError, match="nothing on the map"):
-        figures.flat_map(flat_map, **of)
-    assert "7" in {text.get_text() for text in texts(figures.flat_map(flat_map, **of, depth=20))}
+        composed.flat_map(flat_map, **of)
+    assert "7" in {text.get_text() for text in texts(composed.flat_map(flat_map, **of, depth=20))}
 
 
 @pytest.mark.parametrize("width", [60, 85])
 def test_the_bars_label_stays_on_the_paper(flat_map, width):
     values = np.arange(COUNT, dtype=float)
     for label in ("z", "grey matter, 2 mm outside white matter", "W" * 200):
-        figure = figures.flat_map(flat_map, values, label=label, width=width)
+        figure = figures.flat_map(flat_map, figures.Overlay(values, label=label), width=width)
         axes = figure.axes[2]
         (title,) = (text for text in (axes.title, axes._right_title) if text.get_text())
         figure.draw_without_rendering()

@@ -3,6 +3,7 @@
 import json
 import sys
 
+import composed
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -23,7 +24,9 @@ def flat_map():
     x, y = (axis.ravel().astype(float) for axis in np.meshgrid(np.arange(LONG), np.arange(HIGH), indexing="ij"))
     corner = (np.arange(LONG - 1)[:, None] * HIGH + np.arange(HIGH - 1)).ravel()
     faces = np.concatenate([corner[:, None] + [0, HIGH, 1], corner[:, None] + [1, HIGH, HIGH + 1]])
-    return voxflat.flatten((np.column_stack([x, y, 0 * x]), faces), sources=40, relax=False)
+    return voxflat.flatten(
+        (np.column_stack([x, y, 0 * x]), faces), method=voxflat.methods.Voxflat(sources=40), relax=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +42,7 @@ def film(flat_map, along):
     """Frame n has the value n + 1 left of (n + 1) / 6 of the map's length, else 0."""
     values = np.stack([np.where(along < (n + 1) / 6, n + 1.0, 0.0) for n in range(FRAMES)], axis=1)
     look = {"above": 0.5, "limits": (0, 6), "colour_map": "magma", "underlay": "none"}
-    return figures.movie(flat_map, values, **look, interpolation="nearest", time_step=0.75, rate=8, size=320)
+    return composed.movie(flat_map, values, **look, interpolation="nearest", time_step=0.75, rate=8, size=320)
 
 
 def coloured(picture):
@@ -87,13 +90,13 @@ def test_limits_are_of_all_frames(flat_map):
     low, high = film.colours.limits
     assert (low, high) == (-high, high)
     assert high == pytest.approx(3, abs=0.1)
-    thirds = figures.movie(flat_map, values, limits=("0%", "100%"), size=320).colours.limits
+    thirds = figures.movie(flat_map, figures.Overlay(values, limits=("0%", "100%")), size=320).colours.limits
     assert thirds == pytest.approx((-1, 3))
 
 
 def test_the_change_of_raw_signals(flat_map, along):
     raw = (500 + 300 * along)[:, None] * np.array([1.01, 0.99, 1.0])
-    film = figures.movie(flat_map, raw, change=True, limits=("0%", "100%"), size=320)
+    film = figures.movie(flat_map, figures.Overlay(raw, limits=("0%", "100%")), change=True, size=320)
     assert film.colours.limits == pytest.approx((-1, 1), abs=1e-6)
     assert film.colours.colour_map == "RdBu_r"
 
@@ -167,7 +170,7 @@ def test_what_writes_mp4_is_named_where_it_is_missing(film, tmp_path, monkeypatc
 def test_what_is_wrong_is_named(flat_map, wrong, said):
     given = {"overlay": np.arange(2.0 * COUNT).reshape(-1, 2), **wrong}
     with pytest.raises(InputError, match=said):
-        figures.movie(flat_map, **given)[0]
+        composed.movie(flat_map, **given)[0]
 
 
 def test_the_command(flat_map, along, tmp_path):
@@ -182,7 +185,7 @@ def test_the_command(flat_map, along, tmp_path):
     done = run("a.gif", *look, "--time-step", "2", "--json", "--sidecar")
     told = json.loads(done.stdout)
     assert (told["frames"], told["width"], told["seconds"]) == (3, 320, 0.6)
-    assert told["provenance"]["parameters"]["time_step"] == 2
+    assert told["provenance"]["parameters"]["overlay"]["time_step"] == 2
     assert json.loads((tmp_path / "a.gif.json").read_text())["function"] == "movie"
     assert run("a.avi").exit_code == 1
     assert run("a.gif", "--depth", "1", "--fraction", "0.5").exit_code == 2

@@ -147,11 +147,11 @@ def test_scripts_keep_their_ctrl_c():
 @pytest.mark.parametrize("letter", ["a", "ä"])
 def test_names_as_long_as_the_system_takes(folder, letter):
     name = letter * ((255 - len(".npz")) // len(letter.encode())) + ".npz"
-    flat_map = voxflat.flatten(sheet(), label=1, sources=20)
+    flat_map = voxflat.surface(sheet(), label=1).flatten(voxflat.methods.Voxflat(sources=20))
     flat_map.save(name)
     assert len(voxflat.load(name)) == len(flat_map)
     store = letter * (255 // len(letter.encode()))
-    voxflat.geodesic(sheet(), 5, label=1, store=store)
+    voxflat.surface(sheet(), label=1).geodesic(5, store=store)
     assert voxflat.open_rows(store).shape == (5, len(flat_map))
     assert len(names(folder)) == 3
 
@@ -181,7 +181,7 @@ def test_rows_that_are_cut_short_while_they_are_open(tmp_path):
         "    try: read()\n"
         "    except voxflat.InputError as error: print(error)\n"
     )
-    voxflat.geodesic(sheet(), 20, label=1, store=tmp_path / "store")
+    voxflat.surface(sheet(), label=1).geodesic(20, store=tmp_path / "store")
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert [line.count("rows.npy was cut short to 4096 of") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
@@ -207,7 +207,7 @@ over, forking = threading.Event(), threading.Event()
 def work():
     while not over.is_set():
         forking.wait()
-        voxflat.geodesic(big, 9, threads=2)
+        voxflat.surface(big).geodesic(9, threads=2)
 thread = threading.Thread(target=work)
 thread.start()
 for n in range(12):
@@ -215,7 +215,7 @@ for n in range(12):
     time.sleep(0.01 * n)
     child = os.fork()
     if not child:
-        made = voxflat.flatten(small, sources=9, threads=2)
+        made = voxflat.flatten(small, voxflat.methods.Voxflat(sources=9), threads=2)
         os._exit(0 if np.isfinite(made.uv).all() else 3)
     forking.clear()
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))

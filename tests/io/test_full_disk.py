@@ -40,13 +40,13 @@ def writers():
     """Return what writes each kind of file, by the file's name."""
     random = np.random.default_rng(0)
     noise = random.integers(0, 255, (200, 200, 3)).astype(np.uint8)
-    flat_map = voxflat.flatten(sheet(), sources=30)
+    flat_map = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
     image, textured = FlatImage(random.normal(size=(200, 200)), 0.5, (0.0, 0.0), "noise"), flat_map.textured(noise)
     volume = random.normal(size=(40, 40, 40)).astype(np.float32)
     write = {f"map.{ending}": flat_map.save for ending in ("npz", "surf.gii", "patch.flat", "vtp", "ply", "obj")}
     write |= {f"image.{ending}": image.save for ending in ("png", "tif", "nii", "nii.gz", "npy")}
     write |= {f"textured.{ending}": textured.save for ending in ("obj", "vtp", "glb", "ply")}
-    write["atlas.npz"] = voxflat.patches(sheet(), 5).save
+    write["atlas.npz"] = voxflat.surface(sheet()).patches(5).save
     write["lh.white"] = lambda path: io.write_mesh(path, io.Mesh(*sheet()))
     for ending in ("nii", "nrrd", "mha", "mgh", "mgz", "npy", "npz"):
         write[f"volume.{ending}"] = lambda path: io.write_volume(path, volume, np.eye(4))

@@ -158,7 +158,7 @@ def test_what_those_were_made_of_is_read(tmp_path):
 def flat_map():
     volume = np.zeros((8, 8, 5), np.uint8)
     volume[:, :, 2] = 1
-    return voxflat.flatten(volume, sources=9)
+    return voxflat.flatten(volume, method=voxflat.methods.Voxflat(sources=9))
 
 
 def _too_late(_number, _frame):
@@ -206,7 +206,7 @@ def test_json_that_is_nested_deeply(tmp_path, flat_map, start):
     path.write_text(start + "[" * 100_000)
     volume = np.zeros((8, 8, 5), np.uint8)
     volume[:, :, 2] = 1
-    for read in (flat_map.regions, lambda path: voxflat.cut(volume, cuts=path)):
+    for read in (flat_map.regions, lambda path: voxflat.surface(volume).cut(cuts=path)):
         with pytest.raises(voxflat.InputError, match=r"deep\.json.* nested too deeply"):
             read(path)
 
@@ -296,7 +296,7 @@ def test_arrays_that_are_larger_than_their_file(tmp_path, flat_map, atlas):
 def atlas():
     volume = np.zeros((8, 8, 5), np.uint8)
     volume[:, :, 2] = 1
-    return voxflat.patches(volume, bound=1.2)
+    return voxflat.surface(volume).patches(bound=1.2)
 
 
 PIECES = {
@@ -408,7 +408,7 @@ def test_cuts_in_a_damaged_gzip(tmp_path):
     volume = np.zeros((8, 8, 5), np.uint8)
     volume[:, :, 2] = 1
     with pytest.raises(voxflat.InputError, match=r"cuts\.json is no file of cuts: "):
-        voxflat.cut(volume, cuts=tmp_path / "cuts.json")
+        voxflat.surface(volume).cut(cuts=tmp_path / "cuts.json")
 
 
 @pytest.mark.parametrize(
@@ -517,7 +517,9 @@ def sheet():
     i, j = np.indices((6, 6)).reshape(2, -1)
     corner = np.arange(36).reshape(6, 6)[:-1, :-1].ravel()
     faces = np.concatenate([corner[:, None] + [0, 6, 1], corner[:, None] + [1, 6, 7]])
-    return voxflat.flatten((np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), sources=9)
+    return voxflat.flatten(
+        (np.column_stack([5.0 * i, 5.0 * j, 0 * i]), faces), method=voxflat.methods.Voxflat(sources=9)
+    )
 
 
 def damaged_tag(path, shape, tag, kind, change):

@@ -204,8 +204,10 @@ def test_a_pial_surface_of_another_space_is_brought_to_the_white_ones(tmp_path):
 
 def test_flat_maps_have_no_space(tmp_path):
     (points, faces), of = ball(), header()
-    m = voxflat.flatten(
-        mris_convert(tmp_path / "lh.surf.gii", points, faces, of), seed_point=0, radius=25.0, sources=20
+    m = (
+        voxflat.surface(mris_convert(tmp_path / "lh.surf.gii", points, faces, of))
+        .disk(0, 25.0)
+        .flatten(voxflat.methods.Voxflat(sources=20))
     )
     m.save(tmp_path / "flat.surf.gii")
     array = nib.load(tmp_path / "flat.surf.gii").darrays[0]

@@ -101,7 +101,7 @@ def best_scale(of_sources):
 def judged():
     mesh, uv = bump()
     sources = _core.reference_sources(len(uv), 60, 0).astype(np.int64)
-    rows = np.asarray(voxflat.geodesic(mesh, sources, geodesic="exact"))
+    rows = np.asarray(voxflat.surface(mesh).geodesic(sources, geodesic="exact"))
     return voxflat.measure(mesh, uv, sources=60), pairs(uv, rows, sources), uv
 
 
@@ -132,7 +132,7 @@ class TestDistances:
     def test_each_point_has_the_mean_of_its_pairs(self):
         mesh, uv = bump()
         sources = _core.reference_sources(len(uv), 9, 3).astype(np.int64)
-        rows = np.asarray(voxflat.geodesic(mesh, sources, geodesic="exact")).astype(np.float64)
+        rows = np.asarray(voxflat.surface(mesh).geodesic(sources, geodesic="exact")).astype(np.float64)
         with np.errstate(invalid="ignore"):
             errors = np.abs(np.linalg.norm(uv[sources][:, None] - uv[None], axis=2) - rows) / rows
         found = voxflat.measure(mesh, uv, sources=9, seed=3)
@@ -267,7 +267,7 @@ class TestFormats:
 
     def test_voxels_are_measured_by_the_graph(self):
         surface = voxflat.surface(shapes.ball(9))
-        flat = voxflat.flatten(surface, seed_point=surface.ids[0], radius=12.0, sources=60)
+        flat = surface.disk(surface.ids[0], 12.0).flatten(voxflat.methods.Voxflat(sources=60))
         found = voxflat.measure(surface, flat, sources=200)
         assert (found.reference, found.voxel_size) == ("graph", pytest.approx(1.0))
         assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
@@ -284,7 +284,7 @@ class TestFormats:
         surface = voxflat.surface(mask)
         ids, counts = np.unique(surface.ids, axis=0, return_counts=True)
         assert (counts > 1).any()
-        flat = voxflat.flatten(surface, seed_point=ids[counts > 1][0], radius=7.0, sources=60)
+        flat = surface.disk(ids[counts > 1][0], 7.0).flatten(voxflat.methods.Voxflat(sources=60))
         assert len(np.unique(flat.ids, axis=0)) < len(flat.ids)
         found = voxflat.measure(surface, flat, sources=200)
         assert found.raw.relative_error == pytest.approx(flat.distortion.raw.relative_error, rel=1e-9)
@@ -302,7 +302,7 @@ class TestComparison:
 
     def test_vertices_in_another_order(self):
         mesh, uv = bump()
-        flat = voxflat.flatten(mesh, sources=50)
+        flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=50))
         order = np.random.default_rng(0).permutation(len(flat))
         rank = np.argsort(order)
         shuffled = voxflat.FlatMap(
@@ -318,7 +318,7 @@ class TestComparison:
     def test_maps_with_other_cuts_have_the_same_sources(self):
         mesh, uv = bump()
         part = mesh[1][(mesh[1] < 120).all(axis=1)]
-        cut = voxflat.flatten(mesh, cuts=[np.arange(6, 6 + 13 * 5, 13)], sources=40)
+        cut = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=40), cuts=[np.arange(6, 6 + 13 * 5, 13)])
         compared = voxflat.compare(mesh, {"all": uv, "part": (uv_mesh(uv), part), "cut": cut}, sources=30)
         assert [compared[name].sources for name in compared.maps] == [30, 30, 30]
         assert [len(compared[name].per_point) for name in compared.maps] == [169, 120, 169 + 4]
@@ -413,7 +413,9 @@ class TestGeometry:
         pial = white * [1, 1, 5] + [0, 0, 3]
         for name, points in (("lh.white", white), ("lh.pial", pial)):
             write_mesh(tmp_path / name, Mesh(points, faces))
-        flat = voxflat.flatten(voxflat.surface((white, faces), pial=(pial, faces)), sources=60)
+        flat = voxflat.flatten(
+            voxflat.surface((white, faces), pial=(pial, faces)), method=voxflat.methods.Voxflat(sources=60)
+        )
         flat.save(tmp_path / "map.npz")
         return (white, faces), ((white + pial) / 2, faces), flat
 
@@ -448,7 +450,7 @@ class TestGeometry:
             expected = voxflat.measure(middle, flat.uv, sources=20).raw.relative_error
             for name in both:
                 assert compared[name].raw.relative_error == pytest.approx(expected, rel=1e-4)
-        on_white = voxflat.flatten(white, sources=60)
+        on_white = voxflat.flatten(white, method=voxflat.methods.Voxflat(sources=60))
         with pytest.raises(
             voxflat.InputError, match=r"ours was made on midthickness.*, white on the given surface, which is"
         ):
@@ -457,7 +459,7 @@ class TestGeometry:
 
     def test_a_map_with_vertices_that_lie_nobody_knows_where(self, tmp_path):
         white, middle, _ = self.maps(tmp_path)
-        part = voxflat.flatten(middle, keep=np.arange(100), sources=40)
+        part = voxflat.surface(middle).keep(np.arange(100)).flatten(voxflat.methods.Voxflat(sources=40))
         whole = {"part": part, "all": white[0][:, :2]}
         with pytest.raises(
             voxflat.InputError, match=r"part was made on another geometry .* and all has 69 vertices more"
@@ -467,7 +469,7 @@ class TestGeometry:
 
     def test_the_space_alone_is_no_other_geometry(self, tmp_path, caplog):
         white, _, _ = self.maps(tmp_path)
-        flat = voxflat.flatten(white, sources=40)
+        flat = voxflat.flatten(white, method=voxflat.methods.Voxflat(sources=40))
         moved = (white[0].astype(np.float32) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]) + [3, -17, 22], white[1])
         with caplog.at_level(logging.WARNING, "voxflat"):
             found = voxflat.measure(moved, flat, sources=20)

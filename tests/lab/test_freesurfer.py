@@ -62,7 +62,9 @@ def test_what_a_call_reads_is_what_the_record_watches(made, flat_map):
     record = json.loads((made[0] / "surf" / "lh.voxflat.flat.json").read_text())
     watched = {file["sha256"] for file in record["inputs"].values()}
     provenance = flat_map.provenance
-    read = {*provenance["files"].values(), *provenance["parameters"]["surface"]["files"].values()}
+    region = provenance["parameters"]["of"]
+    records = (provenance, region, region["parameters"]["of"])  # flatten, keep, surface
+    read = {digest for record in records for digest in record["files"].values()}
     assert read <= watched
     assert len(read) == 4
 
@@ -71,7 +73,7 @@ def test_the_map_is_that_of_the_functions(made, flat_map):
     surf = made[0] / "surf"
     whole = voxflat.surface(surf / "lh.white", pial=surf / "lh.pial")
     label = made[0] / "label" / "lh.cortex.label"
-    own = voxflat.flatten(whole, cuts="standard", sphere=surf / "lh.sphere.reg", keep=label)
+    own = whole.keep(label).flatten(cuts="standard", sphere=surf / "lh.sphere.reg")
     np.testing.assert_array_equal(flat_map.uv, own.uv)
     np.testing.assert_array_equal(flat_map.ids, own.ids)
 

@@ -32,7 +32,9 @@ def plane(structure):
 @pytest.fixture(scope="module", params=["CortexLeft", None])
 def flat(request):
     mesh = plane(request.param)
-    return replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])  # to be exact
+    return replace(
+        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2]
+    )  # to be exact
 
 
 def linear(places, k):
@@ -140,7 +142,7 @@ class TestOverlays:
             tmp_path / "roi.dscalar.nii", nib.cifti2.ScalarAxis(["roi"]), inside[None], structures=[CIFTI["CortexLeft"]]
         )
         for name in ("roi.nii.gz", "roi.mgz", "roi.dscalar.nii"):
-            found = voxflat.geodesic(mesh, 1, keep=tmp_path / name)
+            found = voxflat.surface(mesh).keep(tmp_path / name).geodesic(1)
             np.testing.assert_array_equal(found.ids, np.flatnonzero(inside))
 
 
@@ -151,7 +153,7 @@ class TestCifti:
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(NAMES), values, listed)
         for structure, more in (("CortexLeft", 0), ("CortexRight", 1000)):
             mesh = plane(structure)
-            flat = replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])
+            flat = replace(voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2])
             stack = flat.images(tmp_path / "z.dscalar.nii")
             assert stack.names == NAMES
             image = stack["2BK-0BK"]
@@ -161,12 +163,12 @@ class TestCifti:
 
     def test_which_side_has_to_be_known(self, tmp_path):
         cifti(tmp_path / "z.dscalar.nii", nib.cifti2.ScalarAxis(["z"]), at_vertices(0)[None])
-        flat = voxflat.flatten(plane(None), sources=30)
+        flat = voxflat.flatten(plane(None), method=voxflat.methods.Voxflat(sources=30))
         with pytest.raises(
             voxflat.InputError, match="holds CORTEX_LEFT, CORTEX_RIGHT, each of 169 vertices, and the surf"
         ):
             flat.image(tmp_path / "z.dscalar.nii")
-        other = voxflat.flatten(plane("Cerebellum"), sources=30)
+        other = voxflat.flatten(plane("Cerebellum"), method=voxflat.methods.Voxflat(sources=30))
         with pytest.raises(voxflat.InputError, match="CORTEX_RIGHT, and not CEREBELLUM, which the surface is"):
             other.image(tmp_path / "z.dscalar.nii")
         cifti(
@@ -223,7 +225,7 @@ class TestCifti:
         )
         run("-cifti-create-dense-scalar", tmp_path / "ab.dscalar.nii", "-left-metric", tmp_path / "ab.func.gii")
         mesh = plane("CortexLeft")
-        flat = replace(voxflat.flatten(mesh, sources=30), uv=mesh.points[:, :2])
+        flat = replace(voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30)), uv=mesh.points[:, :2])
         for name in ("ab.func.gii", "ab.dscalar.nii"):
             stack = flat.images(tmp_path / name)
             assert stack.names == ("map a", "map b")
@@ -259,7 +261,7 @@ class TestSeries:
     def test_an_array(self):
         """Of a map of voxels: shape and place are those of the volume that was flattened."""
         ball = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(15.0)] * 3)) - 7, axis=0) < 5
-        flat = voxflat.flatten(ball.astype(np.uint8), seed_point=(7, 7, 12), radius=6.0, sources=30)
+        flat = voxflat.surface(ball.astype(np.uint8)).disk((7, 7, 12), 6.0).flatten(voxflat.methods.Voxflat(sources=30))
         stack = flat.images(np.stack([np.full(ball.shape, k, np.float32) for k in range(3)], axis=-1))
         assert [np.nanmax(image.data) for image in stack] == pytest.approx([0, 1, 2])
 
@@ -362,6 +364,6 @@ class TestStackFiles:
     def test_pages_of_atlases(self, tmp_path):
         write_mesh(tmp_path / "lh.plane", plane(None))
         overlays(tmp_path)
-        atlas = voxflat.patches(tmp_path / "lh.plane", bound=1.2)
+        atlas = voxflat.surface(tmp_path / "lh.plane").patches(bound=1.2)
         assert len(atlas.images(tmp_path / "z.func.gii")) == 3
         assert np.nanmax(atlas.image(tmp_path / "z.func.gii", channel="rest").data) == pytest.approx(72, abs=3)

@@ -43,7 +43,7 @@ def m():
     points, faces = np.asarray(mesh.points, dtype=np.float64), np.asarray(mesh.regular_faces)
     points /= np.linalg.norm(points, axis=1)[:, None]
     whole = voxflat.surface((10 * points, faces), pial=(12 * points, faces))
-    return voxflat.flatten(whole, seed_point=0, radius=7.0, sources=30)
+    return whole.disk(0, 7.0).flatten(voxflat.methods.Voxflat(sources=30))
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_a_bare_array_lies_where_the_flattened_volume_lies(values):
     dask = pytest.importorskip("dask.array")
     i, j, k = np.indices((24, 24, 24)) - 11.5
     solid = Volume((i**2 + j**2 + k**2 < 81).astype(np.uint8), np.diag([2.0, 2, 2, 1]))
-    flat = voxflat.flatten(solid, seed_point=(11, 11, 20), radius=12.0, sources=20)
+    flat = voxflat.surface(solid).disk((11, 11, 20), 12.0).flatten(voxflat.methods.Voxflat(sources=20))
     array = values[:24, :24, :24]
     shown = flat.image(dask.from_array(array, chunks=10), 1.0).data
     np.testing.assert_allclose(shown, flat.image(array, 1.0).data, atol=1e-6)

@@ -34,7 +34,7 @@ def ball(radius, nsub=4):
 @pytest.fixture(scope="module")
 def shells():
     """Return the map of a disk of concentric spheres: what lies between them is known in closed form."""
-    return voxflat.flatten(voxflat.surface(ball(INNER), pial=ball(OUTER)), seed_point=0, radius=9.0, sources=40)
+    return voxflat.surface(ball(INNER), pial=ball(OUTER)).disk(0, 9.0).flatten(voxflat.methods.Voxflat(sources=40))
 
 
 def volume_of(function, affine=GRID, n=61):
@@ -82,7 +82,7 @@ class TestFractions:
 
     def test_lips_of_a_cut_have_one_depth(self):
         whole = voxflat.surface(ball(INNER, 2), pial=ball(OUTER, 2))
-        m = voxflat.flatten(whole, sources=30)  # cut open
+        m = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=30))  # cut open
         rows = m._triangles.on_surface.at(Depths.of(fraction=0.5))[0]
         first = {int(v): row for v, row in zip(m.ids[::-1], rows[::-1], strict=True)}
         assert len(first) < len(m)
@@ -107,7 +107,9 @@ class TestFractions:
         np.testing.assert_array_equal(again.white_points, ball(INNER)[0][shells.ids])
         np.testing.assert_array_equal(again.pial_points, ball(OUTER)[0][shells.ids])
         np.testing.assert_allclose(again.points, (again.white_points + again.pial_points) / 2)
-        assert voxflat.flatten(ball(INNER), seed_point=0, radius=5.0, sources=10).white_points is None
+        assert (
+            voxflat.surface(ball(INNER)).disk(0, 5.0).flatten(voxflat.methods.Voxflat(sources=10)).white_points is None
+        )
 
 
 class TestSeveral:
@@ -234,13 +236,13 @@ def test_ribbon_constrained_mapping_of_workbench_shows_the_same(tmp_path):
     """
     lab.write(tmp_path)
     whole = voxflat.surface(tmp_path / "lh.white", pial=tmp_path / "lh.pial")
-    disk = voxflat.flatten(whole, seed_point=700, radius=25.0, sources=20)
+    disk = whole.disk(700, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
     fine = [
         pv.PolyData.from_regular_faces(points, disk.faces).subdivide(2, "linear")
         for points in (disk.white_points, disk.pial_points)
     ]
     white, pial = ((np.asarray(mesh.points, dtype=np.float64), mesh.regular_faces) for mesh in fine)
-    m = voxflat.flatten(voxflat.surface(white, pial=pial), relax=False, sources=20)
+    m = voxflat.flatten(voxflat.surface(white, pial=pial), method=voxflat.methods.Voxflat(sources=20), relax=False)
     for name in ("white_points", "points", "pial_points"):
         write_mesh(tmp_path / f"{name}.surf.gii", Mesh(getattr(m, name), m.faces.astype(np.int64)))
     low = m.points.min(axis=0) - 12

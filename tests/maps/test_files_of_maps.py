@@ -46,18 +46,20 @@ def ball():
 
 def squeezed():
     """Return a map over the 26-neighbour graph that is torn: of a whole ball's half, which cannot be flat."""
-    return voxflat.flatten(ball(), method="grossmann2002", seed_point=(9, 9, 16), radius=12.0, sources=60)
+    return voxflat.surface(ball()).disk((9, 9, 16), 12.0).flatten(voxflat.methods.Grossmann2002(sources=60))
 
 
 KINDS = {
-    "mesh": lambda: voxflat.flatten(bumps(), sources=40),
-    "mesh with a cut": lambda: voxflat.flatten(bumps(), cuts=[CUT], sources=40),
-    "mesh without two triangles": lambda: voxflat.flatten(
-        voxflat.surface(bumps()), keep=(bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)), sources=40
+    "mesh": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40)),
+    "mesh with a cut": lambda: voxflat.flatten(bumps(), method=voxflat.methods.Voxflat(sources=40), cuts=[CUT]),
+    "mesh without two triangles": lambda: (
+        voxflat.surface(bumps())
+        .keep((bumps()[0], np.delete(bumps()[1], [60, 84], axis=0)))
+        .flatten(voxflat.methods.Voxflat(sources=40))
     ),
     "glued": lambda: voxflat.flatten(bumps(), method="saucan2006", cuts=[CUT]),
-    "voxels": lambda: voxflat.flatten(ball(), seed_point=(9, 9, 16), radius=9.0, sources=40),
-    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), sources=40),
+    "voxels": lambda: voxflat.surface(ball()).disk((9, 9, 16), 9.0).flatten(voxflat.methods.Voxflat(sources=40)),
+    "sheet": lambda: voxflat.flatten(curled_sheet(40, 20), method=voxflat.methods.Voxflat(sources=40)),
     "torn": squeezed,
 }
 
@@ -167,7 +169,7 @@ class TestSurfaces:
     @pytest.mark.parametrize("name", ["lh.white", "cut.surf.gii", "cut.vtp", "cut.ply", "cut.obj"])
     @pytest.mark.parametrize("cuts", [(), (CUT,)])
     def test_what_comes_back(self, name, cuts, tmp_path):
-        surface = voxflat.cut(bumps(), cuts=list(cuts), relax=False).surface
+        surface = voxflat.surface(bumps()).cut(cuts=list(cuts), relax=False).surface
         surface.save(tmp_path / name)
         if name.startswith("lh."):
             points, faces = nibabel.freesurfer.read_geometry(tmp_path / name)

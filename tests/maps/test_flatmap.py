@@ -1,6 +1,7 @@
 import json
 from functools import partial
 
+import composed
 import numpy as np
 import pytest
 import shapes
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat.io.volumes import Volume
 
-grossmann2002 = partial(voxflat.flatten, method="grossmann2002")
+grossmann2002 = partial(composed.flatten, method="grossmann2002")
 
 AFFINE = np.array([[0, -0.5, 0, 12], [0.5, 0, 0, -7], [0, 0, 0.5, 1], [0, 0, 0, 1]], dtype=float)
 
@@ -26,7 +27,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def ball_map(ball):
-    return grossmann2002(ball, seed_point=(28, 16, 16), radius=15.0, sources=200, keep_rows=True)
+    return grossmann2002(ball, seed_point=(28, 16, 16), radius=15.0, sources=200, rows=True)
 
 
 def linear(points):
@@ -278,7 +279,7 @@ class TestWarnings:
             "the seed point [32, 16, 16] is 3.0 mm away from the surface; its"
         )
         np.testing.assert_array_equal(far.uv, near.uv)
-        assert far.metadata["warnings"][0] in voxflat.check(ball, seed_point=(32, 16, 16), radius=12.0).advice
+        assert far.metadata["warnings"][0] in voxflat.check(ball, part=lambda s: s.disk((32, 16, 16), 12.0)).advice
 
     def test_a_torn_map_says_so(self):
         # an open cylinder cannot lie in the plane: its two halves come to lie upon each other

@@ -100,7 +100,9 @@ class TestLines:
 @pytest.fixture(scope="module")
 def flat_map():
     uv, faces = grid(30, seed=2)
-    return voxflat.flatten((np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), sources=40, relax=False)
+    return voxflat.flatten(
+        (np.column_stack([uv, 0.1 * np.sin(uv[:, 0])]), faces), method=voxflat.methods.Voxflat(sources=40), relax=False
+    )
 
 
 class TestParcels:

@@ -46,7 +46,7 @@ def coordinate_volume(path, affine, axis):
 
 
 def flat(path):
-    return voxflat.flatten(path, seed_point=0, radius=25.0, sources=20)
+    return voxflat.surface(path).disk(0, 25.0).flatten(voxflat.methods.Voxflat(sources=20))
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_depth_and_pages(tmp_path, volumes):
     there = m.raster().interpolate(to_scanner(outside, of))
     shown = m.image(volumes["RAS"][2], depth=3.0).data
     assert np.nanmax(np.abs(shown - there[..., 2])) < 0.05  # normals between vertices are made unit vectors again
-    page = voxflat.patches(path, 20.0).page()
+    page = voxflat.surface(path).patches(20.0).page()
     ids, places = page.locate()
     shown = page.image(volumes["RAS"][0]).data
     np.testing.assert_allclose(shown[ids >= 0], to_scanner(places[ids >= 0], of)[:, 0], atol=2e-4)
@@ -191,7 +191,7 @@ def test_a_volume_without_a_place_is_told(tmp_path, caplog, kind):
     write(known=False)
     flat(ball()).image(path)
     assert f"{path.name} does not say where it lies" in caplog.text
-    m = voxflat.flatten(path, seed_point=(30, 30, 39), radius=15.0, sources=20)
+    m = voxflat.surface(path).disk((30, 30, 39), 15.0).flatten(voxflat.methods.Voxflat(sources=20))
     caplog.clear()
     m.image(path)
     assert caplog.messages == []
@@ -224,7 +224,7 @@ def test_workbench_samples_the_same(tmp_path, axes):
     np.savetxt(tmp_path / "matrix.txt", matrix)
     workbench("-surface-apply-affine", tmp_path / "tk.surf.gii", tmp_path / "matrix.txt", tmp_path / "theirs.surf.gii")
     workbench("-set-structure", tmp_path / "tk.surf.gii", "CORTEX_LEFT")  # which writes a coordinate system of its own
-    m = voxflat.flatten(white, seed_point=0, radius=30.0, sources=20)
+    m = voxflat.surface(white).disk(0, 30.0).flatten(voxflat.methods.Voxflat(sources=20))
     assert len(m) > 300
     ours = at_vertices(m, volume)
     for name in ("ours", "theirs"):
@@ -233,7 +233,9 @@ def test_workbench_samples_the_same(tmp_path, axes):
         theirs = nib.load(out).darrays[0].data[m.ids]
         np.testing.assert_allclose(ours, theirs, atol=1e-4)
     for name in ("tk", "ours", "theirs"):
-        again = voxflat.flatten(tmp_path / f"{name}.surf.gii", seed_point=0, radius=30.0, sources=20)
+        again = (
+            voxflat.surface(tmp_path / f"{name}.surf.gii").disk(0, 30.0).flatten(voxflat.methods.Voxflat(sources=20))
+        )
         np.testing.assert_allclose(at_vertices(again, volume), ours, atol=1e-4)
 
 

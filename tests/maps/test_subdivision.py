@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from textures import areas, grid, side_counts
 
-from voxflat import InputError, TexturedSurface
+from voxflat import InputError
+from voxflat.maps.texture import TexturedSurface
 
 
 class TestSubdivision:

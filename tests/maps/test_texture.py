@@ -55,7 +55,7 @@ class TestPlacing:
         np.testing.assert_array_equal(cylinder_map.textured(picture).colours, cylinder_map.texture(picture))
 
     def test_torn_triangles_are_left_out(self):
-        flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method="grossmann2002", sources=81)
+        flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=voxflat.methods.Grossmann2002(sources=81))
         torn = np.arange(len(flat_map.faces)) % 7 == 0
         object.__setattr__(flat_map, "torn", torn)
         np.testing.assert_array_equal(flat_map.textured(chessboard()).faces, flat_map.faces[~torn])

@@ -18,7 +18,7 @@ from voxflat.maps.worst_places import area_changes
 
 def laid(points, faces, uv):
     """A map that lies as given, judged anew."""
-    flat_map = voxflat.flatten((points, faces), sources=10, relax=False)
+    flat_map = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=10), relax=False)
     figures = voxflat.measure((points, faces), uv, sources=5).triangles
     return replace(flat_map, uv=uv, distortion=replace(flat_map.distortion, triangles=figures))
 
@@ -154,12 +154,12 @@ def test_a_pit_is_shrunk_and_its_cut_relieves_it(pit, tmp_path):
 
 
 def test_the_gain_is_that_of_the_sketch_without_and_with_the_cut(pit):
-    from voxflat.surfaces.region import sketch_error
+    from voxflat.surfaces.cutting import sketch_error
 
     points, faces, flat_map = pit
     worst = voxflat.worst_places(flat_map, 1)
     whole = voxflat.surface((points, faces))
-    with_cut = voxflat.cut((points, faces), cuts=worst.cuts(1), relax=False).surface
+    with_cut = voxflat.surface((points, faces)).cut(cuts=worst.cuts(1), relax=False).surface
     assert worst.sketch_error == sketch_error(whole, None, None)
     assert worst.places[0].cut.gain == pytest.approx(worst.sketch_error - sketch_error(with_cut, None, None))
 
@@ -177,13 +177,13 @@ def test_a_map_with_cuts_hands_them_on(tmp_path):
     points, faces = square(20)
     cut = np.flatnonzero((points[:, 0] == 10) & (points[:, 1] < 8))
     keep = points[:, 0] < 19
-    flat_map = voxflat.flatten((points, faces), cuts=[cut], keep=keep, sources=20)
+    flat_map = voxflat.surface((points, faces)).keep(keep).flatten(voxflat.methods.Voxflat(sources=20), cuts=[cut])
     worst = voxflat.worst_places(flat_map)
     assert worst.cuts()[0] == cut.tolist()
     worst.save_cuts(tmp_path / "cuts.json")
     content = json.loads((tmp_path / "cuts.json").read_text())
     assert content["drop"] == np.flatnonzero(~keep).tolist()
-    again = voxflat.flatten((points, faces), cuts=tmp_path / "cuts.json", sources=20)
+    again = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20), cuts=tmp_path / "cuts.json")
     assert np.array_equal(again.ids, flat_map.ids)
 
 
@@ -234,7 +234,7 @@ def test_places_that_are_not_there_are_refused(both):
 
 
 def test_a_map_without_areas_is_refused():
-    flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method="grossmann2002", sources=20)
+    flat_map = voxflat.flatten(np.ones((9, 9, 1), int), method=voxflat.methods.Grossmann2002(sources=20))
     with pytest.raises(voxflat.InputError, match="has no areas"):
         voxflat.worst_places(flat_map)
 

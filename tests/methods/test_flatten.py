@@ -5,6 +5,7 @@ import time
 from functools import partial
 from types import SimpleNamespace
 
+import composed
 import numpy as np
 import pytest
 import shapes
@@ -19,7 +20,7 @@ from scipy.spatial.transform import Rotation
 import voxflat
 from voxflat import _core
 
-grossmann2002 = partial(voxflat.flatten, method="grossmann2002")
+grossmann2002 = partial(composed.flatten, method="grossmann2002")
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def bent():
 
 @pytest.fixture(scope="module")
 def bent_map(bent):
-    return grossmann2002(bent, sources=150, keep_rows=True)
+    return grossmann2002(bent, sources=150, rows=True)
 
 
 def head_map():
@@ -72,7 +73,7 @@ class TestStages:
         assert bent[tuple(flat.ids.T)].all()
 
     def test_rows_are_shortest_paths(self, bent):
-        rows = voxflat.geodesic(bent, 20, geodesic="chain", spacing=(1, 1.5, 0.8))
+        rows = voxflat.surface(bent, spacing=(1, 1.5, 0.8)).geodesic(20, geodesic="chain")
         expected = all_distances(core_surface(bent, (1, 1.5, 0.8)))[rows.sources]
         np.testing.assert_allclose(rows, expected, rtol=1e-5)
         assert rows.shape == (20, len(rows.ids)) == np.asarray(rows).shape
@@ -109,9 +110,9 @@ class TestStages:
         assert flat.distortion.pairs == 200 * (len(flat) - 1)
 
     def test_a_path_is_as_long_as_its_distance(self, bent):
-        rows = voxflat.geodesic(bent, 1, geodesic="chain", spacing=(1, 2, 0.5))
+        rows = voxflat.surface(bent, spacing=(1, 2, 0.5)).geodesic(1, geodesic="chain")
         start, end = rows.ids[rows.sources[0]], rows.ids[rows[0].argmax()]
-        path = voxflat.path(bent, start, end, geodesic="chain", spacing=(1, 2, 0.5))
+        path = voxflat.surface(bent, spacing=(1, 2, 0.5)).path(start, end, geodesic="chain")
         assert path.length == pytest.approx(rows[0].max())
         np.testing.assert_array_equal(path.ids[[0, -1]], [start, end])
         assert np.abs(np.diff(path.ids, axis=0)).max() == 1
@@ -121,7 +122,7 @@ class TestStages:
         volume = np.zeros((9, 9, 3), dtype=np.uint8)
         volume[:3, :, 1] = volume[6:, :, 1] = 1
         with pytest.raises(voxflat.InputError, match=r"from \[0, 0, 1\] to \[8, 8, 1\]: they lie in different"):
-            voxflat.path(volume, (0, 0, 1), (8, 8, 1), geodesic="chain")
+            voxflat.surface(volume).path((0, 0, 1), (8, 8, 1), geodesic="chain")
 
     @pytest.mark.slow
     @settings(max_examples=30)
@@ -148,7 +149,9 @@ class TestPaper:
         figures = []
         for seed in range(4):
             sheet = shapes.curled_sheet(rotation=Rotation.random(rng=seed))
-            distortion = grossmann2002(sheet, sources=len(voxflat.geodesic(sheet, 1, geodesic="chain").ids)).distortion
+            distortion = grossmann2002(
+                sheet, sources=len(voxflat.surface(sheet).geodesic(1, geodesic="chain").ids)
+            ).distortion
             assert distortion.mean_geodesic == pytest.approx(35, abs=3)
             figures.append((distortion.raw.absolute_error, distortion.raw.relative_error))
         absolute, relative = np.mean(figures, axis=0)
@@ -308,7 +311,7 @@ class TestLongWork:
         threading.Thread(target=press).start()
         try:
             with pytest.raises(KeyboardInterrupt):
-                voxflat.geodesic(volume, 4000, geodesic="chain", progress=progress)  # takes several seconds
+                voxflat.surface(volume).geodesic(4000, geodesic="chain", progress=progress)  # takes several seconds
         finally:
             amid.set()
         assert time.perf_counter() - pressed[0] < 2

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+import composed
 import numpy as np
 import pytest
 import shapes
 from triangle_meshes import bump
 
 import voxflat
-from voxflat.methods import flatten as flattening
+from voxflat.methods import grossmann2002, method
 
 METHODS = {
     "links": ({"sources": 60}, "graph"),
@@ -47,9 +48,9 @@ def called(monkeypatch):
         graph = graph_of(*args, **options)
         return replace(graph, core=Watched(graph.core, names))
 
-    cut_it_out, graph_of = flattening.cut_out, flattening.voxel_graph
-    monkeypatch.setattr(flattening, "cut_out", cut_out)
-    monkeypatch.setattr(flattening, "voxel_graph", voxel_graph)
+    cut_it_out, graph_of = method.cut_open, grossmann2002.voxel_graph
+    monkeypatch.setattr(method, "cut_open", cut_out)
+    monkeypatch.setattr(grossmann2002, "voxel_graph", voxel_graph)
     return names
 
 
@@ -61,22 +62,22 @@ def source(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_rows_are_measured_once_and_the_map_is_the_same(name, called):
     options, geodesic = METHODS[name]
-    plain = voxflat.flatten(source(name), **options)
+    plain = composed.flatten(source(name), **options)
     del called[:]
-    kept = voxflat.flatten(source(name), **options, keep_rows=True)
+    kept = composed.flatten(source(name), **options, rows=True)
     assert {"voxflat", "grossmann2002", "zigelman2002", "schwartz1989"} & set(called)
     assert "rows" not in called
     assert plain.rows is None
     assert kept.rows.shape == (len(kept.sources), len(kept))
     np.testing.assert_array_equal(kept.uv, plain.uv)
     assert kept.metadata["memory_need_bytes"] > plain.metadata["memory_need_bytes"]
-    measured = voxflat.geodesic(source(name), kept.ids[kept.sources], geodesic=geodesic)
+    measured = voxflat.surface(source(name)).geodesic(kept.ids[kept.sources], geodesic=geodesic)
     np.testing.assert_array_equal(kept.rows, measured.rows)
 
 
 @pytest.mark.parametrize("sources", [60, 149, 400])
 def test_whatever_way_distances_are_measured(sources):
     volume = shapes.sheet((60, 50))  # for judging there are 200 more: of 60 and 149 sources alone they go another way
-    flat = voxflat.flatten(volume, method="grossmann2002", sources=sources, keep_rows=True)
-    measured = voxflat.geodesic(volume, flat.ids[flat.sources], geodesic="chain")
+    flat = voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=sources), rows=True)
+    measured = voxflat.surface(volume).geodesic(flat.ids[flat.sources], geodesic="chain")
     np.testing.assert_array_equal(flat.rows, measured.rows)

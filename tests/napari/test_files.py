@@ -352,7 +352,7 @@ def test_an_opened_map_is_the_current_run(opened, tmp_path):
 def test_a_map_is_saved_and_read_by_others(opened, tmp_path):
     viewer, last_of = opened
     points, faces, _ = bumps()
-    flat_map = voxflat.flatten((points, faces), seed_point=312, radius=15)
+    flat_map = voxflat.surface((points, faces)).disk(312, 15).flatten()
     flat_map.save(tmp_path / "map.voxflat")
     heat = last_of(tmp_path / "map.voxflat")
     viewer.layers.selection = set(viewer.layers)  # all of one map

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import composed
 import numpy as np
 import pytest
 from napari_maps import same_map
@@ -267,7 +268,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     for method in ("voxflat", "grossmann2002", "zigelman2002", "schwartz1989"):
         choose(widget.form.method, method)
         run(widget, qtbot)
-        expected = voxflat.flatten(labels, method=method, affine=FLIP, label=3, sources=200)
+        expected = composed.flatten(labels, method=method, affine=FLIP, label=3, sources=200)
         picture = expected.image(t1, 1.25)
         flattened, distortion = viewer.layers["T1 flattened"], viewer.layers["sheet distortion"]
         assert_array_equal(flattened.data, picture.data)
@@ -317,7 +318,7 @@ def test_dask_above_a_threshold(open_widget, qtbot):
     choose_whole(widget)
     run(widget, qtbot)
     flat_map = viewer.layers["probability distortion"].metadata["voxflat"]
-    assert_array_equal(flat_map.uv, voxflat.flatten(volume, threshold=0.5).uv)
+    assert_array_equal(flat_map.uv, voxflat.surface(volume, threshold=0.5).flatten().uv)
 
 
 def test_saved_map_opens_in_napari(open_widget, qtbot, tmp_path, monkeypatch):

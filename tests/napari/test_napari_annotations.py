@@ -1,5 +1,6 @@
 """What is drawn in the volume, on the map; and what is on the map, outlined in the volume."""
 
+import composed
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -24,7 +25,7 @@ RADIUS = 20.0
 
 
 def sheet_of(points, faces, **how):
-    flat_map = voxflat.flatten((points, faces), sources=20, **how)
+    flat_map = composed.flatten((points, faces), sources=20, **how)
     return Sheet.of(Run(FlatLayers(flat_map, []), "it"))
 
 
@@ -290,7 +291,7 @@ def test_the_part_is_outlined_in_the_volume(flattened, qtbot):
 @pytest.mark.slow
 def test_the_map_of_a_file_is_painted_and_outlined(qtbot, tmp_path, make_napari_viewer):
     points, faces, _ = bumps(9)
-    voxflat.flatten((points, faces), sources=20).save(tmp_path / "map.voxflat")
+    voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)).save(tmp_path / "map.voxflat")
     viewer = make_napari_viewer(show=True)
     open_file(viewer, qtbot, tmp_path / "map.voxflat")
     _, dock = viewer.window.add_plugin_dock_widget("voxflat", "Flat map")

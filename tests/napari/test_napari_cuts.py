@@ -59,7 +59,7 @@ def test_a_cut_is_the_shortest_way_from_stop_to_stop():
     drawing = Drawing(WHOLE)
     for stop in (12, 312, 318):
         drawing.add_stop(stop)
-    way = voxflat.path(WHOLE, 12, 312, 318, geodesic="edges")
+    way = voxflat.surface(WHOLE).path(12, 312, 318, geodesic="edges")
     (cut,) = drawing.cuts
     assert drawing.length(cut) == pytest.approx(way.length)
     assert_array_equal(drawing.paths()[0], way.ids)
@@ -132,7 +132,7 @@ def test_cuts_are_clicked_weighed_saved_loaded_and_used(open_widget, qtbot, tmp_
     assert dock.cuts.rowCount() == 0
     dock.automatic.click()
     wait()
-    found = voxflat.cut((points, faces), cuts="automatic")
+    found = voxflat.surface((points, faces)).cut(cuts="automatic")
     assert [len(path) for path in dock.drawing.paths()] == [len(cut.ids) for cut in found.cuts]
     titles = [dock.cuts.item(row, 0).text() for row in range(dock.cuts.rowCount())]
     assert titles == [found.title(number) for number in range(len(found.cuts))]  # as the command line's
@@ -154,7 +154,7 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
     lab.write(tmp_path)
     ball = lab.fsaverage5("sphere_left")[0][: lab.VERTICES]
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", ball, lab.hemisphere()[2])
-    expected = voxflat.cut(tmp_path / "lh.white", cuts="standard", relax=False)
+    expected = voxflat.surface(tmp_path / "lh.white").cut(cuts="standard", relax=False)
     viewer = make_napari_viewer()
     viewer.open(str(tmp_path / "lh.white"), plugin="voxflat")
     _, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flatten surface")
@@ -183,7 +183,7 @@ def test_standard_cuts_come_with_what_they_leave_out_and_make_a_template(
     assert json.loads((tmp_path / "cuts.json").read_text())["drop"] == left_out.tolist()
     assert "the same cuts for every brain" in dock.status.text(), dock.status.text()
     assert [line.name for line in read_template(tmp_path / "mine.json").cuts] == [cut.name for cut in expected.cuts]
-    again = voxflat.cut(tmp_path / "lh.white", cuts=tmp_path / "mine.json", relax=False)
+    again = voxflat.surface(tmp_path / "lh.white").cut(cuts=tmp_path / "mine.json", relax=False)
     for one, other in zip(expected.cuts, again.cuts, strict=True):
         assert one.ids.tolist() == other.ids.tolist()
 
@@ -229,7 +229,7 @@ def test_one_cut_more_goes_on_from_the_map_that_is_shown(open_widget, qtbot, tmp
     qtbot.waitUntil(widget.start.isEnabled, timeout=PATIENCE)  # its thread may end after the map is there
     second = bench.current.flat_map
     paths = [np.asarray(path) for path in [*own, dock.drawing.paths()[-1]]]
-    expected = voxflat.flatten((points, faces), cuts=paths, start=first)
+    expected = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(start=first), cuts=paths)
     assert_array_equal(second.uv, expected.uv)
     assert second.metadata["start"] is True
     assert len(second) > len(first)  # both sides of the new cut

@@ -42,7 +42,7 @@ def test_parts_are_those_of_the_library(open_widget, qtbot):
     choose(form.patch, "polygon")
     assert form.polygon.layer is drawn
     run(widget, qtbot)
-    expected = voxflat.flatten((points, faces), polygon=corners)
+    expected = voxflat.surface((points, faces)).polygon(corners).flatten()
     assert_array_equal(newest_map(viewer).uv, expected.uv)
     assert 100 < len(expected) < 400
     form.polygon.choose(viewer.add_points(points[corners[:2]], name="two"))
@@ -56,7 +56,7 @@ def test_parts_are_those_of_the_library(open_widget, qtbot):
     form.options.seed.setValue(3)
     assert not form.options.weighting.isVisibleTo(form.options)  # it is the default method's
     run(widget, qtbot)
-    same = voxflat.flatten((points, faces), method="zigelman2002", sources=49, mirror=True, seed=3)
+    same = voxflat.flatten((points, faces), method=voxflat.methods.Zigelman2002(sources=49), mirror=True, seed=3)
     assert_array_equal(newest_map(viewer).uv, same.uv)
 
 
@@ -93,7 +93,7 @@ def test_mask_threshold_and_plan_of_a_volume(open_widget, qtbot):
     choose(form.patch, "mask")
     assert form.masked_by.layer is viewer.layers["half"]
     run(widget, qtbot)
-    expected = voxflat.flatten(probability, threshold=0.9, affine=np.eye(4), keep=half)
+    expected = voxflat.surface(probability, threshold=0.9, affine=np.eye(4)).keep(half).flatten()
     assert_array_equal(newest_map(viewer).uv, expected.uv)
 
 

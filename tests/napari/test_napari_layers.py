@@ -75,8 +75,10 @@ def test_wrong_world_axes_mirror_the_map_and_right_ones_do_not():
     itk[:3, :3], itk[:3, 3] = lps[:3, :3][np.ix_(reverse, reverse)], lps[reverse, 3]
 
     def map_of(layer, world, order):
-        flat = voxflat.flatten(
-            LayerVolume.of(layer, world).read(), seed_point=top[order].tolist(), radius=20, sources=200
+        flat = (
+            voxflat.surface(LayerVolume.of(layer, world).read())
+            .disk(top[order].tolist(), 20)
+            .flatten(voxflat.methods.Voxflat(sources=200))
         )
         return flat.uv[np.lexsort(flat.ids[:, order].T)] - flat.uv.mean(axis=0)
 

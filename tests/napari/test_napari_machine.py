@@ -83,7 +83,7 @@ def saved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("saved")
     points, faces, _ = bumps(9)
     voxflat.flatten((points, faces)).save(folder / "map.voxflat")
-    voxflat.patches((points, faces), count=2).save(folder / "atlas.voxflat")
+    voxflat.surface((points, faces)).patches(count=2).save(folder / "atlas.voxflat")
     return [folder / "map.voxflat", folder / "atlas.voxflat"]
 
 

@@ -275,7 +275,7 @@ def test_a_run_replaces_the_earlier_one_or_stays(flattened, qtbot):
 
 def test_layers_have_controls_and_those_that_do_not_come_have_none(make_napari_viewer, qtbot):
     points, faces, _ = bumps(9)
-    layers = map_layers(voxflat.flatten((points, faces), sources=20), "it")
+    layers = map_layers(voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=20)), "it")
     viewer = make_napari_viewer()
     workbench, controls = Workbench.of(viewer), viewer.window._qt_viewer.controls
     workbench.add(Run(layers, "it"))

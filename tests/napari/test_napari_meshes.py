@@ -1,5 +1,6 @@
 """The napari plugin flattens meshes."""
 
+import composed
 import doors
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_the_form_is_a_door_like_the_others(open_widget, qtbot, tmp_path):
     for name, value in doors.OPTIONS.items():
         getattr(widget.form.options, name).setValue(value)
     run(widget, qtbot)
-    found, own = Workbench.of(viewer).current.flat_map, voxflat.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
+    found, own = Workbench.of(viewer).current.flat_map, composed.flatten(str(tmp_path / "bowl.vtp"), **doors.OPTIONS)
     for name in ("uv", "ids", "faces", "points"):
         assert getattr(found, name).tobytes() == getattr(own, name).tobytes()
     assert found.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()
@@ -71,7 +72,7 @@ def test_patch_of_the_values_that_are_not_0(open_widget, qtbot):
     viewer, widget = open_widget(Surface((points, faces, values), name="bumps"))
     choose(widget.form.patch, "values")
     run(widget, qtbot)
-    expected = voxflat.flatten((points, faces), keep=values != 0)
+    expected = voxflat.surface((points, faces)).keep(values != 0).flatten()
     same_map(viewer.layers["bumps distortion"], expected)
     assert set(expected.ids) == set(np.flatnonzero(values))
 
@@ -87,7 +88,7 @@ def test_disk_of_a_mesh_in_microns(open_widget, qtbot):
     run(widget, qtbot)
     placed = points * [0.25, -0.5, 0.5] + [1, 2, 3]
     turned = Mesh(placed, faces[:, ::-1], space=Space("scanner"))  # mirrored: outside stays outside
-    expected = voxflat.flatten(turned, seed_point=312, radius=7)
+    expected = voxflat.surface(turned).disk(312, 7).flatten()
     same_map(viewer.layers["bumps distortion"], expected)
     assert "bumps flattened" not in viewer.layers  # it has no values
     assert np.linalg.norm(expected.points - placed[312], axis=1).max() <= 7
@@ -99,7 +100,7 @@ def test_a_region_is_relaxed_as_the_library_does(open_widget, qtbot):
     viewer, widget = open_widget(Surface((points, faces, kept), name="bowl"))
     choose(widget.form.patch, "values")
     run(widget, qtbot, timeout=PATIENCE)
-    expected = voxflat.flatten((points, faces), keep=kept)
+    expected = voxflat.surface((points, faces)).keep(kept).flatten()
     same_map(viewer.layers["bowl distortion"], expected)
     assert {cut["reason"] for cut in expected.metadata["automatic_cuts"]} == {"relaxation"}
 

@@ -41,7 +41,7 @@ def test_result_is_that_of_the_library(open_widget, qtbot):
     viewer, widget = open_widget(Surface((points, faces, values), name="ball", units="mm", colormap="viridis"))
     limit(widget, "max_angle", 25)
     run(widget, qtbot)
-    expected = voxflat.patches((points, faces), 25)
+    expected = voxflat.surface((points, faces)).patches(25)
     assert [layer.name for layer in viewer.layers] == [
         "ball", "ball in patches", "ball patches", "ball flattened", "ball C",
     ]  # fmt: skip
@@ -209,7 +209,7 @@ def test_glued(open_widget, qtbot, tmp_path):
     assert widget.form.glue.text() == "not glued"
     widget.form.glue.setValue(1.4)
     run(widget, qtbot)
-    expected = voxflat.patches((points, faces), 12).glue(1.4)
+    expected = voxflat.surface((points, faces)).patches(12).glue(1.4)
     surface, _, heat = viewer.layers[1:]
     same_atlas(heat, expected)
     assert_array_equal(heat.data, expected.heat_map().data)
@@ -223,7 +223,7 @@ def test_glued(open_widget, qtbot, tmp_path):
 
 @pytest.mark.parametrize("glue", [None, 1.4])
 def test_a_saved_atlas_is_opened(make_napari_viewer, qtbot, tmp_path, glue):
-    atlas = voxflat.patches(sphere(), 25)
+    atlas = voxflat.surface(sphere()).patches(25)
     atlas = atlas if glue is None else atlas.glue(glue)
     atlas.save(tmp_path / "ball.npz")
     viewer = make_napari_viewer()

@@ -3,11 +3,10 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import composed
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-
-import voxflat
 
 pytest.importorskip("napari")
 from napari.layers import Image
@@ -43,7 +42,7 @@ def folded():
 
 
 def sheet_of(points, faces, **how):
-    flat_map = voxflat.flatten((points, faces), sources=20, **how)
+    flat_map = composed.flatten((points, faces), sources=20, **how)
     flat_map = replace(
         flat_map,
         metadata={**flat_map.metadata, "napari": {"layer": "it", "world_axes": "RAS", "unit": "millimeter"}},

@@ -274,7 +274,7 @@ def test_all_layers_are_taken_away_and_others_come(open_widget, qtbot):
 def test_pages_in_colours_come_while_the_viewer_shows_3d(open_widget, qtbot, tmp_path):
     """napari cannot add a hidden picture in colours then."""
     points, faces, _ = bumps(9)
-    voxflat.patches((points, faces), count=2).save(tmp_path / "atlas.voxflat")
+    voxflat.surface((points, faces)).patches(count=2).save(tmp_path / "atlas.voxflat")
     viewer, widget = open_widget(Surface((points, faces), name="grid"), name="Flatten in patches")
     viewer.dims.ndisplay = 3
     run(widget, qtbot)

@@ -214,7 +214,7 @@ def test_a_freesurfer_directory(window, subject, pictures, look, tmp_path):
     widget.scrolled.ensureWidgetVisible(widget.results.copy)
     hand.press(widget.results.copy)
     script = QApplication.clipboard().text()
-    assert "voxflat.flatten(" in script
+    assert ".flatten(" in script
     assert f"read_overlay({str(subject / 'lh.thickness')!r}" in script  # all lies in files: nothing is asked
 
     # saved by the menu, and opened again in an empty window

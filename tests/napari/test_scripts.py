@@ -111,7 +111,7 @@ def test_a_click_copies_the_script(open_widget, qtbot, messages, monkeypatch, tm
     widget.results.copy.click()
     script = QApplication.clipboard().text()
     compile(script, "script", "exec")
-    assert "voxflat.flatten(volume, label=3" in script
+    assert "voxflat.surface(volume, label=3" in script
     (saved,) = tmp_path.iterdir()
     assert_array_equal(np.load(saved)["data"], cap())
     viewer.layers["sheet"].data_setitem((np.array([0]),) * 3, 9)

@@ -26,7 +26,7 @@ def flat():
     ball = pv.Icosphere(radius=20.0, nsub=2)
     ball.point_data["height </script>"] = ball.points[:, 2]
     ball.cell_data["number"] = np.arange(ball.n_cells)
-    return ball.voxflat(sources=20, relax=False)
+    return ball.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
 
 
 def scene_of(text):
@@ -118,7 +118,7 @@ def test_the_page_fits_and_is_drawn(width, dark, tmp_path):
     x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-2, 2, 17), indexing="ij")
     leaning = pv.StructuredGrid(x, y, 0.2 * (x * x - y * y)).rotate_x(40).rotate_z(70)
     page = tmp_path / "page.html"
-    text = leaning.voxflat.show("Leaning", sources=20, relax=False).html.replace("</body>", f"{SEEN}</body>")
+    text = leaning.voxflat.show("Leaning", relax=False).html.replace("</body>", f"{SEEN}</body>")
     frame = f'<iframe srcdoc="{html.escape(text)}" style="border: 0; width: {width}px; height: 844px"></iframe>'
     page.write_text(f"<!doctype html><body>{frame}</body>")  # windows of Chromium are 500 pixels wide at least
     said, drawn = console_of(
@@ -142,7 +142,7 @@ def test_labels_stay_labels_and_numbers_exact():
     plane.cell_data["one"] = np.arange(plane.n_cells) == 100
     plane.cell_data["height"] = middle[:, 1]
     plane.point_data["number"] = 10**9 + np.arange(plane.n_points)
-    flat = plane.voxflat(sources=20)
+    flat = plane.voxflat(method=voxflat.methods.Voxflat(sources=20))
     content, arrays, faces = scene_of(flat.voxflat.show().html)
     layers = {layer["name"]: layer for layer in content["layers"]}
     assert set(arrays["code"]) == {3, 16_711_680}
@@ -160,7 +160,7 @@ def test_labels_stay_labels_and_numbers_exact():
 
 def test_a_map_without_pyvista_has_the_same_page(flat, tmp_path):
     ball = pv.Icosphere(radius=20.0, nsub=2)
-    flat_map = ball.voxflat.flatten(sources=20, relax=False)
+    flat_map = ball.voxflat.flatten(method=voxflat.methods.Voxflat(sources=20), relax=False)
     voxflat.map_page(flat_map, "Ball").save(tmp_path / "ball.html")
     content, arrays, faces = scene_of((tmp_path / "ball.html").read_text())
     of_mesh, same, triangles = scene_of(flat.voxflat.show("Ball").html)

@@ -8,6 +8,16 @@ import pytest
 pytest.importorskip("pyvista")
 
 MODULES = ["_pyvista.accessor", "_pyvista.blocks", "_pyvista.morphs", "_pyvista.files", "lab.map_page", "vtk"]
+MODULES += [
+    "pipeline.surface",
+    "pipeline.cut_surface",
+    "pipeline.flatten",
+    "pipeline.check",
+    "methods",
+    "methods.voxflat",
+]
+MODULES += ["methods.grossmann2002", "methods.zigelman2002", "methods.schwartz1989", "methods.saucan2006"]
+MODULES += ["figures.overlays"]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import composed
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ pv = pytest.importorskip("pyvista")
 import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
 from voxflat._pyvista import BlocksAccessor, VoxflatAccessor, to_polydata, to_surface_polydata  # noqa: E402
-from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions  # noqa: E402
+from voxflat._pyvista.options import CutOptions, FlattenOptions, PartOptions, PlaceOptions  # noqa: E402
 
 SHAPE = (20, 26, 10)
 PLACES = {
@@ -76,7 +77,7 @@ def image():
 @pytest.fixture(scope="module", params=["grossmann2002", "voxflat"])
 def flat_map(request, image):
     if request.param == "grossmann2002":
-        return image.voxflat.flatten(sources=60, method="grossmann2002")
+        return image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=60))
     return image_of(solid()).voxflat.flatten(seed_point=(10, 13, 6), radius=10.0)
 
 
@@ -87,7 +88,7 @@ def flat_map(request, image):
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_points_lie_where_vtk_has_them(place, in_cells):
     image = image_of(sheet(), in_cells, **place)
-    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
+    flat_map = image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=10))
     centres = image.cell_centers().points if in_cells else image.points
     number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
     np.testing.assert_allclose(flat_map.points, centres[number], atol=1e-4)
@@ -99,7 +100,7 @@ def test_points_lie_where_vtk_has_them(place, in_cells):
 def test_surface_points_lie_at_their_voxels(place, in_cells):
     """Finer than the grid, they lie at most a voxel from the centres along each axis."""
     image = image_of(solid(), in_cells, **place)
-    flat_map = image.voxflat.flatten(seed_point=(10, 13, 6), radius=8.0, sources=10)
+    flat_map = image.voxflat.flatten(method=voxflat.methods.Voxflat(sources=10), seed_point=(10, 13, 6), radius=8.0)
     centres = image.cell_centers().points if in_cells else image.points
     number = np.ravel_multi_index(tuple(flat_map.ids.T), SHAPE, order="F")
     linear = image.index_to_physical_matrix[:3, :3]
@@ -122,7 +123,7 @@ def test_voxel_at_finds_every_centre(in_cells):
 def test_a_single_slice_of_voxels(in_cells):
     image = pv.ImageData(dimensions=(9 + in_cells, 8 + in_cells, 1), spacing=(1, 1, 3), origin=(0, 0, 5))
     image["mask"] = np.ones(72, dtype=np.uint8)
-    flat_map = image.voxflat.flatten(sources=10, method="grossmann2002")
+    flat_map = image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=10))
     assert len(flat_map) == 72
     assert set(flat_map.points[:, 2]) == {5.0}
 
@@ -136,12 +137,13 @@ def test_result_is_that_of_voxflat_flatten_on_the_array(method, volume):
     affine = image.index_to_physical_matrix.copy()
     affine[:3, 3] = image.points[0]
     options = {"label": 4, "seed_point": (10, 12, 6), "radius": 12.0, "sources": 40, "seed": 5, "method": method}
-    expected = voxflat.flatten(3 * volume + 1, affine=affine, **options)
-    found = image.voxflat.flatten("brain", **options)
+    expected = composed.flatten(3 * volume + 1, affine=affine, **options)
+    given = composed.with_method(options)
+    found = image.voxflat.flatten("brain", **given)
     assert found.metadata["method"] == method
     np.testing.assert_array_equal(found.ids, expected.ids)
     np.testing.assert_allclose(found.uv, expected.uv, atol=1e-6)
-    np.testing.assert_array_equal(image.voxflat("brain", **options).points[:, :2], found.uv)
+    np.testing.assert_array_equal(image.voxflat("brain", **given).points[:, :2], found.uv)
 
 
 def test_the_default_method_is_that_of_voxflat_flatten():
@@ -157,7 +159,7 @@ def test_the_volume_is_a_view(image):
 @pytest.mark.parametrize("dtype", [bool, np.int64, np.float32, np.uint16])
 def test_types_of_labels(dtype):
     image = image_of(sheet().astype(dtype))
-    assert len(image.voxflat.flatten(sources=10, method="grossmann2002")) == sheet().sum()
+    assert len(image.voxflat.flatten(method=voxflat.methods.Grossmann2002(sources=10))) == sheet().sum()
 
 
 @pytest.mark.slow
@@ -170,10 +172,11 @@ def test_keep_is_an_array_of_the_image_or_another_image(method, volume):
     both["half"] = half.ravel(order="F")
     other = image_of(half, spacing=spacing)
     options = {"sources": 20, "method": method} | ({"relax": False} if method == "voxflat" else {})
-    expected = voxflat.flatten(volume, spacing=spacing, keep=half, **options).ids
+    expected = composed.flatten(volume, spacing=spacing, keep=half, **options).ids
     assert expected[:, 1].max() == 12
     for keep in ("half", other, half):
-        np.testing.assert_array_equal(both.voxflat.flatten("labels", keep=keep, **options).ids, expected)
+        found = both.voxflat.flatten("labels", keep=keep, **composed.with_method(options))
+        np.testing.assert_array_equal(found.ids, expected)
 
 
 def test_colours_are_sampled_onto_the_map(flat_map):
@@ -196,8 +199,8 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
     mesh.field_data["subject"] = ["bert"]
     before = mesh.copy()
     with pytest.warns(UserWarning, match="'(distance_error|torn)' of its own: the mesh's is called 'mesh_"):
-        flat = mesh.voxflat(sources=60)
-    flat_map = mesh.voxflat.flatten(sources=60)
+        flat = mesh.voxflat(method=voxflat.methods.Voxflat(sources=60))
+    flat_map = mesh.voxflat.flatten(method=voxflat.methods.Voxflat(sources=60))
     assert mesh == before  # it stays as it is
     np.testing.assert_array_equal(flat.point_data["mesh_distance_error"], 7)
     assert flat.field_data["subject"].tolist() == ["bert"]
@@ -231,8 +234,8 @@ def test_a_mesh_is_flattened_with_all_its_arrays():
 def test_a_mesh_gives_what_its_points_and_faces_give():
     mesh = bumpy()
     options = {"seed_point": 168, "radius": 12.0, "sources": 50, "seed": 5}
-    expected = voxflat.flatten((np.asarray(mesh.points), mesh.regular_faces), **options)
-    found = mesh.voxflat.flatten(**options)
+    expected = composed.flatten((np.asarray(mesh.points), mesh.regular_faces), **options)
+    found = mesh.voxflat.flatten(**composed.with_method(options))
     np.testing.assert_array_equal(found.ids, expected.ids)
     np.testing.assert_array_equal(found.uv, expected.uv)
     assert 20 < len(found) < mesh.n_points
@@ -242,12 +245,12 @@ def test_a_mesh_gives_what_its_points_and_faces_give():
 
 def test_keep_is_an_array_of_the_mesh():
     mesh = bumpy()
-    flat = mesh.voxflat(keep="right", sources=40)
+    flat = mesh.voxflat(method=voxflat.methods.Voxflat(sources=40), keep="right")
     assert flat.point_data["right"].all()
     assert flat.n_points == mesh["right"].sum()
-    mask = mesh.voxflat(keep=np.asarray(mesh["right"]), sources=40)
+    mask = mesh.voxflat(method=voxflat.methods.Voxflat(sources=40), keep=np.asarray(mesh["right"]))
     np.testing.assert_array_equal(flat.point_data["vertex_ids"], mask.point_data["vertex_ids"])
-    rest = mesh.voxflat(drop="right", sources=40)
+    rest = mesh.voxflat(method=voxflat.methods.Voxflat(sources=40), drop="right")
     assert not rest.point_data["right"].any()
     with pytest.raises(InputError, match="the patch holds no triangle"):
         mesh.voxflat(keep=np.zeros(mesh.n_points, dtype=bool))
@@ -260,8 +263,8 @@ def test_arrays_of_both_sides_of_a_cut():
     ball = pv.Icosphere(radius=20.0, nsub=2)
     ball["number"] = np.arange(ball.n_points)
     meridian = np.flatnonzero((np.abs(ball.points[:, 1]) < 1e-3) & (ball.points[:, 0] > -1e-3))
-    path = voxflat.path(ball, int(meridian[ball.points[meridian, 2].argmin()]), 0, geodesic="edges").ids
-    flat = ball.voxflat(cuts=[path.tolist()], sources=40)
+    path = voxflat.surface(ball).path(int(meridian[ball.points[meridian, 2].argmin()]), 0, geodesic="edges").ids
+    flat = ball.voxflat(method=voxflat.methods.Voxflat(sources=40), cuts=[path.tolist()])
     np.testing.assert_array_equal(flat.point_data["number"], flat.point_data["vertex_ids"])
     numbers, counts = np.unique(flat.point_data["number"], return_counts=True)
     assert len(numbers) == ball.n_points
@@ -279,7 +282,7 @@ def test_polydata_that_are_no_surface_are_refused_with_a_remedy():
         with pytest.raises(InputError, match=message):
             bad.voxflat()
     lines.cell_data["number"] = np.arange(lines.n_cells)  # of which the line's is the first
-    flat = lines.voxflat(sources=10)
+    flat = lines.voxflat(method=voxflat.methods.Voxflat(sources=10))
     assert flat.n_points == lines.n_points
     assert sorted(flat.cell_data["number"]) == [*range(1, lines.n_cells)]
 
@@ -287,7 +290,7 @@ def test_polydata_that_are_no_surface_are_refused_with_a_remedy():
 def test_quadrilaterals_and_strips_become_triangles():
     quads, mesh = pv.Plane(i_size=40.0, j_size=30.0), bumpy()
     for given in (quads, mesh.strip()):
-        flat = given.voxflat(sources=10)
+        flat = given.voxflat(method=voxflat.methods.Voxflat(sources=10))
         assert flat.n_points == given.n_points
         assert flat.n_cells == given.triangulate().n_cells
 
@@ -330,7 +333,7 @@ def test_any_dataset_is_flattened_with_its_data(name):
     mesh.point_data["place"] = mesh.points.copy()
     mesh.cell_data["centre"] = mesh.cell_centers().points
     before = mesh.copy()
-    flat = mesh.voxflat(sources=20, relax=False)
+    flat = mesh.voxflat(method=voxflat.methods.Voxflat(sources=20), relax=False)
     assert mesh == before
     np.testing.assert_allclose(flat["place"], flat["surface_points"], atol=1e-5)
     np.testing.assert_array_equal(flat["place"], mesh.points[flat["vertex_ids"]])
@@ -352,13 +355,15 @@ def test_any_dataset_is_flattened_with_its_data(name):
 def test_numbers_are_those_of_the_datasets_points():
     grid = open_cylinder()
     seed = 24 * 6 + 12
-    flat = grid.voxflat(seed_point=seed, radius=6.0, sources=np.array([seed, seed + 1, seed - 24]))
+    flat = grid.voxflat(
+        method=voxflat.methods.Voxflat(sources=np.array([seed, seed + 1, seed - 24])), seed_point=seed, radius=6.0
+    )
     assert np.linalg.norm(flat["surface_points"] - grid.points[seed], axis=1).max() <= 6
     keep = np.zeros(grid.n_points, dtype=bool)
     keep[: 24 * 5] = True
     grid.point_data["lower"] = keep
     for region in (keep, "lower", np.flatnonzero(keep)):
-        assert grid.voxflat(keep=region, sources=10)["lower"].all()
+        assert grid.voxflat(method=voxflat.methods.Voxflat(sources=10), keep=region)["lower"].all()
     solid = datasets()["RectilinearGrid"]
     inside = int(solid.find_closest_point((2.5, 2.5, 2.5)))
     with pytest.raises(InputError, match=f"seed_point: point {inside} is not on the surface of the RectilinearGrid"):
@@ -388,7 +393,7 @@ def test_distances_and_paths_along_a_grid():
 
 def test_blocks_are_flattened_one_by_one(capsys):
     blocks = pv.MultiBlock({"tube": open_cylinder(), "nothing": None, "more": pv.MultiBlock({"bumps": bumpy()})})
-    flat = blocks.voxflat(sources=10, progress_bar=True)
+    flat = blocks.voxflat(method=voxflat.methods.Voxflat(sources=10), progress_bar=True)
     assert flat.keys() == ["tube", "nothing", "more"]
     assert flat["nothing"] is None
     assert flat["more"]["bumps"].n_points == bumpy().n_points
@@ -402,7 +407,7 @@ def test_verbs_of_blocks_are_those_of_each_block():
     parts = {"tube": open_cylinder(), "bumps": bumpy()}
     blocks = pv.MultiBlock({"tube": parts["tube"], "more": pv.MultiBlock({"bumps": parts["bumps"], "none": None})})
     calls = {
-        "__call__": lambda of: of(sources=10),
+        "__call__": lambda of: of(method=voxflat.methods.Voxflat(sources=10)),
         "surface": lambda of: of.surface(),
         "patches": lambda of: of.patches(25),
         "cut": lambda of: of.cut(relax=False),
@@ -412,12 +417,14 @@ def test_verbs_of_blocks_are_those_of_each_block():
         assert made["tube"] == call(parts["tube"].voxflat)
         assert made["more"]["bumps"] == call(parts["bumps"].voxflat)
         assert made["more"]["none"] is None
-    flat = blocks.voxflat(sources=10)
+    flat = blocks.voxflat(method=voxflat.methods.Voxflat(sources=10))
     measured = blocks.voxflat.measure(flat, sources=10)
     assert measured["more"]["bumps"] == parts["bumps"].voxflat.measure(flat["more"]["bumps"], sources=10)
-    flat_maps = blocks.voxflat.flatten(sources=10)
+    flat_maps = blocks.voxflat.flatten(method=voxflat.methods.Voxflat(sources=10))
     assert list(flat_maps) == list(blocks.voxflat.check()) == ["tube", "more/bumps"]
-    np.testing.assert_array_equal(flat_maps["tube"].uv, parts["tube"].voxflat.flatten(sources=10).uv)
+    np.testing.assert_array_equal(
+        flat_maps["tube"].uv, parts["tube"].voxflat.flatten(method=voxflat.methods.Voxflat(sources=10)).uv
+    )
     with pytest.raises(InputError, match="the maps are 1 blocks; give a MultiBlock with one for each of 2 blocks"):
         blocks.voxflat.measure(pv.MultiBlock([flat["tube"]]))
     with pytest.raises(InputError, match="the maps are PolyData; give a MultiBlock"):
@@ -457,16 +464,14 @@ def test_patches_leave_the_mesh_as_it_is():
 
 
 def test_options_are_those_of_the_functions():
-    taken = inspect.signature(voxflat.flatten).parameters.keys() - {"surface", "spacing", "affine"}
-    assert FlattenOptions.__annotations__.keys() == taken
-    taken = inspect.signature(voxflat.cut).parameters.keys() - {"surface", "spacing", "affine"}
-    assert CutOptions.__annotations__.keys() == taken
-    place = PlaceOptions.__annotations__.keys()
-    for function in (voxflat.check, voxflat.surface, voxflat.patches):
-        assert place <= inspect.signature(function).parameters.keys()
+    part = PartOptions.__annotations__.keys()
+    for options, verb in ((FlattenOptions, voxflat.Surface.flatten), (CutOptions, voxflat.Surface.cut)):
+        assert options.__annotations__.keys() == part | (inspect.signature(verb).parameters.keys() - {"self"})
+    for function in (voxflat.check, voxflat.surface):
+        assert PlaceOptions.__annotations__.keys() <= inspect.signature(function).parameters.keys()
     own = inspect.signature(VoxflatAccessor.patches).parameters
     for name in ("max_angle", "bound", "count", "seeds", "seed"):
-        assert own[name].default == inspect.signature(voxflat.patches).parameters[name].default
+        assert own[name].default == inspect.signature(voxflat.Surface.patches).parameters[name].default
 
 
 def test_a_wrong_name_lists_the_arrays():
@@ -576,7 +581,7 @@ import pyvista as pv
 assert "voxflat" not in sys.modules
 image = pv.ImageData(dimensions=(12, 9, 3))
 image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
-print(image.voxflat(sources=9, method="grossmann2002").n_points)
+print(image.voxflat(method="grossmann2002").n_points)
 """
     assert fresh(code) == ["108"]
 
@@ -590,7 +595,7 @@ vars(pv).pop("register_dataset_accessor", None)
 import voxflat._pyvista
 image = pv.ImageData(dimensions=(12, 9, 3))
 image["mask"] = (image.points[:, 2] == 1).astype(np.uint8)
-flat = image.voxflat(sources=9, method="grossmann2002")
+flat = image.voxflat(method=voxflat.methods.Grossmann2002(sources=9))
 print(type(vars(pv.DataSet)["voxflat"]).__name__, flat.n_points)
 """
     assert fresh(code) == ["property", "108"]

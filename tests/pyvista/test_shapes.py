@@ -1,5 +1,6 @@
 """Every verb on every kind of dataset, and PyVista's own shapes: flattened, or refused with the reason."""
 
+import composed
 import doors
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import voxflat  # noqa: E402
 from voxflat import InputError  # noqa: E402
 from voxflat.cli import main  # noqa: E402
 
-QUICK = {"sources": 8, "relax": False}
+QUICK = {"method": voxflat.methods.Voxflat(sources=8), "relax": False}
 
 
 def bowl(count=7):
@@ -76,7 +77,7 @@ def called_on(of, mesh, verb):
         "__call__": (lambda: of(**QUICK), pv.PolyData),
         "flatten": (lambda: of.flatten(**QUICK), voxflat.FlatMap),
         "surface": (of.surface, pv.PolyData),
-        "check": (of.check, voxflat.Check),
+        "check": (of.check, voxflat.surfaces.findings.Check),
         "geodesic": (lambda: of.geodesic(0), type(mesh)),
         "path": (lambda: of.path(0, 7), pv.PolyData),
         "patches": (lambda: of.patches(max_angle=30), pv.PolyData),
@@ -211,7 +212,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", FLAT)
 def test_shapes_are_flattened(name, caplog):
     mesh = FLAT[name]()
-    flat = mesh.voxflat(**{**QUICK, "sources": None})
+    flat = mesh.voxflat(relax=False)
     assert not flat["flipped"].any()
     assert (flat.compute_cell_sizes()["Area"] > 0).all()
     triangles = surface_of(mesh).triangulate().n_cells
@@ -237,20 +238,20 @@ def test_the_same_map_through_every_door(tmp_path, caplog):
     So does napari's form: `test_the_form_is_a_door_like_the_others`.
     """
     mesh = pv.read(doors.write_mesh(tmp_path / "bowl.vtp"))
-    options = doors.OPTIONS
-    own = voxflat.flatten(str(tmp_path / "bowl.vtp"), **options)
+    options, given = doors.OPTIONS, composed.with_method(doors.OPTIONS)
+    own = composed.flatten(str(tmp_path / "bowl.vtp"), **options)
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     command = ["flatten", str(tmp_path / "bowl.vtp"), *words, "-o", str(tmp_path / "map.npz")]
     done = CliRunner().invoke(main, command)
     assert done.exit_code == 0, done.output
     by_command = voxflat.load(tmp_path / "map.npz")
-    flat = mesh.voxflat(**options)
-    flatten = voxflat.vtk.FlattenSurface(**options)
+    flat = mesh.voxflat(**given)
+    flatten = voxflat.vtk.FlattenSurface(**given)
     flatten.SetInputData(mesh)
     flatten.Update()
     filtered = pv.wrap(flatten.GetOutput())
     assert len(own) == mesh.n_points
-    for other in (by_command, mesh.voxflat.flatten(**options)):
+    for other in (by_command, mesh.voxflat.flatten(**given)):
         for name in ("uv", "ids", "faces", "points"):
             assert getattr(other, name).tobytes() == getattr(own, name).tobytes()
         assert other.distortion.per_point.tobytes() == own.distortion.per_point.tobytes()

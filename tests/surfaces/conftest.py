@@ -27,4 +27,4 @@ def shipped(fsaverage):
 
 @pytest.fixture(scope="session")
 def flat_map(white, shipped):
-    return voxflat.flatten(white, keep=shipped, sources=150)
+    return voxflat.surface(white).keep(shipped).flatten(voxflat.methods.Voxflat(sources=150))

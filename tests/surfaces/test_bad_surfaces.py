@@ -2,6 +2,7 @@
 
 import warnings
 
+import composed
 import numpy as np
 import pytest
 import shapes
@@ -82,7 +83,7 @@ def strictly(mesh):
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("call", [voxflat.flatten, voxflat.surface, lambda m: voxflat.geodesic(m, 3), strictly])
+@pytest.mark.parametrize("call", [voxflat.flatten, voxflat.surface, lambda m: voxflat.surface(m).geodesic(3), strictly])
 def test_meshes(name, call):
     mesh, message = parts(name)
     if name in MENDED and call is not strictly:
@@ -109,8 +110,7 @@ def test_check_lists_all_defects():
     [
         ({"label": 1}, "label is given, but the input is a mesh"),
         ({"threshold": 0.5}, "threshold is given, but the input is a mesh"),
-        ({"link_lengths": "euclidean"}, "method 'voxflat' knows no link_lengths"),
-        ({"method": "grossmann2002"}, r"no volume|tuple"),
+        ({"method": "grossmann2002"}, "this surface has none; give a volume"),
         ({"seed_point": (1, 2, 3), "radius": 3.0}, "for a mesh give the number of a vertex"),
         ({"seed_point": 99, "radius": 3.0}, "vertex 99 is not on the surface"),
         ({"seed_point": 24, "radius": 0.1}, "no triangle around vertex 24 lies within 0.1 mm"),
@@ -123,14 +123,13 @@ def test_check_lists_all_defects():
         ({"cuts": "auto"}, "cannot read the cuts auto: No such file"),
         ({"cuts": 5}, "cuts are int; give a list of paths"),
         ({"sources": [0, 1, 1]}, "source 1 is given 2 times"),
-        ({"sources": 50}, "50 sources are more than the 49 points"),
         ({"sources": [[0, 0, 2]] * 3}, r"must be vertex numbers of shape \(m,\)"),
         ({"memory_limit": 1000}, "of memory are needed"),
     ],
 )
 def test_options(options, message):
     with pytest.raises(voxflat.InputError, match=message):
-        voxflat.flatten(square(), **options)
+        composed.flatten(square(), **options)
 
 
 def test_a_ring_without_cuts_is_refused():
@@ -164,44 +163,44 @@ def test_the_largest_component_is_that_of_the_largest_area_and_so_it_is_told():
     fine = np.array([1.0, 1.0, 1.0]) * square(20)[0] + [0.0, 0.0, 9.0], square(20)[1]  # 400 mm² in 800
     for first, second in ((coarse, fine), (fine, coarse)):
         both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + len(first[0])])
-        flat = voxflat.flatten(both, sources=9)
+        flat = voxflat.flatten(both, method=voxflat.methods.Voxflat(sources=9))
         assert len(flat) == len(coarse[0])
         assert flat.metadata["warnings"][0] == "the surface has 2 components: the largest, 80.0 % of its area, is used"
         found = voxflat.check(both)
         assert (found.components, found.used) == ((len(coarse[0]), len(fine[0])), len(coarse[0]))
         # what is chosen may have little beside it
         with pytest.raises(voxflat.InputError, match=r"2 pieces that do not touch \(of 1600, 400 mm²\)"):
-            voxflat.flatten(both, keep=np.ones(len(both[0]), bool))
+            voxflat.surface(both).keep(np.ones(len(both[0]), bool)).flatten()
 
 
 @pytest.mark.parametrize("bad", [True, False, np.True_])
 def test_true_and_false_are_no_numbers(bad):
     mesh, volume = square(), shapes.sheet((12, 12))
-    flat = voxflat.flatten(mesh, sources=9)
+    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=9))
     image = np.zeros((3, 3, 3))
     for call in (
         lambda: voxflat.flatten(mesh, threads=bad),
         lambda: voxflat.flatten(mesh, seed=bad),
-        lambda: voxflat.flatten(mesh, sources=bad),
-        lambda: voxflat.flatten(mesh, weighting=bad),
+        lambda: voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=bad)),
+        lambda: voxflat.flatten(mesh, method=voxflat.methods.Voxflat(weighting=bad)),
         lambda: voxflat.flatten(mesh, memory_limit=bad),
-        lambda: voxflat.flatten(mesh, seed_point=24, radius=bad),
-        lambda: voxflat.flatten(mesh, method="schwartz1989", neighbourhood=bad),
-        lambda: voxflat.flatten(mesh, method="schwartz1989", starts=bad),
-        lambda: voxflat.flatten(mesh, method="saucan2006", bound=bad),
-        lambda: voxflat.flatten(volume, label=bad),
-        lambda: voxflat.flatten(volume, threshold=bad),
-        lambda: voxflat.flatten(volume, spacing=[bad] * 3),
-        lambda: voxflat.flatten(volume, method="grossmann2002", sources=bad),
-        lambda: voxflat.flatten(volume, method="grossmann2002", label=bad),
-        lambda: voxflat.geodesic(mesh, bad),
+        lambda: voxflat.surface(mesh).disk(24, bad).flatten(),
+        lambda: voxflat.flatten(mesh, method=voxflat.methods.Schwartz1989(neighbourhood=bad)),
+        lambda: voxflat.flatten(mesh, method=voxflat.methods.Schwartz1989(starts=bad)),
+        lambda: voxflat.flatten(mesh, method=voxflat.methods.Saucan2006(bound=bad)),
+        lambda: voxflat.surface(volume, label=bad).flatten(),
+        lambda: voxflat.surface(volume, threshold=bad).flatten(),
+        lambda: voxflat.surface(volume, spacing=[bad] * 3).flatten(),
+        lambda: voxflat.flatten(volume, method=voxflat.methods.Grossmann2002(sources=bad)),
+        lambda: voxflat.surface(volume, label=bad).flatten("grossmann2002"),
+        lambda: voxflat.surface(mesh).geodesic(bad),
         lambda: voxflat.measure(mesh, flat, sources=bad),
         lambda: voxflat.check(mesh, threads=bad),
-        lambda: voxflat.patches(mesh, bad),
-        lambda: voxflat.patches(mesh, bound=bad),
-        lambda: voxflat.patches(mesh, count=bad),
-        lambda: voxflat.patches(mesh).glue(bad),
-        lambda: voxflat.patches(mesh).page(bad),
+        lambda: voxflat.surface(mesh).patches(bad),
+        lambda: voxflat.surface(mesh).patches(bound=bad),
+        lambda: voxflat.surface(mesh).patches(count=bad),
+        lambda: voxflat.surface(mesh).patches().glue(bad),
+        lambda: voxflat.surface(mesh).patches().page(bad),
         lambda: voxflat.range_image(image[0], 1.0, jump=bad),
         lambda: flat.heat_map(bad),
         lambda: flat.image(np.zeros(len(mesh[0])), depth=bad),
@@ -232,22 +231,6 @@ def test_check_is_the_same_with_any_number_of_threads():
     assert one.automatic_cuts
     with pytest.raises(voxflat.InputError, match="threads is 0"):
         voxflat.check(sphere, threads=0)
-
-
-def test_check_cuts_the_patch_out_once(monkeypatch):
-    from voxflat.surfaces import check as checking
-
-    done = []
-
-    def cut_out(*args, **options):
-        done.append(options)
-        return once(*args, **options)
-
-    once = checking.cut_out
-    monkeypatch.setattr(checking, "cut_out", cut_out)
-    found = voxflat.check(square(), keep=np.arange(49) % 7 < 5, threads=1)
-    assert found.can_flatten
-    assert [options["threads"] for options in done] == [1]
 
 
 def pv_sphere():
@@ -299,7 +282,7 @@ def test_pial_must_correspond():
 def test_repair_of_what_cannot_be_repaired():
     with pytest.raises(voxflat.InputError, match="a mesh has no voxels; give 'cuts' or 'none'"):
         voxflat.surface(square(), repair="voxels")
-    for wrong, message in (("glue", "repair is 'glue'"), (True, "'voxels' is what True"), (False, "'none' is what")):
+    for wrong, message in (("glue", "repair is 'glue'"), (True, "repair is True; give 'none'")):
         for of in (shapes.ball(5), square()):
             with pytest.raises(voxflat.InputError, match=message):
                 voxflat.surface(of, repair=wrong)

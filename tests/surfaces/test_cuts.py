@@ -2,13 +2,14 @@
 
 import json
 
+import composed
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import voxflat
 from voxflat.cli import main
-from voxflat.surfaces.cut import Cut, CutSurface, whereabouts
+from voxflat.pipeline.cut_surface import Cut, CutSurface, whereabouts
 
 
 def ball(n=12):
@@ -38,7 +39,9 @@ def total(cuts, reason):
 @pytest.mark.slow
 def test_a_closed_surface_is_relaxed_unless_forbidden():
     mesh = ball()
-    plain, relaxed = (voxflat.flatten(mesh, relax=relax, sources=60) for relax in (False, None))
+    plain, relaxed = (
+        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), relax=relax) for relax in (False, None)
+    )
     reasons = [[cut["reason"] for cut in flat.metadata["automatic_cuts"]] for flat in (plain, relaxed)]
     assert reasons[0] == ["closed sphere"]
     assert reasons[1][0] == "closed sphere"
@@ -53,38 +56,38 @@ def test_a_disk_is_cut_where_it_pays_and_nobody_has_said_where():
     points, faces = ball()
     keep = below(points, 10)
     of = {"keep": keep, "sources": 60}
-    whole, cut = (voxflat.flatten((points, faces), **of, relax=relax) for relax in (False, None))
+    whole, cut = (composed.flatten((points, faces), **of, relax=relax) for relax in (False, None))
     assert {cut["reason"] for cut in cut.metadata["automatic_cuts"]} == {"relaxation"}
     assert any("distances of a sketch are" in warning for warning in cut.metadata["warnings"])
     assert cut.distortion.raw.relative_error < 0.9 * whole.distortion.raw.relative_error
-    assert voxflat.cut((points, faces), keep=below(points, -20)).cuts == ()  # hardly curved: it does not pay
-    given = voxflat.cut((points, faces), keep=keep, cuts=[cut.metadata["automatic_cuts"][0]["ids"]])
+    assert voxflat.surface((points, faces)).keep(below(points, -20)).cut().cuts == ()  # hardly curved: it does not pay
+    given = voxflat.surface((points, faces)).keep(keep).cut(cuts=[cut.metadata["automatic_cuts"][0]["ids"]])
     assert [one.reason for one in given.cuts] == ["given"]
     triangles = faces[keep[faces].all(axis=1)]  # a patch of triangles is cut as it is
-    assert voxflat.cut((points, faces), keep=(points, triangles)).cuts == ()
-    assert voxflat.cut((points, faces), keep=(points, triangles), relax=True).cuts
+    assert voxflat.surface((points, faces)).keep((points, triangles)).cut().cuts == ()
+    assert voxflat.surface((points, faces)).keep((points, triangles)).cut(relax=True).cuts
 
 
 @pytest.mark.slow
 def test_a_disk_is_cut_to_the_length_that_is_asked_for():
     points, faces = ball()
     keep = below(points, 10)
-    cut = voxflat.cut((points, faces), keep=keep, relax=60.0)
+    cut = voxflat.surface((points, faces)).keep(keep).cut(relax=60.0)
     assert 40 < total(cut.cuts, "relaxation") <= 60
     topology = cut.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
     for one in cut.cuts:
         length = np.linalg.norm(np.diff(points[one.ids], axis=0), axis=1).sum()
         assert length == pytest.approx(one.length)
-    assert voxflat.cut((points, faces), keep=keep, relax=0).cuts == ()
-    assert voxflat.cut((points, faces), keep=keep, relax=True).cuts
+    assert voxflat.surface((points, faces)).keep(keep).cut(relax=0).cuts == ()
+    assert voxflat.surface((points, faces)).keep(keep).cut(relax=True).cuts
 
 
 def test_own_cuts_are_kept_and_count():
     points, faces = ball()
     keep = below(points, 10)
-    rim = voxflat.path((points, faces), len(points) - 1, int(np.flatnonzero(keep)[0]), geodesic="edges")
-    cut = voxflat.cut((points, faces), keep=keep, cuts=[rim.ids], relax=rim.length + 40)
+    rim = voxflat.surface((points, faces)).path(len(points) - 1, int(np.flatnonzero(keep)[0]), geodesic="edges")
+    cut = voxflat.surface((points, faces)).keep(keep).cut(cuts=[rim.ids], relax=rim.length + 40)
     assert cut.cuts[0].reason == "given"
     np.testing.assert_array_equal(cut.cuts[0].ids, rim.ids)
     assert 0 < total(cut.cuts, "relaxation") <= 40
@@ -97,9 +100,9 @@ def test_own_cuts_are_kept_and_count():
 def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
     points, faces = ball()
     drop = ~below(points, 10)
-    first = voxflat.cut((points, faces), drop=drop, relax=80.0)
+    first = voxflat.surface((points, faces)).drop(drop).cut(relax=80.0)
     first.save(tmp_path / "cuts.json")
-    second = voxflat.cut((points, faces), cuts=tmp_path / "cuts.json")
+    second = voxflat.surface((points, faces)).cut(cuts=tmp_path / "cuts.json")
     np.testing.assert_array_equal(first.surface.faces, second.surface.faces)
     np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
     content = json.loads((tmp_path / "cuts.json").read_text())
@@ -109,8 +112,8 @@ def test_a_file_of_cuts_makes_the_same_surface(tmp_path):
 def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
     points, faces = ball()
     (tmp_path / "cuts.json").write_text(json.dumps({"cuts": [[len(points) - 1, 0]]}))
-    cut = voxflat.cut((points, faces), cuts=tmp_path / "cuts.json", relax=False)
-    expected = voxflat.path((points, faces), len(points) - 1, 0, geodesic="edges").ids
+    cut = voxflat.surface((points, faces)).cut(cuts=tmp_path / "cuts.json", relax=False)
+    expected = voxflat.surface((points, faces)).path(len(points) - 1, 0, geodesic="edges").ids
     np.testing.assert_array_equal(cut.cuts[0].ids, expected)
 
 
@@ -118,15 +121,15 @@ def test_a_file_may_name_few_vertices_of_a_cut(tmp_path):
 def test_a_bad_file_of_cuts_is_refused(tmp_path, content):
     (tmp_path / "cuts.json").write_text(content)
     with pytest.raises(voxflat.InputError, match=r"cuts\.json"):
-        voxflat.cut(ball(), cuts=tmp_path / "cuts.json")
+        voxflat.surface(ball()).cut(cuts=tmp_path / "cuts.json")
     with pytest.raises(voxflat.InputError, match=r"none\.json"):
-        voxflat.cut(ball(), cuts=tmp_path / "none.json")
+        voxflat.surface(ball()).cut(cuts=tmp_path / "none.json")
 
 
 @pytest.mark.parametrize("relax", [-1, float("nan"), float("inf"), "long"])
 def test_a_bad_length_is_refused(relax):
     with pytest.raises(voxflat.InputError, match="relax"):
-        voxflat.cut(ball(), relax=relax)
+        voxflat.surface(ball()).cut(relax=relax)
 
 
 @pytest.mark.slow
@@ -134,12 +137,12 @@ def test_the_medial_wall_is_where_the_surfaces_touch():
     points, faces = ball()
     wall = points[:, 2] > 24
     pial = (points * np.where(wall, 1.0, 1.1)[:, None], faces)
-    cut = voxflat.cut(voxflat.surface((points, faces), pial=pial), drop="medial wall")
+    cut = voxflat.surface((points, faces), pial=pial).drop("medial wall").cut()
     np.testing.assert_array_equal(np.sort(cut.left_out), np.flatnonzero(wall))
     for other in (None, (points * 1.1, faces), (points, faces)):
         whole = voxflat.surface((points, faces), pial=other)
         with pytest.raises(voxflat.InputError, match="label"):
-            voxflat.cut(whole, drop="medial wall")
+            whole.drop("medial wall").cut()
 
 
 @pytest.mark.slow
@@ -173,14 +176,14 @@ def test_a_path_over_voxels_that_have_two_vertices_stays_on_its_side(side):
     whole = voxflat.surface(volume, spacing=(1, 1, 1))
     start, end = (int(np.argmin(np.linalg.norm(whole.ids - at, axis=1))) for at in ((9, side, 4), (9, 7, 13)))
     steps, _ = whole.core.edge_path(start, end)
-    done = voxflat.cut(whole, cuts=[whole.ids[steps]], relax=False)
+    done = whole.cut(cuts=[whole.ids[steps]], relax=False)
     assert len(done.surface) == len(whole) + len(steps) - 2  # all but its ends are doubled
 
 
 def test_a_cut_is_told_by_its_name_or_number_and_where_it_lies():
     points, faces = ball(16)
     whole = voxflat.surface((points, faces))
-    ways = [voxflat.path(whole, *ends, geodesic="edges").ids for ends in ((480, 0), (481, 448), (224, 232))]
+    ways = [whole.path(*ends, geodesic="edges").ids for ends in ((480, 0), (481, 448), (224, 232))]
     cuts = (Cut(ways[0], None, "relaxation"), Cut(ways[1], None, "given"), Cut(ways[2], None, "template", "calcarine"))
     made = CutSurface(whole, cuts, np.empty(0, np.int64), whole=whole)
     assert [made.title(n) for n in range(3)] == ["cut 1, superior", "cut 2, inferior", "calcarine, right, anterior"]

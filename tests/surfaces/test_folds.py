@@ -106,7 +106,7 @@ def test_they_agree_with_freesurfer(side):
 def test_a_map_has_them_of_the_whole_surface(tmp_path):
     white, _, faces = lab.hemisphere()
     surface = voxflat.surface((white, faces))
-    flat = voxflat.flatten(surface, seed_point=1000, radius=25.0)
+    flat = surface.disk(1000, 25.0).flatten()
     assert len(flat) < 0.3 * len(surface)
     np.testing.assert_array_equal(flat.curvature, surface.mean_curvature()[flat.ids])
     np.testing.assert_array_equal(flat.sulcal_depth, surface.sulcal_depth()[flat.ids])
@@ -121,7 +121,7 @@ def test_the_graph_of_voxels_has_none(tmp_path):
     half[4:8, 2:22, 2:22] = 1
     keep = np.zeros_like(half)
     keep[7] = half[7]
-    flat = voxflat.flatten(half, keep=keep, method="grossmann2002", sources=60, spacing=(1, 1, 1))
+    flat = voxflat.surface(half, spacing=(1, 1, 1)).keep(keep).flatten(voxflat.methods.Grossmann2002(sources=60))
     assert flat.curvature is None
     assert flat.sulcal_depth is None
     flat.save(tmp_path / "map.npz")

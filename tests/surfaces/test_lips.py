@@ -93,8 +93,8 @@ class TestAnyCuts:
         for a, b in paths:
             if a != b and {a, b} <= set(part.vertices.tolist()):
                 try:
-                    path = voxflat.path(part, a, b, geodesic="edges").ids
-                    part = voxflat.cut(part, cuts=[path], relax=False).surface
+                    path = part.path(a, b, geodesic="edges").ids
+                    part = part.cut(cuts=[path], relax=False).surface
                 except voxflat.InputError:  # a cut that would fall along another one, or into two pieces
                     continue
         return faces, part
@@ -145,7 +145,7 @@ class TestAnyCuts:
 
 def test_without_cuts_all_is_kept(tmp_path, caplog):
     mesh = sheet()
-    flat = voxflat.flatten(mesh, sources=30)
+    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / "lh.patch.flat")
     assert not caplog.records
@@ -155,7 +155,7 @@ def test_without_cuts_all_is_kept(tmp_path, caplog):
 def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     mesh = sheet(12, 13)
     path = np.arange(6, 6 + 13 * 8, 13)
-    flat = voxflat.flatten(mesh, cuts=[path], sources=60)
+    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path])
     with caplog.at_level(logging.WARNING, "voxflat"):
         flat.save(tmp_path / PATCH_NAMES[0])
         vertices, _, triangles, _ = said(caplog)
@@ -165,10 +165,10 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
     assert 0 < vertices <= len(path) - 1
     assert triangles <= 6 * (len(path) - 1)
     for name in PATCH_NAMES[1:]:
-        voxflat.flatten(mesh, cuts=[path], sources=60, threads=1).save(tmp_path / name)
+        voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[path], threads=1).save(tmp_path / name)
         assert (tmp_path / name).read_bytes() == (tmp_path / PATCH_NAMES[0]).read_bytes()
     _, _, read = freesurfer_rule.read_patch(tmp_path / PATCH_NAMES[0], mesh[1])
-    again = voxflat.flatten(mesh, keep=tmp_path / PATCH_NAMES[0], sources=60)
+    again = voxflat.surface(mesh).keep(tmp_path / PATCH_NAMES[0]).flatten(voxflat.methods.Voxflat(sources=60))
     assert keys(again.ids[again.faces].tolist()) == keys(read)
     judged = voxflat.compare(mesh, {"patch": tmp_path / PATCH_NAMES[1]}, sources=20).maps["patch"]
     assert keys(judged.vertex_ids[judged.faces].tolist()) == keys(read)
@@ -176,7 +176,7 @@ def test_a_patch_with_cuts_is_read_back_as_it_is_by_others(tmp_path, caplog):
 
 def test_the_border_is_where_triangles_end(tmp_path):
     mesh = sheet(12, 13)
-    flat = voxflat.flatten(mesh, cuts=[np.arange(6, 6 + 13 * 8, 13)], sources=60)
+    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=60), cuts=[np.arange(6, 6 + 13 * 8, 13)])
     flat.save(tmp_path / "lh.patch.flat")
     _, border, triangles = freesurfer_rule.read_patch(tmp_path / "lh.patch.flat", mesh[1])
     edges = [edge for triangle in triangles for edge in itertools.combinations(sorted(triangle), 2)]
@@ -186,7 +186,7 @@ def test_the_border_is_where_triangles_end(tmp_path):
 def test_names(tmp_path):
     mesh = sheet()
     write_mesh(tmp_path / "lh.white", Mesh(*mesh))
-    flat = voxflat.flatten(mesh, sources=30)
+    flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=30))
     with pytest.raises(
         voxflat.InputError, match=r"lh.cortex.patch.3d: .patch.3d alone is a patch in space; give a name"
     ):
@@ -199,16 +199,16 @@ def test_names(tmp_path):
         )
     assert {path.name for path in tmp_path.iterdir()} == {"lh.white", "lh.full.flat.patch.3d", "lh.cortex.patch.3d"}
     for keep in ("lh.full.flat.patch.3d", "lh.cortex.patch.3d"):
-        assert len(voxflat.geodesic(tmp_path / "lh.white", 1, keep=tmp_path / keep).ids) == 72
+        assert len(voxflat.surface(tmp_path / "lh.white").keep(tmp_path / keep).geodesic(1).ids) == 72
     arguments = ["measure", tmp_path / "lh.white", tmp_path / "lh.full.flat.patch.3d", "--sources", "5"]
     assert CliRunner().invoke(cli.main, [str(argument) for argument in arguments]).exit_code == 0
 
 
 def test_a_patch_of_another_surface(tmp_path):
-    flat = voxflat.flatten(sheet(), sources=30)
+    flat = voxflat.flatten(sheet(), method=voxflat.methods.Voxflat(sources=30))
     flat.save(tmp_path / "lh.patch.flat")
     with pytest.raises(voxflat.InputError, match="entry 24 of the patch is vertex 24; the surface has 24 points"):
-        voxflat.flatten(sheet(4, 6), keep=tmp_path / "lh.patch.flat")
+        voxflat.surface(sheet(4, 6)).keep(tmp_path / "lh.patch.flat").flatten()
 
 
 @pytest.mark.slow
@@ -221,10 +221,10 @@ class TestHemisphere:
         surface = voxflat.surface(
             (fsaverage["white"], fsaverage["faces"]), pial=(fsaverage["pial"], fsaverage["faces"])
         )
-        return voxflat.cut(surface, drop="medial wall", cuts="standard", sphere=sphere).surface
+        return surface.drop("medial wall").cut(cuts="standard", sphere=sphere).surface
 
     def test_the_flat_patch(self, cut, fsaverage, tmp_path, caplog):
-        flat = voxflat.flatten(cut, method="zigelman2002", sources=100, relax=False)
+        flat = voxflat.flatten(cut, method=voxflat.methods.Zigelman2002(sources=100), relax=False)
         assert len(flat.ids) > len(np.unique(flat.ids)) + 100
         caplog.clear()
         with caplog.at_level(logging.WARNING, "voxflat"):

@@ -73,7 +73,9 @@ def test_the_surface_is_the_one_without_defects_and_all_is_told():
 
 def test_the_map_has_every_vertex_number(tmp_path):
     mesh, twins, clean = defective()
-    flat, expected = (voxflat.flatten(one, sources=30, keep_rows=True) for one in (mesh, clean))
+    flat, expected = (
+        voxflat.flatten(one, method=voxflat.methods.Voxflat(sources=30), rows=True) for one in (mesh, clean)
+    )
     assert set(flat.ids) == set(range(len(clean[0]))) | set(twins)
     count = len(clean[0])
     np.testing.assert_array_equal(flat.uv[:count], expected.uv)
@@ -118,16 +120,16 @@ def test_regions_and_cuts_may_name_any_of_the_merged():
     twin, of = next(iter(twins.items()))
     around = np.flatnonzero(np.linalg.norm(clean[0] - clean[0][of], axis=1) < 4)
     for named in (around, np.append(around[around != of], twin)):
-        kept = voxflat.flatten(mesh, keep=named, sources=9)
+        kept = voxflat.surface(mesh).keep(named).flatten(voxflat.methods.Voxflat(sources=9))
         assert {of, twin} <= set(kept.ids)
     whole = voxflat.surface(mesh)
     beside = next(b for b in whole.ids[whole.faces[(whole.ids[whole.faces] == of).any(axis=1)][0]] if b != of)
-    cut = voxflat.cut(whole, cuts=[[twin, int(beside)]], relax=False)
+    cut = whole.cut(cuts=[[twin, int(beside)]], relax=False)
     assert of in cut.surface.ids
     # a cut through a merged vertex: it has both sides, and so have those that are one with it
-    ring = voxflat.path(whole, 0, of).ids
-    np.testing.assert_array_equal(voxflat.path(whole, 0, twin).ids, ring)
-    disk = voxflat.flatten(whole, cuts=[_edges(whole, [6, of, 74])], sources=9)
+    ring = whole.path(0, of).ids
+    np.testing.assert_array_equal(whole.path(0, twin).ids, ring)
+    disk = voxflat.flatten(whole, method=voxflat.methods.Voxflat(sources=9), cuts=[_edges(whole, [6, of, 74])])
     assert (disk.ids == twin).sum() == (disk.ids == of).sum() == 2
 
 
@@ -178,7 +180,7 @@ def test_none_forbids_it(faces, message, tmp_path):
 def test_lips_of_a_cut_stay_apart():
     """Vertices that coincide and are joined by no edge may do so on purpose."""
     whole = voxflat.surface(bump(16))
-    cut = voxflat.cut(whole, cuts=[_edges(whole, [8, 144])], relax=False).surface
+    cut = whole.cut(cuts=[_edges(whole, [8, 144])], relax=False).surface
     again = voxflat.surface((cut.points, cut.faces.astype(np.int64)))
     assert len(again) == len(cut) > len(whole)
     assert again.remarks == ()
@@ -196,7 +198,7 @@ def test_holes_are_small_beside_the_mesh_where_its_unit_is_unknown(tmp_path):
         for name in ("s.ply", "s.obj", "s.vtp", "s.surf.gii"):
             for holed in (faces, small):
                 write_mesh(tmp_path / name, Mesh(points * scale, holed))
-                cut = voxflat.cut(tmp_path / name, relax=False)
+                cut = voxflat.surface(tmp_path / name).cut(relax=False)
                 closed.setdefault(name, []).append(any("were closed for measuring" in one for one in cut.remarks))
         around = np.array([12 + 8**0.5, 4 + 8**0.5]) * scale
         assert closed["s.ply"] == closed["s.obj"] == closed["s.vtp"] == [False, True], scale

@@ -122,7 +122,7 @@ def write_label(path, vertices, points):
 
 class TestLabels:
     def cut(self, brain, label, white="lh.white"):
-        return voxflat.cut(brain / white if isinstance(white, str) else white, keep=label, relax=False)
+        return voxflat.surface(brain / white if isinstance(white, str) else white).keep(label).cut(relax=False)
 
     def chosen(self, brain, name):
         """Return the vertices within 25 mm of a place, and their places on a surface."""
@@ -170,7 +170,7 @@ class TestLabels:
 class TestOverlays:
     @pytest.fixture(scope="class")
     def flat(self, brain):
-        return voxflat.flatten(brain / "lh.white", seed_point=2000, radius=60.0, sources=30)
+        return voxflat.surface(brain / "lh.white").disk(2000, 60.0).flatten(voxflat.methods.Voxflat(sources=30))
 
     @pytest.mark.parametrize("name", ["curv", "sulc", "thickness"])
     def test_its_own(self, flat, brain, caplog, name):
@@ -215,7 +215,7 @@ class TestOverlays:
         flat.image(other)
         assert f"bert.{name} does not follow the folds of the surface (correlation with its curvature" in caplog.text
         caplog.clear()
-        page = voxflat.patches(brain / "lh.white", 30.0).page()
+        page = voxflat.surface(brain / "lh.white").patches(30.0).page()
         page.image(other)
         assert "does not follow the folds" in caplog.text
         caplog.clear()
@@ -226,7 +226,11 @@ class TestOverlays:
         (tmp_path / "sub-01").mkdir()
         points, faces = mesh(brain, "lh.white")
         write_mesh(tmp_path / "sub-01" / "lh.white", Mesh(points, faces))
-        m = voxflat.flatten(tmp_path / "sub-01" / "lh.white", seed_point=2000, radius=20.0, sources=20)
+        m = (
+            voxflat.surface(tmp_path / "sub-01" / "lh.white")
+            .disk(2000, 20.0)
+            .flatten(voxflat.methods.Voxflat(sources=20))
+        )
         for name in ("sub-01_thickness.txt", "sub-02_thickness.txt", "thickness.txt"):
             np.savetxt(tmp_path / name, np.zeros(len(points)))
         m.image(tmp_path / "sub-01_thickness.txt")

@@ -3,6 +3,7 @@
 import json
 from itertools import pairwise
 
+import composed
 import numpy as np
 import pytest
 import pyvista as pv
@@ -29,18 +30,18 @@ def sheet():
 
 
 def test_a_polygon_holds_what_it_encloses(sheet):
-    flat = voxflat.flatten(sheet, polygon=SQUARE)
+    flat = voxflat.surface(sheet).polygon(SQUARE).flatten()
     i, j = np.divmod(flat.ids, SIDE)
     assert len(flat) == 7 * 8
     assert (i.min(), i.max(), j.min(), j.max()) == (2, 9, 2, 8)
     assert flat.metadata["polygon"] == SQUARE
     np.testing.assert_allclose(np.sort(np.ptp(flat.uv, axis=0)), [60, 70], rtol=0.02)
-    assert voxflat.check(sheet, polygon=SQUARE).used == len(flat)
-    assert voxflat.geodesic(sheet, 5, polygon=SQUARE).shape == (5, len(flat))
+    assert voxflat.check(sheet, part=lambda s: s.polygon(SQUARE)).used == len(flat)
+    assert voxflat.surface(sheet).polygon(SQUARE).geodesic(5).shape == (5, len(flat))
 
 
 def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
-    expected = voxflat.flatten(sheet, polygon=SQUARE)
+    expected = voxflat.surface(sheet).polygon(SQUARE).flatten()
     write_mesh(tmp_path / "s.ply", grid(SIDE))
     (tmp_path / "corners.txt").write_text("\n".join(map(str, SQUARE)))
     result = run("flatten", tmp_path / "s.ply", "--polygon", tmp_path / "corners.txt", "-o", tmp_path / "map.npz")
@@ -53,7 +54,7 @@ def test_the_same_polygon_through_every_way_in(sheet, tmp_path):
 def test_a_polygon_of_voxels():
     volume = shapes.sheet((30, 30))
     corners = [[5, 5, 1], [5, 20, 1], [25, 20, 1], [25, 5, 1]]
-    flat = voxflat.flatten(volume, polygon=corners)
+    flat = voxflat.surface(volume).polygon(corners).flatten()
     assert (flat.ids.min(axis=0) == [5, 5, 1]).all()
     assert (flat.ids.max(axis=0) == [25, 20, 1]).all()
     assert len(flat) == 21 * 16
@@ -67,13 +68,11 @@ def test_a_polygon_of_voxels():
         ({"polygon": [1, 2, 999]}, "vertex 999 is not on the surface"),
         ({"polygon": [[1, 2, 3]]}, "must be vertex numbers"),
         ({"polygon": [0.5, 1.0, 2.0]}, "whole numbers"),
-        ({"polygon": SQUARE, "seed_point": 3, "radius": 20.0}, "give one of them"),
-        ({"polygon": SQUARE, "method": "grossmann2002"}, "knows no polygon"),
     ],
 )
 def test_bad_polygons(sheet, options, message):
     with pytest.raises(voxflat.InputError, match=message):
-        voxflat.flatten(sheet, **options)
+        composed.flatten(sheet, **options)
 
 
 @pytest.mark.parametrize("text", ["", "1 2\nx", "1.5\n2\n3"])
@@ -88,8 +87,8 @@ def test_bad_files_of_corners(tmp_path, text):
 @pytest.mark.parametrize("geodesic", ["graph", "edges"])
 def test_a_path_through_several_stops(sheet, geodesic):
     stops = [0, SIDE - 1, SIDE * SIDE - 1]
-    path = voxflat.path(sheet, *stops, geodesic=geodesic)
-    legs = [voxflat.path(sheet, a, b, geodesic=geodesic) for a, b in pairwise(stops)]
+    path = voxflat.surface(sheet).path(*stops, geodesic=geodesic)
+    legs = [voxflat.surface(sheet).path(a, b, geodesic=geodesic) for a, b in pairwise(stops)]
     assert path.length == pytest.approx(220.0)
     assert path.length == sum(leg.length for leg in legs)
     np.testing.assert_array_equal(path.ids, [*legs[0].ids, *legs[1].ids[1:]])
@@ -99,7 +98,7 @@ def test_a_path_through_voxels():
     volume = shapes.sheet((20, 20))
     stops = [[1, 1, 1], [1, 15, 1], [20, 15, 1]]
     for geodesic in ("graph", "edges", "chain"):
-        path = voxflat.path(volume, *stops, geodesic=geodesic)
+        path = voxflat.surface(volume).path(*stops, geodesic=geodesic)
         assert path.length == pytest.approx(33.0, rel=0.15)
         assert [1, 15, 1] in path.ids.tolist()
 

@@ -43,7 +43,7 @@ def hemispheres():
 @pytest.fixture(scope="module")
 def left(hemispheres):
     points, _, faces = hemispheres["left"]
-    return voxflat.register((points, faces))
+    return voxflat.surface((points, faces)).register()
 
 
 def test_the_icosphere_covers_the_sphere_once():
@@ -66,13 +66,13 @@ def test_a_hemisphere_is_registered_to_a_few_millimetres(hemispheres, left):
 @pytest.mark.slow
 def test_the_side_is_found_however_it_is_turned_scaled_and_numbered(hemispheres):
     points, sphere, faces = hemispheres["right"]
-    plain = voxflat.register((points, faces))
+    plain = voxflat.surface((points, faces)).register()
     assert plain.side == "right"
     assert apart(plain.points, unit(sphere)) < 2.5
     order = np.random.default_rng(0).permutation(len(points))  # where each vertex goes
     turned = np.empty_like(points)
     turned[order] = points @ rotation(1).T * 1e-3 + [4, -5, 6]
-    other = voxflat.register((turned, order[faces]))
+    other = voxflat.surface((turned, order[faces])).register()
     assert other.side == "right"
     assert apart(other.points[order], plain.points) < 1.5
 
@@ -80,13 +80,13 @@ def test_the_side_is_found_however_it_is_turned_scaled_and_numbered(hemispheres)
 @pytest.mark.slow
 def test_threads_change_no_bit(hemispheres, left):
     points, _, faces = hemispheres["left"]
-    assert np.array_equal(voxflat.register((points, faces), threads=1).points, left.points)
+    assert np.array_equal(voxflat.surface((points, faces)).register(threads=1).points, left.points)
 
 
 @pytest.mark.slow
 def test_a_mirrored_hemisphere_is_the_other_side(hemispheres):
     points, _, faces = hemispheres["left"]
-    made = voxflat.register((points * [-1, 1, 1], faces[:, ::-1]))
+    made = voxflat.surface((points * [-1, 1, 1], faces[:, ::-1])).register()
     assert made.side == "right"
 
 
@@ -96,7 +96,7 @@ def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
     white = lab.fsaverage5("white_left")[0][: lab.VERTICES]
     wall = np.linalg.norm(points - white, axis=1) < 0.3
     kept = faces[~wall[faces].any(axis=1)]
-    made = voxflat.register((points, kept))
+    made = voxflat.surface((points, kept)).register()
     assert made.side == "left"
     assert folds(made.points, made.surface.faces) == 0
     assert apart(made.points, left.points[made.surface.vertices]) < 5
@@ -107,7 +107,7 @@ def test_a_medial_wall_that_is_left_out_does_not_matter(hemispheres, left):
 def test_the_wrong_side_is_refused(hemispheres):
     points, _, faces = hemispheres["left"]
     with pytest.raises(InputError, match=r"side is 'right', but .* the left side .*: give side='left'"):
-        voxflat.register((points, faces), side="right")
+        voxflat.surface((points, faces)).register(side="right")
 
 
 def ball(radii, waves=0, seed=0):
@@ -128,24 +128,24 @@ def ball(radii, waves=0, seed=0):
 )
 def test_what_is_no_hemisphere_is_refused(shape):
     with pytest.raises(InputError, match="no hemisphere of a cortex"):
-        voxflat.register(shape)
+        voxflat.surface(shape).register()
 
 
 def test_handles_and_sides_that_do_not_exist_are_refused(hemispheres):
     points, _, faces = hemispheres["left"]
     with pytest.raises(InputError, match="side is 'both'; give 'left' or 'right'"):
-        voxflat.register((points, faces), side="both")
+        voxflat.surface((points, faces)).register(side="both")
     ring = np.zeros((24, 24, 8), dtype=np.uint8)
     ring[4:20, 4:20, 2:6] = 1
     ring[9:15, 9:15] = 0
     with pytest.raises(InputError, match=r"1 handle\(s\), and a sphere has none: .*repair"):
-        voxflat.register(voxflat.surface(ring, repair="none"))
+        voxflat.surface(ring, repair="none").register()
 
 
 def test_it_can_be_cancelled(hemispheres):
     points, _, faces = hemispheres["left"]
     with pytest.raises(voxflat.Cancelled):
-        voxflat.register((points, faces), progress=lambda stage, done, total: False)
+        voxflat.surface((points, faces)).register(progress=lambda stage, done, total: False)
 
 
 @pytest.mark.parametrize("name", ["lh.sphere.reg.surf.gii", "lh.sphere.reg"])
@@ -162,8 +162,8 @@ def test_the_file_is_a_sphere_of_radius_100_of_the_same_vertices(hemispheres, le
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_without_a_sphere_standard_cuts_lie_where_they_do_with_it(hemispheres, side):
     points, sphere, faces = hemispheres[side]
-    known = voxflat.cut((points, faces), cuts="standard", sphere=sphere, relax=False)
-    found = voxflat.cut((points @ rotation(3) + [10, 20, 30], faces), cuts="standard", relax=False)
+    known = voxflat.surface((points, faces)).cut(cuts="standard", sphere=sphere, relax=False)
+    found = voxflat.surface((points @ rotation(3) + [10, 20, 30], faces)).cut(cuts="standard", relax=False)
     assert [cut.name for cut in found.cuts] == ["calcarine", "medial 1", "medial 2", "medial 3", "temporal"]
     topology = found.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)
@@ -179,7 +179,7 @@ def test_a_volume_gets_standard_cuts_too():
     white, _, faces = lab.hemisphere()
     labels, affine, _ = anatomy.voxelise(white, faces, 2.0)
     labels[:4, :4, :4] = 1
-    found = voxflat.cut(labels, affine=affine, cuts="standard", relax=False)
+    found = voxflat.surface(labels, affine=affine).cut(cuts="standard", relax=False)
     assert len(found.cuts) == 5
     topology = found.surface.core.topology()
     assert (topology["euler"], len(topology["loops"])) == (1, 1)

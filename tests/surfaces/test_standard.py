@@ -2,6 +2,7 @@
 
 import json
 
+import composed
 import lab
 import nibabel as nib
 import numpy as np
@@ -46,12 +47,12 @@ def small_subject(tmp_path_factory, sphere):
 
 @pytest.fixture(scope="module")
 def standard(subject):
-    return voxflat.cut(subject / "lh.white")
+    return voxflat.surface(subject / "lh.white").cut()
 
 
 @pytest.fixture(scope="module")
 def flat(subject):
-    return voxflat.flatten(subject / "lh.white", **FEW)
+    return composed.flatten(subject / "lh.white", **FEW)
 
 
 def is_disk(cut):
@@ -129,13 +130,13 @@ def test_the_wall_that_the_template_leaves_out_is_the_subjects_own(standard):
 
 
 def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(subject):
-    own = voxflat.cut(subject / "lh.white", drop=subject / "lh.Medial_wall.label")
+    own = voxflat.surface(subject / "lh.white").drop(subject / "lh.Medial_wall.label").cut()
     label = read_region(subject / "lh.Medial_wall.label", lab.VERTICES)
     assert np.isin(np.flatnonzero(label), own.left_out).mean() > 0.95  # but for corners of triangles that are kept
     assert label[own.left_out].mean() > 0.95
     assert [cut.name for cut in own.cuts] == NAMES
     assert is_disk(own)
-    other = voxflat.cut(subject / "lh.white", drop=[1000])
+    other = voxflat.surface(subject / "lh.white").drop([1000]).cut()
     assert any("0 % of what the template leaves out" in remark for remark in other.remarks)
     assert 1000 in other.left_out
     assert len(other.left_out) > 100
@@ -144,22 +145,22 @@ def test_a_label_of_the_wall_stands_in_its_place_and_another_region_does_not(sub
 def test_standard_cuts_are_made_where_nobody_has_said_what_to_flatten(subject, tmp_path):
     for name in ("lh.white", "lh.Medial_wall.label"):
         (tmp_path / name).write_bytes((subject / name).read_bytes())
-    alone = voxflat.cut(tmp_path / "lh.white", relax=False)
+    alone = voxflat.surface(tmp_path / "lh.white").cut(relax=False)
     assert [cut.reason for cut in alone.cuts] == ["closed sphere"]  # no sphere beside it
-    asked = voxflat.cut(subject / "lh.white", cuts="automatic", relax=False)
+    asked = voxflat.surface(subject / "lh.white").cut(cuts="automatic", relax=False)
     assert [cut.reason for cut in asked.cuts] == ["closed sphere"]
-    patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=25.0)
+    patch = voxflat.surface(subject / "lh.white").disk(700, 25.0).cut()
     assert patch.cuts == ()
     assert patch.sphere is None
-    given = voxflat.cut(subject / "lh.white", cuts=[lab.hemisphere()[2][0, :2]], relax=False)
+    given = voxflat.surface(subject / "lh.white").cut(cuts=[lab.hemisphere()[2][0, :2]], relax=False)
     assert given.cuts[0].reason == "given"
-    rows = voxflat.geodesic(subject / "lh.white", 2)
+    rows = voxflat.surface(subject / "lh.white").geodesic(2)
     assert rows.shape[1] == lab.VERTICES  # distances are not asked to be cut
 
 
 @pytest.mark.slow
 def test_cuts_adapt_within_a_distance(subject, standard):
-    adapted = voxflat.cut(subject / "lh.white", adapt=12.0)
+    adapted = voxflat.surface(subject / "lh.white").cut(adapt=12.0)
     by_reason = {reason: [cut for cut in adapted.cuts if cut.reason == reason] for reason in ("template", "relaxation")}
     assert [cut.name for cut in by_reason["template"]] == NAMES
     assert by_reason["relaxation"]
@@ -170,17 +171,17 @@ def test_cuts_adapt_within_a_distance(subject, standard):
     other = {"adapt": 12.0, "cuts": "automatic"}
     for wrong in (other, {"adapt": -1.0}, {"adapt": 5.0, "relax": False}, {"adapt": True}):
         with pytest.raises(InputError, match="adapt"):
-            voxflat.cut(subject / "lh.white", **wrong)
+            composed.cut(subject / "lh.white", **wrong)
 
 
 def test_a_sphere_beside_that_does_not_fit_is_told_and_cuts_are_automatic(subject, sphere, tmp_path):
     (tmp_path / "lh.white").write_bytes((subject / "lh.white").read_bytes())
     nib.freesurfer.write_geometry(tmp_path / "lh.sphere.reg", sphere[:642], ConvexHull(sphere[:642]).simplices)
-    cut = voxflat.cut(tmp_path / "lh.white", relax=False)
+    cut = voxflat.surface(tmp_path / "lh.white").cut(relax=False)
     assert [cut.reason for cut in cut.cuts] == ["closed sphere"]
     assert any("642 vertices" in remark for remark in cut.remarks)
     with pytest.raises(InputError, match="642 vertices"):
-        voxflat.cut(tmp_path / "lh.white", cuts="standard")
+        voxflat.surface(tmp_path / "lh.white").cut(cuts="standard")
 
 
 @pytest.mark.slow
@@ -197,7 +198,7 @@ def test_check_says_what_standard_and_automatic_cuts_cost(small_subject):
 @pytest.mark.parametrize("seed", range(5))
 def test_other_meshes_with_warped_spheres_become_disks(seed):
     points, faces, sphere, _ = remeshed(seed, 500 + 400 * seed)
-    cut = voxflat.cut((points, faces), cuts="standard", sphere=100 * sphere)
+    cut = voxflat.surface((points, faces)).cut(cuts="standard", sphere=100 * sphere)
     assert is_disk(cut)
     assert [cut.name for cut in cut.cuts] == NAMES
     assert cut.sphere.side == "left"  # by the surface itself
@@ -207,7 +208,7 @@ def test_other_meshes_with_warped_spheres_become_disks(seed):
 def test_both_sides_of_fsaverage5_become_disks_in_both_spaces():
     for side in ("left", "right"):
         surface, sphere = lab.fsaverage5(f"white_{side}"), lab.fsaverage5(f"sphere_{side}")[0]
-        cut = voxflat.cut(surface, cuts="standard", sphere=sphere)
+        cut = voxflat.surface(surface).cut(cuts="standard", sphere=sphere)
         assert is_disk(cut)
         assert cut.sphere.side == side
         lines = [standard_template(space, side).cuts for space in ("fsaverage", "fs_LR")]
@@ -251,7 +252,7 @@ def test_spheres_that_do_not_belong_to_the_surface_are_refused(subject, sphere, 
             sphere_of(whole, given)
     ball = 30 * icosphere(4)[0], icosphere(4)[1]
     with pytest.raises(InputError, match="no hemisphere of a cortex"):
-        voxflat.cut(ball, cuts="standard")
+        voxflat.surface(ball).cut(cuts="standard")
     with pytest.raises(InputError, match="sphere"):
         voxflat.flatten(np.ones((3, 3, 3)), method="grossmann2002", sphere=sphere)
 
@@ -294,7 +295,7 @@ def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tm
     template = read_template(tmp_path / "mine.json")
     assert [line.name for line in template.cuts] == NAMES
     assert {line.root for line in template.cuts} == {"outline"}
-    again = voxflat.cut(subject / "lh.white", cuts=tmp_path / "mine.json")
+    again = voxflat.surface(subject / "lh.white").cut(cuts=tmp_path / "mine.json")
     for one, other in zip(standard.cuts, again.cuts, strict=True):
         assert one.ids.tolist() == other.ids.tolist()
     # the outline runs through vertices that are kept, so that it may leave out one ring less or more
@@ -303,11 +304,11 @@ def test_a_template_of_the_whole_gives_the_same_cuts_again(standard, subject, tm
 
 @pytest.mark.slow
 def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject, sphere, tmp_path):
-    patch = voxflat.cut(subject / "lh.white", seed_point=700, radius=45.0, sphere=sphere, relax=90.0)
+    patch = voxflat.surface(subject / "lh.white").disk(700, 45.0).cut(sphere=sphere, relax=90.0)
     assert len(patch.cuts) > 0
     patch.save_template(tmp_path / "region.json")
     points, faces, warped, true = remeshed(3, 3000, warp=0.0)
-    other = voxflat.cut((points, faces), cuts=tmp_path / "region.json", sphere=warped)
+    other = voxflat.surface((points, faces)).cut(cuts=tmp_path / "region.json", sphere=warped)
     assert is_disk(other)
     assert [cut.name for cut in other.cuts] == [f"relaxation {number + 1}" for number in range(len(patch.cuts))]
     white, _, triangles = lab.hemisphere()
@@ -323,18 +324,20 @@ def test_a_template_of_a_region_with_branching_cuts_serves_another_mesh(subject,
 
 @pytest.mark.slow
 def test_a_closed_surface_cut_by_lines_alone_makes_a_template(small_subject, tmp_path):
-    cut = voxflat.cut(small_subject / "lh.white", cuts="automatic", sphere=small_subject / "lh.sphere.reg", relax=150.0)
+    cut = voxflat.surface(small_subject / "lh.white").cut(
+        cuts="automatic", sphere=small_subject / "lh.sphere.reg", relax=150.0
+    )
     cut.save_template(tmp_path / "lines.json")
     template = read_template(tmp_path / "lines.json")
     assert template.outlines == ()
     assert template.cuts[0].root is None
-    assert is_disk(voxflat.cut(small_subject / "lh.white", cuts=tmp_path / "lines.json"))
+    assert is_disk(voxflat.surface(small_subject / "lh.white").cut(cuts=tmp_path / "lines.json"))
 
 
 def test_what_makes_no_template_is_refused(subject, sphere, tmp_path):
     with pytest.raises(InputError, match="none is known"):
-        voxflat.cut(subject / "lh.white", cuts="automatic", relax=False).save_template(tmp_path / "t.json")
-    whole = voxflat.cut(subject / "lh.white", cuts=[], sphere=sphere)
+        voxflat.surface(subject / "lh.white").cut(cuts="automatic", relax=False).save_template(tmp_path / "t.json")
+    whole = voxflat.surface(subject / "lh.white").cut(cuts=[], sphere=sphere)
     with pytest.raises(InputError, match="nothing is cut"):
         whole.save_template(tmp_path / "t.json")
     assert not (tmp_path / "t.json").exists()
@@ -365,7 +368,7 @@ def test_damaged_templates_are_refused(standard, subject, tmp_path, change, reas
     content = json.loads((tmp_path / "t.json").read_text()) | change
     (tmp_path / "t.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=reason):
-        voxflat.cut(subject / "lh.white", cuts=tmp_path / "t.json")
+        voxflat.surface(subject / "lh.white").cut(cuts=tmp_path / "t.json")
 
 
 # ---------------------------------------------------------------------------------------- the frame
@@ -395,17 +398,17 @@ def test_small_changes_turn_a_map_by_less_than_a_degree(flat, subject, sphere):
     white, _, faces = lab.hemisphere()
     places = sphere / 100
     noise = np.random.default_rng(1).normal(scale=0.1, size=white.shape)
-    noisy = voxflat.flatten((white + noise, faces), cuts="standard", sphere=sphere, **FEW)
-    other_seed = voxflat.flatten(subject / "lh.white", **FEW, seed=5)
+    noisy = composed.flatten((white + noise, faces), cuts="standard", sphere=sphere, **FEW)
+    other_seed = composed.flatten(subject / "lh.white", **FEW, seed=5)
     points, triangles, warped, true = remeshed(4, 3000, warp=0.0)
-    other_mesh = voxflat.flatten((points, triangles), cuts="standard", sphere=warped, **FEW)
+    other_mesh = composed.flatten((points, triangles), cuts="standard", sphere=warped, **FEW)
     for other, on in ((noisy, places), (other_seed, places), (other_mesh, true)):
         assert abs(turn_between(other, flat, on, places)) < 1
 
 
 @pytest.mark.slow
 def test_mirrored_maps_exchange_left_and_right_alone(flat, subject):
-    mirrored = voxflat.flatten(subject / "lh.white", mirror=True, **FEW)
+    mirrored = composed.flatten(subject / "lh.white", mirror=True, **FEW)
     assert np.array_equal(mirrored.uv, flat.uv * [-1, 1])
     assert np.array_equal(mirrored.faces, flat.faces)
     assert mirrored.metadata["mirrored"]
@@ -416,7 +419,7 @@ def test_mirrored_maps_exchange_left_and_right_alone(flat, subject):
 
 
 def test_other_maps_stay_as_they_were(subject):
-    patch = voxflat.flatten(subject / "lh.white", seed_point=700, radius=25.0, **FEW)
+    patch = composed.flatten(subject / "lh.white", seed_point=700, radius=25.0, **FEW)
     assert patch.metadata["frame"] is None
     assert patch.metadata["sphere"] is None
     assert patch.metadata["cut_names"] == []

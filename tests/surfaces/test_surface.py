@@ -103,9 +103,9 @@ class TestFromVoxels:
         volume[30, 2:18, 5] = volume[29, 2:18, 6] = 1  # edges of these touch
         surface = voxflat.surface(volume)
         a, b = surface.find([[30, 10, 5], [29, 10, 6]])
-        assert voxflat.geodesic(surface, surface.ids[[a]])[0][b] > 40
-        assert voxflat.geodesic(volume, [[30, 10, 5]], geodesic="chain")[0].min() == 0
-        assert voxflat.path(volume, (30, 10, 5), (29, 10, 6), geodesic="chain").length < 2
+        assert surface.geodesic(surface.ids[[a]])[0][b] > 40
+        assert voxflat.surface(volume).geodesic([[30, 10, 5]], geodesic="chain")[0].min() == 0
+        assert voxflat.surface(volume).path((30, 10, 5), (29, 10, 6), geodesic="chain").length < 2
 
 
 class TestSheets:
@@ -116,7 +116,7 @@ class TestSheets:
         from scipy.spatial.transform import Rotation
 
         volume = shapes.curled_sheet(rotation=Rotation.random(rng=4), traversed=traversed)
-        flat = voxflat.flatten(volume, sources=150)
+        flat = voxflat.flatten(volume, method=voxflat.methods.Voxflat(sources=150))
         assert flat.metadata["sheet"]
         assert flat.metadata["automatic_cuts"] == []
         assert flat.distortion.raw.relative_error < 0.005
@@ -145,7 +145,7 @@ class TestSheets:
     def test_a_closed_organ_is_cut_open(self):
         i, j, k = np.indices((26, 19, 15)) - np.array([13, 9, 7])[:, None, None, None]
         kidney = ((i / 10.4) ** 2 + ((j - 0.03 * i**2) / 6) ** 2 + (k / 4.8) ** 2 < 1).astype(np.uint8)
-        flat = voxflat.flatten(kidney, sources=200)
+        flat = voxflat.flatten(kidney, method=voxflat.methods.Voxflat(sources=200))
         first, *further = flat.metadata["automatic_cuts"]
         assert first["reason"] == "closed sphere"
         assert {cut["reason"] for cut in further} == {"relaxation"}

@@ -41,7 +41,7 @@ class TestFiles:
     @pytest.mark.slow
     def test_a_patch_says_what_to_keep(self, white, flat_map, tmp_path):
         flat_map.save(tmp_path / "lh.patch.flat")
-        again = voxflat.geodesic(white, 1, keep=tmp_path / "lh.patch.flat")
+        again = voxflat.surface(white).keep(tmp_path / "lh.patch.flat").geodesic(1)
         np.testing.assert_array_equal(np.sort(again.ids), read_patch(tmp_path / "lh.patch.flat").vertex_ids)
 
     def test_an_overlay_is_shown_on_the_map(self, flat_map, fsaverage):
@@ -68,7 +68,7 @@ class TestPatches:
     def test_own_cuts_come_first_and_the_rest_is_automatic(self, tmp_path):
         points, _, faces = lab.hemisphere()
         white = points, faces
-        seam = voxflat.path(white, 100, 1200, geodesic="edges").ids
+        seam = voxflat.surface(white).path(100, 1200, geodesic="edges").ids
         np.savetxt(tmp_path / "seam.txt", seam, fmt="%d")
         write_mesh(tmp_path / "lh.white", Mesh(*white))
         away = np.linalg.norm(white[0][:, None] - white[0][seam][None], axis=2).min(axis=1)
@@ -96,14 +96,14 @@ class TestPatches:
     def test_dropping_is_the_opposite_of_keeping(self, white):
         chosen = white[0][:, 2] > 20
         kept, dropped = (voxflat.surface(white) for _ in range(2))
-        a = voxflat.geodesic(kept, 1, keep=chosen)
-        b = voxflat.geodesic(dropped, 1, drop=~chosen)
+        a = voxflat.surface(kept).keep(chosen).geodesic(1)
+        b = voxflat.surface(dropped).drop(~chosen).geodesic(1)
         np.testing.assert_array_equal(a.ids, b.ids)
 
     @pytest.mark.slow
     def test_disks_of_real_anatomy(self, white):
         for seed in (100, 2000, 7000):
-            flat = voxflat.flatten(white, seed_point=seed, radius=25.0, sources=60)
+            flat = voxflat.surface(white).disk(seed, 25.0).flatten(voxflat.methods.Voxflat(sources=60))
             assert flat.metadata["seed_found"] == seed
             assert flat.distortion.triangles.flipped_share < 0.05
 
@@ -114,7 +114,7 @@ class TestPatches:
         assert (found.euler_characteristic, found.closed, found.handles) == (2, True, ())
         assert found.components == (len(points),)
         assert found.can_flatten
-        ring = voxflat.check((points, faces), keep=np.abs(points[:, 2] - 20) < 25)
+        ring = voxflat.check((points, faces), part=lambda s: s.keep(np.abs(points[:, 2] - 20) < 25))
         assert ring.boundary
         assert str(len(ring.boundary)) in ring.table()
 
@@ -125,7 +125,7 @@ def test_a_sheet_of_grey_matter_becomes_a_map():
     sheet = voxflat.surface(shapes.DATA / "laynii" / "occipital_midGM.nii.gz", threshold=0)
     assert sheet.metadata["sheet"]
     assert sheet.core.topology()["components"][0]["faces"] > 0.999 * len(sheet.faces)
-    flat = voxflat.flatten(sheet, seed_point=(53, 49, 57), radius=30.0, sources=200)
+    flat = voxflat.surface(sheet).disk((53, 49, 57), 30.0).flatten(voxflat.methods.Voxflat(sources=200))
     assert len(flat) > 2000
     assert [53, 49, 57] in flat.ids.tolist()
     reach = np.linalg.norm(flat.uv - flat.uv[(flat.ids == [53, 49, 57]).all(axis=1)][0], axis=1)

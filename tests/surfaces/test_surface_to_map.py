@@ -25,7 +25,7 @@ class TestDistances:
     def test_links_are_paths_on_the_surface(self):
         """Never shorter than through the air, never longer than along edges; symmetric; the triangle inequality."""
         points, faces = bump()
-        rows = np.asarray(voxflat.geodesic((points, faces), np.arange(0, len(points), 97)), dtype=float)
+        rows = np.asarray(voxflat.surface((points, faces)).geodesic(np.arange(0, len(points), 97)), dtype=float)
         sources = np.arange(0, len(points), 97)
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         import scipy.sparse
@@ -42,7 +42,7 @@ class TestDistances:
 
     def test_a_rolled_sheet_has_its_flat_distances(self):
         mesh, places = rolled()
-        rows = voxflat.geodesic(mesh, [0, 800, 1680])
+        rows = voxflat.surface(mesh).geodesic([0, 800, 1680])
         expected = apart(places)[[0, 800, 1680]]
         far = expected > 2
         error = np.asarray(rows)[far] / expected[far] - 1
@@ -51,20 +51,20 @@ class TestDistances:
 
     @pytest.mark.slow
     def test_paths_are_as_long_as_their_distances(self, white):
-        rows = voxflat.geodesic(white, [17])
+        rows = voxflat.surface(white).geodesic([17])
         for geodesic, least in (("graph", 1.0), ("edges", 1.0)):
-            path = voxflat.path(white, 17, 4321, geodesic=geodesic)
+            path = voxflat.surface(white).path(17, 4321, geodesic=geodesic)
             np.testing.assert_array_equal(path.ids[[0, -1]], [17, 4321])
             steps = np.linalg.norm(np.diff(path.points, axis=0), axis=1).sum()
             assert path.length >= least * steps - 1e-3
             assert path.length >= rows[0][4321] - 1e-3
-        assert voxflat.path(white, 17, 4321).length == pytest.approx(rows[0][4321], rel=1e-6)
+        assert voxflat.surface(white).path(17, 4321).length == pytest.approx(rows[0][4321], rel=1e-6)
 
 
 class TestFlatten:
     def test_a_rolled_sheet_is_unrolled(self):
         mesh, places = rolled()
-        flat = voxflat.flatten(mesh, sources=200)
+        flat = voxflat.flatten(mesh, method=voxflat.methods.Voxflat(sources=200))
         assert flat.distortion.raw.relative_error < 0.015
         np.testing.assert_allclose(apart(flat.uv)[::50], apart(places)[::50], atol=0.4)
         assert flat.distortion.triangles.flipped == 0
@@ -96,14 +96,18 @@ class TestFlatten:
 
     @pytest.mark.parametrize("threads", [1, 2, 3])
     def test_bits_do_not_depend_on_threads(self, threads):
-        flat, other = (voxflat.flatten(bump(), sources=80, threads=n) for n in (threads, None))
+        flat, other = (
+            voxflat.flatten(bump(), method=voxflat.methods.Voxflat(sources=80), threads=n) for n in (threads, None)
+        )
         np.testing.assert_array_equal(flat.uv, other.uv)
         np.testing.assert_array_equal(flat.distortion.per_point, other.distortion.per_point)
 
     def test_moving_the_mesh_turns_nothing(self):
         points, faces = bump()
-        flat = voxflat.flatten((points, faces), sources=60)
-        moved = voxflat.flatten((points + np.array([100.0, -50.0, 7.0]), faces), sources=60)
+        flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=60))
+        moved = voxflat.flatten(
+            (points + np.array([100.0, -50.0, 7.0]), faces), method=voxflat.methods.Voxflat(sources=60)
+        )
         np.testing.assert_allclose(moved.uv, flat.uv, atol=1e-4)
 
     @pytest.mark.slow
@@ -122,12 +126,12 @@ class TestFlatten:
     def test_cuts_keep_ids_on_both_sides(self):
         points, faces = bump(20)
         path = np.arange(10 * 21, 10 * 21 + 11)
-        flat = voxflat.flatten((points, faces), cuts=[path], sources=40)
+        flat = voxflat.flatten((points, faces), method=voxflat.methods.Voxflat(sources=40), cuts=[path])
         ids, counts = np.unique(flat.ids, return_counts=True)
         np.testing.assert_array_equal(ids[counts == 2], path[:-1])  # the last lies inside, the first on the boundary
         assert flat.metadata["cuts"] == [path.tolist()]
         both = np.flatnonzero(flat.ids == path[0])
-        rows = voxflat.geodesic((points, faces), [path[0]], cuts=[path])
+        rows = voxflat.surface((points, faces)).cut([path], relax=False).surface.geodesic([path[0]])
         assert rows.shape[1] == len(points) + 10
         assert np.linalg.norm(flat.uv[both[0]] - flat.uv[both[1]]) > 5
 
@@ -144,7 +148,7 @@ class TestFlatten:
         part[near], chance[near] = labels[near], probability[near]
         part = anatomy.largest_component(part[ends] > 0).astype(np.uint8)
         surface = voxflat.surface(part, affine=affine, probability=chance[ends], repair="voxels")
-        flat = voxflat.flatten(surface, seed_point=seed, radius=30.0, sources=150, relax=False)
+        flat = surface.disk(seed, 30.0).flatten(voxflat.methods.Voxflat(sources=150), relax=False)
         assert flat.distortion.raw.relative_error < 0.1
         assert labels[tuple(flat.ids.T)].mean() > 0.99
 
@@ -155,10 +159,10 @@ class TestEveryWayIn:
     @pytest.fixture(scope="class")
     def by_vertices(self, white, shipped):
         on_map = np.unique(shipped[1])
-        rows = voxflat.geodesic(white, [on_map[len(on_map) // 2]])
+        rows = voxflat.surface(white).geodesic([on_map[len(on_map) // 2]])
         keep = np.zeros(len(white[0]), dtype=bool)
         keep[rows.ids] = rows[0] < 45
-        return keep, voxflat.flatten(white, keep=keep, sources=100)
+        return keep, voxflat.surface(white).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
 
     @pytest.mark.slow
     def test_command_line(self, white, by_vertices, tmp_path):
@@ -179,7 +183,7 @@ class TestEveryWayIn:
         keep, expected = by_vertices
         mesh = pv.PolyData.from_regular_faces(*white)
         mesh["sulc"], mesh["cortex"] = fsaverage["sulc"], keep
-        flat = mesh.voxflat(keep="cortex", sources=100)
+        flat = mesh.voxflat(keep="cortex", method=voxflat.methods.Voxflat(sources=100))
         np.testing.assert_array_equal(flat.points[:, :2], expected.uv)
         np.testing.assert_array_equal(flat["sulc"], fsaverage["sulc"][expected.ids])
         np.testing.assert_array_equal(flat["vertex_ids"], expected.ids)
@@ -188,7 +192,7 @@ class TestEveryWayIn:
     @pytest.mark.slow
     def test_a_surface_made_before(self, white, by_vertices):
         keep, expected = by_vertices
-        flat = voxflat.flatten(voxflat.surface(white), keep=keep, sources=100)
+        flat = voxflat.surface(white).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
         np.testing.assert_array_equal(flat.uv, expected.uv)
 
     @pytest.mark.slow
@@ -196,7 +200,7 @@ class TestEveryWayIn:
         keep, expected = by_vertices
         for name in ("lh.white", "white.surf.gii", "white.ply", "white.obj"):
             write_mesh(tmp_path / name, Mesh(*white))
-            flat = voxflat.flatten(tmp_path / name, keep=keep, sources=100)
+            flat = voxflat.surface(tmp_path / name).keep(keep).flatten(voxflat.methods.Voxflat(sources=100))
             moved = np.linalg.norm(flat.uv - expected.uv, axis=1)  # some formats hold f32
             assert moved.mean() < 0.5
             assert np.percentile(moved, 99) < 2  # single vertices, in pits that no map can keep, may move farther

@@ -1,5 +1,6 @@
 """What a mask becomes where nothing is said of repair: handles of noise go, whatever else it is stays."""
 
+import composed
 import numpy as np
 import pytest
 import shapes
@@ -112,7 +113,7 @@ def test_masks_as_labs_have_them_lose_their_handles(tmp_path, name):
 def test_the_map_is_the_best_of_any_repair():
     volume = with_handles()
     of = {"sources": 60, "relax": False}
-    flat, cut = (voxflat.flatten(voxflat.surface(volume, repair=way), **of) for way in (None, "cuts"))
+    flat, cut = (composed.flatten(voxflat.surface(volume, repair=way), **of) for way in (None, "cuts"))
     assert flat.distortion.raw.relative_error <= 1.1 * cut.distortion.raw.relative_error
 
 

@@ -19,11 +19,10 @@ from voxflat._napari.results.flat_layers import FlatLayers
 from voxflat._napari.results.maps import map_layers
 from voxflat._napari.results.pages import page_layers
 from voxflat.arguments import Progress
-from voxflat.atlases.making import patches
 from voxflat.errors import Cancelled
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.flatten import flatten
-from voxflat.surfaces.making import surface
+from voxflat.methods import METHODS, Method
+from voxflat.pipeline.surface import surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +33,14 @@ class Job:
     ----------
     surface : LayerVolume or LayerMesh
         The volume whose surface is flattened, or the surface itself.
-    method, label, threshold, seed_point, radius
-        As in `voxflat.flatten`.
+    method : str
+        The method's name.
+    label, threshold
+        As in `voxflat.surface`.
+    seed_point, radius
+        As in `Surface.disk`.
     keep : LayerVolume, ndarray or None
-        As there; of a volume a mask of its shape.
+        As in `Surface.keep`; of a volume a mask of its shape.
     polygon : ndarray, shape (k, 3), or None
         Corners, RAS+ mm; the nearest places of the surface are meant.
     pial : LayerMesh or None
@@ -93,19 +96,42 @@ class Job:
         return map_layers(flat_map, self.surface.origin["layer"], self.shown, self.values, self.pixel_size)
 
     def _flatten(self, progress: Progress) -> FlatMap:
-        source: Any = self.surface.read()
-        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
-        place: dict[str, Any] = {"seed_point": self.seed_point, "radius": self.radius}
-        place["keep"] = self.keep.read() if isinstance(self.keep, LayerVolume) else self.keep
-        if self.pial is not None or self.polygon is not None:
-            pial = None if self.pial is None else self.pial.read()
-            source, foreground = surface(source, **foreground, pial=pial, progress=progress), {}
+        pial = None if self.pial is None else self.pial.read()
+        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold, "pial": pial}
+        part = surface(self.surface.read(), **foreground, progress=progress)
+        corners = None
         if self.polygon is not None:
-            _, nearest = scipy.spatial.cKDTree(source.points).query(self.polygon)
-            place["polygon"] = source.ids[nearest]
+            _, nearest = scipy.spatial.cKDTree(part.points).query(self.polygon)
+            corners = part.ids[nearest]
+        method, drop, how = self.split()
+        if self.keep is not None:
+            part = part.keep(self.keep.read() if isinstance(self.keep, LayerVolume) else self.keep)
+        if drop is not None:
+            part = part.drop(drop)
+        if self.seed_point is not None and self.radius is not None:
+            part = part.disk(self.seed_point, self.radius, progress=progress)
+        if corners is not None:
+            part = part.polygon(corners, progress=progress)
+        return part.flatten(method, **how, progress=progress)
+
+    def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
+        """Split the options.
+
+        Returns
+        -------
+        method : Method
+            With its own options.
+        drop : ndarray or None
+            What is left out, where cuts were drawn.
+        how : dict
+            The other keywords of `Surface.flatten`.
+        """
+        kind = METHODS[self.method]
+        own = {name: value for name, value in self.options.items() if name in kind.__dataclass_fields__}
+        how = {name: value for name, value in self.options.items() if name not in own}
         if self.start is not None:
-            place["start"] = self.start
-        return flatten(source, method=self.method, **foreground, **place, **self.options, progress=progress)
+            own["start"] = self.start
+        return kind(**own), how.pop("drop", None), how
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +143,9 @@ class PatchesJob:
     surface : LayerVolume or LayerMesh
         The volume whose surface is flattened, or the surface itself.
     limit : dict
-        One of ``max_angle``, ``bound`` and ``count``, as in `voxflat.patches`.
+        One of ``max_angle``, ``bound`` and ``count``, as in `Surface.patches`.
     label, threshold
-        As in `voxflat.patches`.
+        As in `Surface.patches`.
     glue : float or None
         Within which bound on C the patches are glued, if they are, as in `FlatAtlas.glue`.
     pixel_size : float or None
@@ -142,7 +168,7 @@ class PatchesJob:
         Parameters
         ----------
         progress : callable
-            As in `voxflat.patches`.
+            As in `Surface.patches`.
 
         Returns
         -------
@@ -151,11 +177,12 @@ class PatchesJob:
         Raises
         ------
         InputError, Cancelled
-            As in `voxflat.patches`.
+            As in `Surface.patches`.
         """
         _tell(progress, "reading the layer")
-        source = self.surface.read()
-        atlas = patches(source, label=self.label, threshold=self.threshold, progress=progress, **self.limit)
+        foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}
+        whole = surface(self.surface.read(), **foreground, progress=progress)
+        atlas = whole.patches(**self.limit, progress=progress)
         atlas.metadata["napari"] = self.surface.origin
         glued = None if self.glue is None else atlas.glue(self.glue, progress=progress)
         _draw(progress, "page")

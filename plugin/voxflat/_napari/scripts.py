@@ -25,6 +25,7 @@ from voxflat.io.meshes import Mesh, read_mesh
 from voxflat.io.overlays import read_overlay
 from voxflat.io.volumes import Volume, read_volume
 from voxflat.maps.flat_map import FlatMap
+from voxflat.methods import Method
 
 __all__ = ["Recipe"]
 
@@ -133,32 +134,43 @@ class _Script:
     # ---------------------------------------------------------------------------------------------- jobs
 
     def _of_job(self, job: Job) -> None:
-        source = self._surface(job.surface)
-        given: dict[str, Any] = {"label": job.label, "threshold": job.threshold}
-        place: dict[str, Any] = {"seed_point": job.seed_point, "radius": job.radius}
-        if job.keep is not None:
-            place["keep"] = _Code(
-                self._surface(job.keep, "mask") if isinstance(job.keep, LayerVolume) else self._array(job.keep, "keep")
-            )
-        if job.pial is not None or job.polygon is not None:
-            pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
-            self._call("whole", "voxflat.surface", source, {**given, "pial": pial})
-            source, given = "whole", {}
+        pial = None if job.pial is None else _Code(self._surface(job.pial, "pial"))
+        given = {"label": job.label, "threshold": job.threshold, "pial": pial}
+        self._call("surface", "voxflat.surface", self._surface(job.surface), given)
         if job.polygon is not None:
             self._imports.add(_TREE)
             corners = self._array(job.polygon, "polygon")
-            self._lines.append(f"_, nearest = cKDTree(whole.points).query({corners})")
-            place["polygon"] = _Code("whole.ids[nearest]")
-        if job.start is not None:
-            place["start"] = _Code(self._map(job.start))
-        method = None if job.method == "voxflat" else job.method
-        self._call("flat_map", "voxflat.flatten", source, {"method": method, **given, **place, **job.options})
+            self._lines.append(f"_, nearest = cKDTree(surface.points).query({corners})")
+            self._lines.append("corners = surface.ids[nearest]")
+        method, drop, how = job.split()
+        if job.keep is not None:
+            keep = job.keep
+            region = self._surface(keep, "mask") if isinstance(keep, LayerVolume) else self._array(keep, "keep")
+            self._lines.append(f"surface = surface.keep({region})")
+        if drop is not None:
+            self._lines.append(f"surface = surface.drop({self._array(drop, 'drop')})")
+        if job.seed_point is not None:
+            seed = self._value("seed_point", job.seed_point)
+            self._lines.append(f"surface = surface.disk({seed}, {self._value('radius', job.radius)})")
+        if job.polygon is not None:
+            self._lines.append("surface = surface.polygon(corners)")
+        self._call("flat_map", "surface.flatten", self._method(job, method), how)
         self._result("flat_map", job.shown, job.pixel_size)
 
+    def _method(self, job: Job, method: Method) -> str:
+        """Return a method as an argument: nothing for the default, its name, or an object with its options."""
+        changed = {name: value for name, value in job.options.items() if name in type(method).__dataclass_fields__}
+        parts = [f"{name}={self._value(name, value)}" for name, value in changed.items()]
+        if job.start is not None:
+            parts.append(f"start={self._map(job.start)}")
+        if parts:
+            return f"voxflat.methods.{type(method).__name__}({', '.join(parts)})"
+        return "" if job.method == "voxflat" else repr(job.method)
+
     def _of_patches(self, job: PatchesJob) -> None:
-        source = self._surface(job.surface)
-        given = {**job.limit, "label": job.label, "threshold": job.threshold}
-        self._call("atlas", "voxflat.patches", source, given)
+        given = {"label": job.label, "threshold": job.threshold}
+        self._call("surface", "voxflat.surface", self._surface(job.surface), given)
+        self._call("atlas", "surface.patches", "", job.limit)
         if job.glue is not None:
             self._lines.append(f"atlas = atlas.glue({job.glue!r})")
         self._result("atlas", job.shown, job.pixel_size)
@@ -178,7 +190,10 @@ class _Script:
 
     def _call(self, result: str, function: str, first: str, given: dict[str, Any]) -> None:
         """Call a function, with the arguments that are given."""
-        parts = [first, *(f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None)]
+        parts = [
+            *([first] if first else []),
+            *(f"{key}={self._value(key, value)}" for key, value in given.items() if value is not None),
+        ]
         line = f"{result} = {function}({', '.join(parts)})"
         if len(line) > _WIDTH:
             line = f"{result} = {function}(\n" + "".join(f"    {part},\n" for part in parts) + ")"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,17 +26,14 @@ from voxflat._pyvista.judged import rows_of
 from voxflat._pyvista.pictures import textured
 from voxflat._pyvista.skins import Skin
 from voxflat.arguments import Progress, is_number
-from voxflat.atlases.making import patches
-from voxflat.distances.geodesic import geodesic
-from voxflat.distances.path import path
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.judging.measure import compare
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.flatten import flatten
-from voxflat.surfaces.check import Check, check
-from voxflat.surfaces.cut import cut
-from voxflat.surfaces.making import surface
+from voxflat.methods import Method, method_of
+from voxflat.pipeline.check import check
+from voxflat.pipeline.surface import Surface, surface
+from voxflat.surfaces.findings import Check
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -43,9 +41,6 @@ if TYPE_CHECKING:
     from voxflat._pyvista.morphs import Morph
     from voxflat._pyvista.options import CutOptions, FlattenOptions, PlaceOptions, Seed
     from voxflat.lab.map_page import MapPage
-
-_SEVERAL = ("polygon", "sources")  # options that may name several points
-_REGIONS = ("keep", "drop")
 
 
 class VoxflatAccessor:
@@ -106,7 +101,7 @@ class VoxflatAccessor:
         if self._is_image:
             return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))
         skin = self._skin(scalars)
-        flat_map = self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
+        flat_map = self.flatten(scalars, progress_bar=progress_bar, **options)
         flat = to_polydata(flat_map)
         flat.point_data["vertex_ids"] = skin.point_ids[flat_map.ids]
         told = {**flat_map.description(), "vertices": self._mesh.n_points}  # as vertex_ids count them
@@ -127,12 +122,13 @@ class VoxflatAccessor:
         progress_bar : bool
             Show how far it is.
         **options
-            For images ``label=3`` or ``threshold=0.5`` say what is foreground; ``seed_point`` and ``radius=45.0`` (mm)
-            cut out a patch. A seed is the number of a point, a cell (``mesh.get_cell(9)``) or a position of three
-            floats; of images a voxel (i, j, k) or a position. So are ``sources`` and the corners of a ``polygon``.
-            ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images. These and all others
-            are the keyword arguments of `voxflat.flatten`. Voxel indices count from 0 at the image's first point or
-            cell; `voxel_at` finds them from coordinates.
+            For images ``label=3`` or ``threshold=0.5`` say what is foreground, as in `voxflat.surface`. ``keep``,
+            ``drop``, ``seed_point`` with ``radius=45.0`` (mm) and ``polygon`` choose a part, as the methods of
+            `Surface` do. A seed is the number of a point, a cell (``mesh.get_cell(9)``) or a position of three floats;
+            of images a voxel (i, j, k) or a position. So are the corners of a ``polygon`` and the sources of a method.
+            ``keep`` and ``drop`` may be names of other arrays of this dataset, or other images. All others are the
+            keyword arguments of `Surface.flatten`. Voxel indices count from 0 at the image's first point or cell;
+            `voxel_at` finds them from coordinates.
 
         Returns
         -------
@@ -147,10 +143,13 @@ class VoxflatAccessor:
         Cancelled
             As in `voxflat.flatten`.
         """
-        if self._is_image:
-            return self._flatten(self.volume(scalars), progress_bar, self._of_image(scalars, options))
-        skin = self._skin(scalars)
-        return self._flatten(skin.mesh, progress_bar, self._of_skin(skin, options))
+        given: dict[str, Any] = {**options}
+        with shown(progress_bar, given.pop("progress", None)) as progress:
+            part = self._part(scalars, given, progress)
+            if "method" in given:
+                given["method"] = self._method(scalars, given["method"])
+            found: FlatMap = part.flatten(progress=progress, **given)
+        return found
 
     def surface(self, scalars: str | None = None, **options: Unpack[PlaceOptions]) -> pv.PolyData:
         """Return the surface that is flattened.
@@ -213,11 +212,11 @@ class VoxflatAccessor:
         sources : int, position, pyvista.Cell, or several of them
             Numbers of points; positions, of three floats, of which the nearest point is taken; or cells.
         method : {"graph", "marching", "exact"}
-            What measures them, as ``geodesic`` of `voxflat.geodesic`.
+            What measures them, as ``geodesic`` of `Surface.geodesic`.
         progress_bar : bool
             Show how far it is.
         progress : callable, optional
-            As in `voxflat.geodesic`.
+            As in `Surface.geodesic`.
 
         Returns
         -------
@@ -228,13 +227,13 @@ class VoxflatAccessor:
         Raises
         ------
         InputError, Cancelled
-            As in `voxflat.geodesic`.
+            As in `Surface.geodesic`.
         """
         skin = self._skin(None)
         numbers = np.atleast_1d(skin.points(sources, "sources"))
         with shown(progress_bar, progress) as told:
             whole = surface(skin.mesh, progress=told)
-            rows = geodesic(whole, numbers, geodesic=method, progress=told)
+            rows = whole.geodesic(numbers, geodesic=method, progress=told)
         nearest = np.min([rows[number] for number in range(len(numbers))], axis=0)
         measured = self._mesh.copy(deep=False)
         distances = np.full(self._mesh.n_points, np.nan)
@@ -253,7 +252,7 @@ class VoxflatAccessor:
         a, b, *further : int, position or pyvista.Cell
             The ends, and further stops after `b`, each as a source of `geodesic`.
         method : {"exact", "graph", "marching", "edges"}
-            As ``geodesic`` of `voxflat.path`.
+            As ``geodesic`` of `Surface.path`.
 
         Returns
         -------
@@ -263,11 +262,11 @@ class VoxflatAccessor:
         Raises
         ------
         InputError
-            As in `voxflat.path`.
+            As in `Surface.path`.
         """
         skin = self._skin(None)
         stops = [skin.point(stop, "stops") for stop in (a, b, *further)]
-        found = path(skin.mesh, *stops, geodesic=method)
+        found = surface(skin.mesh).path(*stops, geodesic=method)
         line: pv.PolyData = pv.MultipleLines(found.points)
         line.point_data["vertex_ids"] = np.where(found.ids >= 0, skin.point_ids[found.ids], -1)
         line.field_data["length"] = [found.length]
@@ -296,7 +295,7 @@ class VoxflatAccessor:
         scalars : str, optional
             For images the name of the array; by default the active one, or the only one.
         bound, count, seeds, seed
-            As in `voxflat.patches`.
+            As in `Surface.patches`.
         glue : float, optional
             Glue the patches within this bound on C, as `FlatAtlas.glue` does.
         packing : {"boxes", "shapes"}
@@ -304,7 +303,7 @@ class VoxflatAccessor:
         progress_bar : bool
             Show how far it is.
         **options
-            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `voxflat.patches`.
+            ``label``, ``threshold``, ``threads``, ``memory_limit``, ``progress`` as in `Surface.patches`.
 
         Returns
         -------
@@ -316,13 +315,15 @@ class VoxflatAccessor:
         Raises
         ------
         InputError, Cancelled
-            As in `voxflat.patches`.
+            As in `Surface.patches`.
         """
         skin = None if self._is_image else self._skin(scalars)
-        given: dict[str, Any] = {**options, "bound": bound, "count": count, "seeds": seeds, "seed": seed}
+        given: dict[str, Any] = {**options}
+        how: dict[str, Any] = {"bound": bound, "count": count, "seeds": seeds, "seed": seed}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            source = self.volume(scalars) if skin is None else skin.mesh
-            atlas = patches(source, max_angle, progress=progress, **given)
+            whole = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+            how |= {"threads": given.get("threads"), "progress": progress}
+            atlas = whole.patches(max_angle, **how)
             glued = atlas if glue is None else atlas.glue(glue, threads=given.get("threads"), progress=progress)
         page = to_page_polydata(glued, packing=packing)
         if skin is not None:
@@ -344,7 +345,7 @@ class VoxflatAccessor:
         progress_bar : bool
             Show how far it is.
         **options
-            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others as in `voxflat.cut`; seeds as in
+            ``cuts``, ``relax``, ``keep``, ``seed_point``, ``radius`` and others as in `Surface.cut`; seeds as in
             `flatten`.
 
         Returns
@@ -358,7 +359,7 @@ class VoxflatAccessor:
         Raises
         ------
         InputError, Cancelled
-            As in `voxflat.cut`.
+            As in `Surface.cut`.
 
         Examples
         --------
@@ -368,9 +369,9 @@ class VoxflatAccessor:
         >>> cuts = opened.extract_feature_edges(feature_edges=False, manifold_edges=False)  # as lines
         """
         skin = None if self._is_image else self._skin(scalars)
-        given = self._of_image(scalars, options) if skin is None else self._of_skin(skin, options)
+        given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
-            done = cut(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **given)
+            done = self._part(scalars, given, progress).cut(progress=progress, **given)
         mesh = to_cut_polydata(done, None if skin is None else skin.point_ids)
         if skin is not None:
             skin.carry(mesh, done.surface.ids)
@@ -715,40 +716,52 @@ class VoxflatAccessor:
             raise InputError(f"scalars is {scalars!r}, but a mesh is flattened as it is; leave it out")
         return Skin.of(self._mesh)
 
-    def _flatten(self, source: object, progress_bar: bool, options: dict[str, Any]) -> FlatMap:
-        progress: Progress | None = options.pop("progress", None)
-        with shown(progress_bar, progress) as told:
-            found: FlatMap = flatten(source, progress=told, **options)
-        return found
-
-    def _of_skin(self, skin: Skin, options: CutOptions) -> dict[str, Any]:
-        """Return options with numbers of points, and masks of them, as the surface has them."""
-        given: dict[str, Any] = {**options}
-        for name in _REGIONS:
-            if name in given:
-                given[name] = self._mask_of(skin, self._region(given[name]), name)
-        if given.get("seed_point") is not None:
-            given["seed_point"] = skin.point(given["seed_point"], "seed_point")
-        for name in _SEVERAL:
-            if given.get(name) is not None and not is_number(given[name]):  # of sources a number says how many
-                given[name] = np.atleast_1d(skin.points(given[name], name))
-        if isinstance(given.get("cuts"), Sequence) and not isinstance(given["cuts"], str):
+    def _part(self, scalars: str | None, given: dict[str, Any], progress: Progress | None) -> Surface:
+        """Return the part of the surface that is chosen; the options that say which are taken out of what is given."""
+        skin = None if self._is_image else self._skin(scalars)
+        making: dict[str, Any] = {name: given.pop(name) for name in ("label", "threshold") if name in given}
+        making |= {name: given[name] for name in ("threads", "memory_limit") if name in given}
+        part = surface(self.volume(scalars) if skin is None else skin.mesh, progress=progress, **making)
+        for name in ("keep", "drop"):
+            region = self._region(given.pop(name, None))
+            if region is not None:
+                region = region if skin is None else self._mask_of(skin, region, name)
+                part = part.keep(region) if name == "keep" else part.drop(region)
+        seed_point, radius = given.pop("seed_point", None), given.pop("radius", None)
+        if (seed_point is None) != (radius is None):
+            named, missing = ("seed_point", "radius") if radius is None else ("radius", "seed_point")
+            raise InputError(f"{named} is given without {missing}; give both or neither")
+        if seed_point is not None:
+            seed = self._voxels(scalars, seed_point) if skin is None else skin.point(seed_point, "seed_point")
+            part = part.disk(seed, radius, threads=given.get("threads"), progress=progress)
+        if (corners := given.pop("polygon", None)) is not None:
+            part = part.polygon(self._places(scalars, corners, "polygon"), progress=progress)
+        if skin is not None and isinstance(given.get("cuts"), Sequence) and not isinstance(given["cuts"], str):
             given["cuts"] = [np.atleast_1d(skin.points(one, "cuts")) for one in given["cuts"]]
-        return given
+        return part
 
-    def _of_image(self, scalars: str | None, options: CutOptions) -> dict[str, Any]:
-        """Return options with regions as volumes, and positions as voxels."""
-        given: dict[str, Any] = {**options}
-        given |= {name: self._region(given[name]) for name in _REGIONS if name in given}
-        for name in ("seed_point", *_SEVERAL):
-            seeds = given.get(name)
-            if seeds is None or is_number(seeds):
-                continue
-            positions = np.asarray(seeds)
-            if positions.dtype.kind == "f" and positions.shape[-1:] == (3,):
-                voxels = [self.voxel_at(position, scalars) for position in positions.reshape(-1, 3)]
-                given[name] = voxels[0] if positions.ndim == 1 else np.array(voxels)
-        return given
+    def _method(self, scalars: str | None, method: str | Method) -> Method:
+        """Return a method with its sources as the surface has them; a number says how many."""
+        chosen = method_of(method)
+        sources = getattr(chosen, "sources", 0)
+        if is_number(sources):
+            return chosen
+        own: dict[str, Any] = {"sources": self._places(scalars, sources, "sources")}
+        return replace(chosen, **own)
+
+    def _places(self, scalars: str | None, places: Any, name: str) -> Any:
+        """Return places on the dataset as the surface has them."""
+        if self._is_image:
+            return self._voxels(scalars, places)
+        return np.atleast_1d(self._skin(scalars).points(places, name))
+
+    def _voxels(self, scalars: str | None, places: Any) -> Any:
+        """Return positions in an image as voxels; voxels stay what they are."""
+        positions = np.asarray(places)
+        if positions.dtype.kind != "f" or positions.shape[-1:] != (3,):
+            return places
+        voxels = [self.voxel_at(position, scalars) for position in positions.reshape(-1, 3)]
+        return voxels[0] if positions.ndim == 1 else np.array(voxels)
 
     def _mask_of(self, skin: Skin, region: object, name: str) -> object:
         """Return a region of a dataset's points as one of its surface's."""

@@ -10,7 +10,7 @@ import pyvista as pv
 from voxflat._pyvista.accessor import VoxflatAccessor
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.check import Check
+from voxflat.surfaces.findings import Check
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -47,7 +47,7 @@ class BlocksAccessor:
     --------
     >>> import pyvista as pv
     >>> blocks = pv.MultiBlock({"ball": pv.Icosphere(nsub=1), "hills": pv.ParametricEnneper(u_res=9, v_res=9)})
-    >>> flat = blocks.voxflat(sources=20)
+    >>> flat = blocks.voxflat()
     >>> flat.keys()
     ['ball', 'hills']
     >>> worst = flat["ball"]["distance_error"].max()

@@ -15,7 +15,7 @@ from voxflat.io.files import SAVED_ENDINGS, naming
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import load, mesh_of_vertices
-from voxflat.surfaces.making import surface as _surface
+from voxflat.pipeline.surface import surface as _surface
 
 
 def read(path: str, *, surface: object | None = None) -> pv.PolyData:

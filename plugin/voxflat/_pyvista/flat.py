@@ -16,8 +16,9 @@ from voxflat.distortion.triangles import measure_arrays
 from voxflat.judging.measure import JudgedMap
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.pictures import place
+from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.pipeline.surface import Surface
 from voxflat.rows import in_rows
-from voxflat.surfaces.cut import CutSurface
 
 
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:
@@ -121,13 +122,13 @@ def to_judged_polydata(
     return mesh
 
 
-def to_cut_polydata(done: CutSurface, point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
+def to_cut_polydata(done: CutSurface[Surface], point_ids: NDArray[np.int64] | None = None) -> pv.PolyData:
     """Return a surface that was cut open as a mesh in space, RAS+ mm.
 
     Parameters
     ----------
     done : CutSurface
-        As `voxflat.cut` returns it.
+        As `Surface.cut` returns it.
     point_ids : ndarray of int64, optional
         What the vertices of a mesh are called.
 

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from voxflat._pyvista.flat import is_map
 from voxflat._pyvista.skins import Skin
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import Surface
+from voxflat.pipeline.surface import Surface
 
 _ORIGINAL = "vtkOriginalPointIds"
 _SAME = 1e-4  # of the median edge: meshes may hold float32

@@ -1,11 +1,7 @@
-"""The options of `voxflat.flatten`, as type checkers and editors know them for ``mesh.voxflat(...)``.
-
-A test holds that they are those of `voxflat.flatten`, and mypy that a misspelt one is found.
-"""
+"""The options of ``mesh.voxflat(...)``, as type checkers and editors know them."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import TypeAlias, TypedDict
 
@@ -13,13 +9,15 @@ import pyvista as pv
 from numpy.typing import ArrayLike
 
 from voxflat.arguments import Progress
+from voxflat.methods import Method
+from voxflat.methods.method import Rows
 
 Seed: TypeAlias = "int | Sequence[int] | Sequence[float] | ArrayLike | pv.Cell"
 """A place on a dataset: the number of a point, a position (three floats), or a cell; of images a voxel, too."""
 
 
 class PlaceOptions(TypedDict, total=False):
-    """What of an image is foreground, and how much memory and how many threads are used."""
+    """What of an image is foreground, as in `voxflat.surface`, and run control."""
 
     label: int | None
     threshold: float | None
@@ -29,40 +27,28 @@ class PlaceOptions(TypedDict, total=False):
 
 
 class PartOptions(PlaceOptions, total=False):
-    """Which part of a surface, and where it is cut."""
+    """Which part of a surface: `Surface.keep`, `drop`, `disk` and `polygon`."""
 
     keep: object | None
     drop: object | None
     seed_point: Seed | None
     radius: float | None
     polygon: ArrayLike | None
-    cuts: object | None
-    sphere: object | None
 
 
 class CutOptions(PartOptions, total=False):
-    """Where it is cut further."""
+    """Where it is cut, as in `Surface.cut`."""
 
+    cuts: object | None
+    sphere: object | None
     relax: float | bool | None
     adapt: float | None
 
 
 class FlattenOptions(CutOptions, total=False):
-    """How it is flattened."""
+    """How it is flattened, as in `Surface.flatten`."""
 
-    method: str
+    method: str | Method
     mirror: bool
-    sources: int | ArrayLike | None
-    sampling: str | None
-    geodesic: str | None
-    weighting: float | None
-    scale: str | None
-    max_area: float | None
-    start: object | None
-    link_lengths: str | None
-    neighbourhood: int | str | None
-    starts: int | None
-    bound: float | None
+    rows: Rows
     seed: int
-    keep_rows: bool
-    store: str | os.PathLike[str] | None

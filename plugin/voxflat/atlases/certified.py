@@ -204,7 +204,7 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         ]
         return "\n".join(lines)
 
-    @telling
+    @telling()
     def glue(self, bound: float = 1.5, *, threads: int | None = None, progress: Progress | None = None) -> GluedAtlas:
         """Close the seams between the patches, as far as that is possible within a bound on C.
 

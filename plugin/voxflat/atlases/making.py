@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_choice, checked_seed, checked_threads, is_number, is_whole, log, shown
 from voxflat.atlases.certified import Certificate, FlatAtlas
 from voxflat.errors import InputError
-from voxflat.io.provenance import telling
-from voxflat.surfaces.making import surface as _surface
+from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["MAX_ANGLE", "SEEDS", "patches"]
 
@@ -23,65 +21,19 @@ SEEDS = ("curvature", "flattest", "random")
 """Where patches may begin."""
 
 
-@telling
 def patches(
-    surface: object,
-    max_angle: float | None = None,
-    *,
-    bound: float | None = None,
-    count: int | None = None,
-    seeds: str = "curvature",
-    seed: int = 0,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    memory_limit: int | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    whole: Manifold,
+    limits: dict[str, float | None],
+    seeds: str,
+    seed: int,
+    threads: int | None,
+    progress: Progress | None,
 ) -> FlatAtlas:
-    """Flatten a surface of any topology in patches with a certificate (Appleboim, Saucan, Zeevi 2006).
-
-    Each patch is projected orthogonally onto a plane to which no triangle is inclined by more than an angle θ. Then no
-    length changes by more than a factor C ≤ 1 + tan θ, nor angles by a dilatation of more than K ≤ (1 + tan θ)^1.5.
-    Nothing of the surface is cut or left out: every triangle belongs to one patch, and no patch lies on itself.
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, memory_limit, threads, progress
-        A volume, a mesh or a Surface, as in `surface`.
-    max_angle : float, optional
-        θ, degrees, from 0.01 to 80; by default 10.
-    bound : float, optional
-        Instead of the angle the greatest C that is wanted. The angle is the largest one for which C = K = 1/cos θ, the
-        exact bound of a projection, is within it: fewer patches than the formula above needs.
-    count : int, optional
-        Instead of the angle the number of patches that must not be exceeded, for which the smallest angle is sought.
-    seeds : {"curvature", "flattest", "random"}
-        Where patches begin. "curvature": candidates are grown around the flattest places, turned to where they become
-        largest, and the largest is kept first; small patches are dissolved in their neighbours. The others are the
-        paper's: one patch after another, on the plane of the flattest or of a random triangle.
-    seed : int
-        Of the random choice.
-
-    Returns
-    -------
-    FlatAtlas
-        The same for any numbering of vertices and triangles, but for the order of arrays.
-
-    Raises
-    ------
-    InputError
-        If the surface cannot be used, or an argument does not fit.
-    Cancelled
-        If `progress` returned False.
-    """
-    limit, value = _limit(max_angle, bound, count)
+    """Flatten a surface in certified patches; see `voxflat.Surface.patches`."""
+    limit, value = _limit(limits)
     checked_choice(seeds, "seeds", SEEDS)
     seed = checked_seed(seed)
     threads = checked_threads(threads)
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
     found = whole.core.patches(limit, value, seeds, seed, threads, progress)
     parts = found["patches"]
     faces, labels = whole.faces.astype(np.int64), found["labels"].astype(np.int64)
@@ -132,9 +84,8 @@ _SURFACE = ("kind", "input", "input_sha256", "affine", "shape", "sheet", "vertic
 _MEASURED = ("tilt", "area", "isometric", "quasi_conformal")
 
 
-def _limit(max_angle: Any, bound: Any, count: Any) -> tuple[str, float]:
+def _limit(limits: dict[str, Any]) -> tuple[str, float]:
     """Return what limits the patches: the core's name for it, and its value."""
-    limits = {"max_angle": max_angle, "bound": bound, "count": count}
     given = {name: value for name, value in limits.items() if value is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given; give one of max_angle, bound and count")

@@ -98,7 +98,7 @@ class FlatPage(Planar):
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
 
-    @telling
+    @telling()
     def heat_map(self, pixel_size: float | None = None, *, of: str = "isometric") -> FlatImage:
         """Return the distortion of each triangle as an image on the same pixels as `image`.
 
@@ -122,7 +122,7 @@ class FlatPage(Planar):
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
 
-    @telling
+    @telling()
     def label_image(self, pixel_size: float | None = None) -> FlatImage:
         """Return the number of the patch at each pixel, from 1 on, as an image on the same pixels as `image`.
 
@@ -173,7 +173,7 @@ class FlatPage(Planar):
             raise InputError("the image is none of this page")
         return np.asarray(coordinates)
 
-    @telling
+    @telling()
     def textured(
         self,
         image: FlatImage | None = None,

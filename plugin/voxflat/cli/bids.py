@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import labs, options
 from voxflat.cli.console import bars
@@ -18,7 +19,7 @@ _MOST = 100  # of an exit status: greater ones mean something else to shells
 _HEMIS = {"L": "lh", "R": "rh"}
 
 
-@click.command(
+@cloup.command(
     "bids",
     cls=labs.Several,
     epilog="""\b
@@ -30,29 +31,34 @@ Examples:
   voxflat bids study maps group
 """,
 )
-@click.argument("source", metavar="BIDS_DIR", type=click.Path(path_type=Path))
-@click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
-@click.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
-@click.option(
-    "--participant-label",
-    "--participant_label",
-    "labels",
-    multiple=True,
-    metavar="LABEL",
-    help="Only these, with or without sub-; several after each other.  [default: all]",
-)
-@click.option(
-    "--hemi", "hemis", type=click.Choice(list(_HEMIS)), multiple=True, default=tuple(_HEMIS), help="Which hemispheres."
+@cloup.argument("source", metavar="BIDS_DIR", type=click.Path(path_type=Path))
+@cloup.argument("out", metavar="OUT", type=click.Path(path_type=Path))
+@cloup.argument("level", metavar="participant|group", type=click.Choice(["participant", "group"]))
+@options.section(
+    "Participants",
+    cloup.option(
+        "--participant-label",
+        "--participant_label",
+        "labels",
+        multiple=True,
+        metavar="LABEL",
+        help="Only these, with or without sub-; several after each other.  [default: all]",
+    ),
+    cloup.option(
+        "--hemi",
+        "hemis",
+        type=click.Choice(list(_HEMIS)),
+        multiple=True,
+        default=tuple(_HEMIS),
+        help="Which hemispheres.",
+    ),
+    cloup.option(
+        "--dry-run", is_flag=True, help="Say what would be done, one JSON object per hemisphere, and do nothing."
+    ),
 )
 @labs.making
-@click.option("--dry-run", is_flag=True, help="Say what would be done, a JSON object a hemisphere, and do nothing.")
-@options.dask
-@options.seed
-@options.threads
-@options.memory_limit
-@options.as_json
-@options.quiet
-@options.debug
+@options.section("Output", options.as_json)
+@options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
 def command(
     source: Path,
     out: Path,

@@ -7,16 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
+from voxflat.cli.input import part_of, surface_of
 from voxflat.cli.output import print_json
 from voxflat.distortion.figures import json_ready
-from voxflat.surfaces.check import check
+from voxflat.pipeline.check import check
+from voxflat.pipeline.surface import Surface
 
 
-@click.command(
+@cloup.command(
     "check",
     epilog="""\b
 Examples:
@@ -26,14 +28,10 @@ Examples:
 """,
 )
 @options.input_
-@options.volume
 @options.making
 @options.region
-@options.sphere
-@options.threads
-@options.memory_limit
-@options.as_json
-@options.debug
+@options.choice_of_cuts
+@options.run(options.threads, options.memory_limit, options.as_json)
 def command(input_: Path, as_json: bool, **given: Any) -> None:
     """Say whether a surface can be flattened.
 
@@ -41,7 +39,13 @@ def command(input_: Path, as_json: bool, **given: Any) -> None:
     change; and gives advice. The exit status is 0 if its surface can be flattened, and 1 if not.
     """
     with bars() as shown:
-        findings = check(source_of(input_, given, shown), progress=shown.progress, **given)
+        part = part_of(given, shown.progress)
+        source: Path | Surface = input_
+        if any(given[name] is not None for name in ("pial", "probability", "repair")):
+            source = surface_of(input_, given, shown.progress)
+        else:
+            del given["pial"], given["probability"], given["repair"]
+        findings = check(source, part=part, progress=shown.progress, **given)
     if as_json:
         print_json(json_ready(asdict(findings)))
     else:

@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 import click
+import cloup
 from tqdm import tqdm
 
 from voxflat._interrupt import take_over
@@ -26,7 +27,7 @@ __all__ = ["Bars", "Program", "bars"]
 CANCELLED, TERMINATED = 130, 143  # as of programs that SIGINT and SIGTERM ended
 
 
-class Program(click.Group):
+class Program(cloup.Group):
     """A group of commands that turns whatever goes wrong into one line on stderr, or one JSON object, and a status.
 
     1 for an input that cannot be used and work that failed, 2 for wrong usage, 130 where the user stopped it.

@@ -6,18 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
+from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.options import OUT
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.patches import PATCH_ENDING
-from voxflat.surfaces.cut import cut
 
 _ENDINGS = (".json", ".surf.gii", ".vtp", ".ply", ".obj", PATCH_ENDING)
 
 
-@click.command(
+@cloup.command(
     "cut",
     epilog="""\b
 Examples:
@@ -29,45 +30,35 @@ Examples:
 """,
 )
 @options.input_
-@click.option(
-    "-o",
-    "--output",
-    type=options.OUT,
-    required=True,
-    metavar="OUT",
-    help="The cuts' file (.json), for --cuts; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
-    "mris_flatten takes.",
-)
-@click.option(
-    "--save-template",
-    "template",
-    type=options.OUT,
-    metavar="FILE",
-    help="Write the cuts and the border of what is left out as a template (.json), too: --cuts takes it for any "
-    "surface with a sphere of the same side and space.",
-)
-@options.volume
 @options.making
 @options.region
-@options.sphere
-@options.relax
-@options.threads
-@options.memory_limit
-@options.beside
-@options.as_json
-@options.debug
+@options.cuts
+@options.output(
+    "The cuts' file (.json), for --cuts; or the cut surface's: .surf.gii, .vtp, .ply, .obj, or .patch.3d, which "
+    "mris_flatten takes.",
+    cloup.option(
+        "--save-template",
+        "template",
+        type=OUT,
+        metavar="FILE",
+        help="Write the cuts and the border of the region that is left out as a template (.json), too: --cuts takes it "
+        "for any surface with a sphere of the same side and space.",
+    ),
+)
+@options.run(options.threads, options.memory_limit)
 def command(
     input_: Path, output: Path, template: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
 ) -> None:
     """Cut a surface open, as voxflat flatten would.
 
-    What is no disk becomes one; further cuts relieve the map where that pays.
+    A surface that is not a disk becomes one; further cuts are made where they reduce the distortion of the map.
     """
     check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
     if template is not None:
         check_output(template, (".json",))
     with bars() as shown:
-        made = cut(source_of(input_, given, shown), progress=shown.progress, **given)
+        choose = part_of(given, shown.progress)
+        made = choose(surface_of(input_, given, shown.progress)).cut(progress=shown.progress, **given)
     result = made if output.suffix.lower() == ".json" else made.surface
     result.save(output, sidecar=sidecar, overwrite=overwrite)
     if template is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
@@ -13,17 +13,20 @@ from voxflat.cli.output import print_json
 from voxflat.errors import InputError
 
 
-@click.command("demo")
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    default=Path("voxflat-demo"),
-    metavar="DIR",
-    help="A directory for the results; made if it is missing.",
+@cloup.command("demo")
+@options.section(
+    "Output",
+    cloup.option(
+        "-o",
+        "--output",
+        type=OUT,
+        default=Path("voxflat-demo"),
+        metavar="DIR",
+        help="A directory for the results; made if it is missing.",
+    ),
+    options.as_json,
 )
-@options.as_json
-@options.debug
+@options.run()
 def command(output: Path, as_json: bool) -> None:
     """Flatten a patch of human cortex.
 

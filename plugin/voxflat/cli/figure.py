@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat._core import __version__
 from voxflat.cli import options
-from voxflat.cli.looks import checked_look, of_colours, of_depth, of_page
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.looks import of_colours, of_data, of_page, overlay_of
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.provenance import Record, described, saving
 from voxflat.io.reading import reading
@@ -19,7 +20,7 @@ from voxflat.maps.flat_map import load
 FIGURE_ENDINGS = (".png", ".svg", ".pdf")
 
 
-@click.command(
+@cloup.command(
     "figure",
     epilog="""\b
 Examples:
@@ -31,60 +32,60 @@ Examples:
   voxflat figure map.npz --parcels aseg.nii.gz --table FreeSurferColorLUT.txt -o aseg.png
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.option(
-    "--overlay", type=FILE, metavar="F", help="Data over the folds: a volume, or values at the mesh's vertices."
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@of_data(
+    cloup.option(
+        "--overlay", type=FILE, metavar="F", help="Data over the folds: a volume, or values at the mesh's vertices."
+    ),
+    cloup.option(
+        "--channel", metavar="NAME|N", help="Which map of F, where it has several: its name, or its number from 0."
+    ),
+    options.period,
 )
-@click.option(
-    "--channel", metavar="NAME|N", help="Which map of F, where it has several: its name, or its number from 0."
+@of_colours(
+    cloup.option(
+        "--strength",
+        type=FILE,
+        metavar="F",
+        help="Apply --above and --below to this map instead of the overlay (for example t, R² or coherence).",
+    ),
+    cloup.option("--strength-channel", metavar="NAME|N", help="Which map of it, where it has several."),
+    cloup.option(
+        "--zero",
+        type=click.Choice(["right", "top"]),
+        default="right",
+        help="Where the wheel of --period has phase 0: at the right, counterclockwise, or at the top, clockwise.",
+    ),
+    cloup.option(
+        "--opacity", type=click.FloatRange(0, 1), help="Of the data, or of parcels without data.  [default: 1; 0.75]"
+    ),
 )
-@of_depth
-@of_colours
-@click.option(
-    "--strength",
-    type=FILE,
-    metavar="F",
-    help="What has to pass --above and --below instead of the data, such as t, R² or coherence.",
+@options.section(
+    "Parcels",
+    cloup.option(
+        "--parcels",
+        type=FILE,
+        metavar="F",
+        help="Labels (.annot, .label.gii, .dlabel.nii, a volume): borders and names, and colours where there are no "
+        "data.",
+    ),
+    cloup.option(
+        "--table",
+        type=FILE,
+        metavar="F",
+        help="Their names and colours: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.",
+    ),
 )
-@click.option("--strength-channel", metavar="NAME|N", help="Which map of it, where it has several.")
-@options.period
-@click.option(
-    "--zero",
-    type=click.Choice(["right", "top"]),
-    default="right",
-    help="Where the wheel of --period has phase 0: at the right, counterclockwise, or at the top, clockwise.",
+@of_page(
+    cloup.option(
+        "--width", type=float, default=85.0, metavar="MM", help="Width on paper, mm: 85 for a column, 170 for two."
+    )
 )
-@click.option(
-    "--opacity", type=click.FloatRange(0, 1), help="Of the data, or of parcels without data.  [default: 1; 0.75]"
-)
-@click.option(
-    "--parcels",
-    type=FILE,
-    metavar="F",
-    help="Labels (.annot, .label.gii, .dlabel.nii, a volume): borders and names, and colours where there are no data.",
-)
-@click.option(
-    "--table", type=FILE, metavar="F", help="Their names and colours: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."
-)
-@of_page
-@click.option(
-    "--width", type=float, default=85.0, metavar="MM", help="Width on paper, mm: 85 for a column, 170 for two."
-)
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The figure's file: .png, .svg (with layers) or .pdf.",
-)
-@options.beside
-@options.as_json
-@options.debug
+@options.output("The figure's file: .png, .svg (with layers) or .pdf.")
+@options.run()
 def command(
     map_: Path,
     overlay: Path | None,
-    channel: str | None,
     output: Path,
     sidecar: bool,
     overwrite: bool,
@@ -99,28 +100,18 @@ def command(
     and a wheel says which. A PNG is 1,700 pixels wide or more. In an SVG curvature, data, parcels, names and marks are
     layers. For values without axes and marks see voxflat image.
     """
-    if overlay is None:
-        given = {"channel": channel, "cmap": look["cmap"], "range": look["limits"]}
-        given |= {
-            name: look[name] for name in ("unit", "interpolation", "above", "below", "label", "strength", "period")
-        }
-        unused = [f"--{name}" for name, value in given.items() if value is not None]
-        if unused:
-            raise click.UsageError(f"{', '.join(unused)}: only with --overlay.")
-    if look["strength"] is None and look["strength_channel"] is not None:
-        raise click.UsageError("--strength-channel is for --strength.")
-    if look["strength"] is not None and look["above"] is None and look["below"] is None:
-        raise click.UsageError("--strength is what has to pass --above and --below; give one of them.")
     if look["table"] is not None and look["parcels"] is None:
         raise click.UsageError("--table is for --parcels.")
-    told = checked_look(look, overlay)
+    if look["strength"] is not None and look["above"] is None and look["below"] is None:
+        raise click.UsageError("--strength is what has to pass --above and --below; give one of them.")
+    data = overlay_of(overlay, look)
     check_output(output, FIGURE_ENDINGS, sidecar=sidecar, overwrite=overwrite)
     from voxflat import figures  # brings in matplotlib
 
     with reading() as files:
         flat_map = load(map_)
-        drawn = figures.flat_map(flat_map, overlay, channel=channel, **told)
-    parameters = {"flat_map": flat_map, "overlay": overlay, "channel": channel, **told}
+        drawn = figures.flat_map(flat_map, data, **look)
+    parameters = {"flat_map": flat_map, "overlay": data, **look}
     record: Record = {
         "voxflat": __version__,
         "function": "flat_map",

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import labs, options
 from voxflat.cli.console import bars
@@ -13,7 +14,7 @@ from voxflat.cli.output import print_json
 from voxflat.lab.study import freesurfer
 
 
-@click.command(
+@cloup.command(
     "freesurfer",
     cls=labs.Several,
     epilog="""\b
@@ -23,15 +24,16 @@ Examples:
   voxflat freesurfer sub-01 --overlay {hemi}.zstat.mgz --cuts auto --json
 """,
 )
-@click.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
-@click.option("--hemi", "hemis", type=click.Choice(["lh", "rh"]), multiple=True, default=("lh", "rh"))
+@cloup.argument("subject", metavar="SUBJECT_DIR", type=click.Path(path_type=Path))
+@options.section(
+    "Hemispheres",
+    cloup.option(
+        "--hemi", "hemis", type=click.Choice(["lh", "rh"]), multiple=True, default=("lh", "rh"), help="Which of them."
+    ),
+)
 @labs.making
-@options.seed
-@options.threads
-@options.memory_limit
-@options.as_json
-@options.quiet
-@options.debug
+@options.section("Output", options.as_json)
+@options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def command(subject: Path, hemis: tuple[str, ...], as_json: bool, quiet: bool, **given: Any) -> int:
     """Flatten a subject of FreeSurfer: maps, measures and a report, into its own directory.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 import numpy as np
 
 from voxflat.atlases.atlas import Atlas
@@ -13,7 +14,7 @@ from voxflat.atlases.certified import load_atlas
 from voxflat.atlases.saved import saved_kind
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.errors import InputError
 from voxflat.io.provenance import saving
@@ -24,7 +25,7 @@ from voxflat.maps.image_files import IMAGE_ENDINGS, STACK_ENDINGS
 from voxflat.maps.sampling import INTERPOLATIONS
 
 
-@click.command(
+@cloup.command(
     "image",
     epilog="""\b
 Examples:
@@ -40,84 +41,75 @@ Examples:
   voxflat image map.npz --volume bold.nii.gz --interpolation linear --fraction 0.25,0.5,0.75 --average -o bold.nii.gz
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.option(
-    "--volume",
-    type=FILE,
-    metavar="V",
-    help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@options.section(
+    "Data",
+    cloup.option(
+        "--volume",
+        type=FILE,
+        metavar="V",
+        help="The volume to show, OME-Zarr too; for a mesh an overlay, or its own texture.",
+    ),
+    cloup.option(
+        "--channel",
+        metavar="NAME|N",
+        help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
+        "from 0.  [default: all, one after the other; a .png holds one]",
+    ),
+    cloup.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place."),
+    options.period,
+    options.time_step,
 )
-@click.option(
-    "--channel",
-    metavar="NAME|N",
-    help="Which map of V, where it has several, as GIFTI, CIFTI and series of volumes may: its name, or its number "
-    "from 0.  [default: all, one after the other; a .png holds one]",
+@options.section(
+    "Sampling",
+    cloup.option(
+        "--depth",
+        metavar="MM[,MM...]",
+        callback=options.numbers,
+        help="How far outside the surface to sample, mm; negative is inside. Several give an image each.  [default: 0]",
+    ),
+    cloup.option(
+        "--fraction",
+        metavar="F[,F...]",
+        callback=options.numbers,
+        help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0, the white "
+        "surface, to 1, the pial one. Several give an image each.",
+    ),
+    cloup.option(
+        "--layering",
+        type=click.Choice(LAYERINGS),
+        help="The meaning of --fraction: of the cortex' volume there, or of its thickness.  [default: equivolume]",
+    ),
+    cloup.option("--average", is_flag=True, help="Of several depths show the mean."),
+    cloup.option(
+        "--interpolation",
+        type=click.Choice(INTERPOLATIONS),
+        help="Between voxels. Majority: of labels the one that most of the voxels around have, over all depths.  "
+        "[default: nearest for whole numbers, which may be labels; linear for others]",
+    ),
 )
-@click.option("--heat-map", is_flag=True, help="Show instead the distortion, place by place.")
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure, several also as "
-    ".zarr.",
+@options.output(
+    "The image's file: .png to look at; .tif, .tiff, .nii, .nii.gz (float32) or .npy to measure; several images also "
+    "as .zarr.",
+    cloup.option(
+        "--pixel-size",
+        type=float,
+        metavar="MM",
+        help="Side of a pixel, mm.  [default: half the voxel size or edge; of an atlas at most half the gaps]",
+    ),
 )
-@click.option(
-    "--pixel-size",
-    type=float,
-    metavar="MM",
-    help="Side of a pixel, mm.  [default: half the voxel size or edge; of an atlas at most half the gaps]",
-)
-@click.option(
-    "--depth",
-    metavar="MM[,MM...]",
-    callback=options.numbers,
-    help="How far outside the surface to sample, mm; negative is inside. Several give an image each.  [default: 0]",
-)
-@click.option(
-    "--fraction",
-    metavar="F[,F...]",
-    callback=options.numbers,
-    help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0, the white surface, "
-    "to 1, the pial one. Several give an image each.",
-)
-@click.option(
-    "--layering",
-    type=click.Choice(LAYERINGS),
-    help="What --fraction is of: the cortex' volume there, or its thickness.  [default: equivolume]",
-)
-@click.option("--average", is_flag=True, help="Of several depths show the mean.")
-@click.option(
-    "--interpolation",
-    type=click.Choice(INTERPOLATIONS),
-    help="Between voxels. Majority: of labels that which most of the voxels around have, over all depths.  [default: "
-    "nearest for whole numbers, which may be labels; linear for others]",
-)
-@options.period
-@options.time_step
-@options.beside
-@options.as_json
-@options.quiet
-@options.debug
+@options.run(options.quiet)
 def command(
     map_: Path,
     volume: Path | None,
-    channel: str | None,
     heat_map: bool,
     output: Path,
     pixel_size: float | None,
-    depth: tuple[float, ...] | None,
-    fraction: tuple[float, ...] | None,
-    layering: str | None,
-    average: bool,
-    interpolation: str | None,
-    period: float | None,
-    time_step: float | None,
     sidecar: bool,
     overwrite: bool,
     as_json: bool,
     quiet: bool,
+    **given: Any,
 ) -> None:
     """Show a volume, or the distortion, on a map.
 
@@ -129,29 +121,19 @@ def command(
     """
     if heat_map == (volume is not None):
         raise click.UsageError("Give either --volume or --heat-map.")
-    how: dict[str, Any] = {"depth": depth, "fraction": fraction, "layering": layering}
-    how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in how.items()}
-    given = {key: value for key, value in how.items() if value is not None}
-    of_volume = {"channel": channel, "interpolation": interpolation, "period": period, "time-step": time_step, **given}
-    unused = [f"--{name}" for name, value in of_volume.items() if value is not None] + ["--average"] * average
-    if heat_map and unused:
-        raise click.UsageError(f"{', '.join(unused)}: only with --volume.")
-    if layering is not None and fraction is None:
-        raise click.UsageError("--layering is for --fraction.")
-    if depth is not None and fraction is not None:
-        raise click.UsageError("Give --depth or --fraction.")
+    _check_options(heat_map, given)
+    how = {key: value[0] if isinstance(value, tuple) and len(value) == 1 else value for key, value in given.items()}
+    how = {key: value for key, value in how.items() if value is not None}
     check_output(output, tuple(dict.fromkeys((*IMAGE_ENDINGS, *STACK_ENDINGS))), sidecar=sidecar, overwrite=overwrite)
     saved: dict[str, bool] = {"sidecar": sidecar, "overwrite": overwrite}
     with bars(quiet), reading() as files:
         flat_map = _load(map_)
-        if fraction is not None and not isinstance(flat_map, FlatMap):
+        if "fraction" in how and not isinstance(flat_map, FlatMap):
             raise InputError("an atlas knows no pial surface, and so no --fraction; give --depth in mm")
         if volume is None:
             picture = flat_map.heat_map(pixel_size)
         else:
-            how = {"average": average, "interpolation": interpolation, "period": period, **given}
-            how["time_step"] = time_step
-            stack = flat_map.images(volume, pixel_size, channel=channel, **how)
+            stack = flat_map.images(volume, pixel_size, **how)
             picture = stack[0]
     picture = picture.with_provenance({**picture.provenance, "files": files})
     count, step = 1, None
@@ -181,6 +163,16 @@ def command(
         images = "" if count == 1 else f"{count} images of "
         apart = "" if step is None else f", {step:g} s apart"
         click.echo(f"{images}{width} x {height} pixels of {picture.pixel_size:g} mm{apart}\nsaved as {output}")
+
+
+def _check_options(heat_map: bool, given: dict[str, Any]) -> None:
+    """Refuse options that do not fit each other."""
+    if heat_map and (unused := [name for name, value in given.items() if value not in (None, False)]):
+        raise click.UsageError(", ".join(f"--{name.replace('_', '-')}" for name in unused) + ": only with --volume.")
+    if given["layering"] is not None and given["fraction"] is None:
+        raise click.UsageError("--layering is for --fraction.")
+    if given["depth"] is not None and given["fraction"] is not None:
+        raise click.UsageError("Give --depth or --fraction.")
 
 
 def _check_overlap(covered: Any, volume: Path) -> None:

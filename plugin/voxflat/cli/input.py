@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from voxflat.cli.console import Bars
-from voxflat.cli.options import MAKING, VOLUME
+from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.surfaces.making import surface
-from voxflat.surfaces.surface import Surface
+from voxflat.pipeline.surface import Surface, surface
 
-__all__ = ["source_of", "surface_of"]
+__all__ = ["part_of", "surface_of"]
 
-
-def source_of(input_: Path, given: dict[str, Any], shown: Bars) -> Path | Surface:
-    """Return the input, or the surface made of it if options say how; these are taken out of what is given."""
-    if any(given[name] for name in MAKING):
-        if given.get("method") == "grossmann2002" or given.get("geodesic") == "chain":
-            raise InputError("--pial, --probability and --repair are for surfaces of triangles; leave them out")
-        return surface_of(input_, given, shown)
-    for name in MAKING:
-        del given[name]
-    return input_
+_MAKING = ("label", "threshold", "spacing", "probability", "pial", "repair")
 
 
-def surface_of(input_: Path, given: dict[str, Any], shown: Bars) -> Surface:
+def surface_of(input_: Path, given: dict[str, Any], progress: Progress | None) -> Surface:
     """Make the surface of an input; the options that say how are taken out of what is given."""
-    how = {name: given.pop(name) for name in (*MAKING, *VOLUME)}
+    how = {name: given.pop(name) for name in _MAKING}
     limits = {name: given[name] for name in ("memory_limit", "threads") if name in given}
-    return surface(input_, **how, **limits, progress=shown.progress)
+    return surface(input_, **how, **limits, progress=progress)
+
+
+def part_of(given: dict[str, Any], progress: Progress | None) -> Callable[[Surface], Surface]:
+    """Return what chooses the part of a surface; the options that say which are taken out of what is given."""
+    keep, drop, polygon = (given.pop(name) for name in ("keep", "drop", "polygon"))
+    seed_point, radius = given.pop("seed_point"), given.pop("radius")
+    if (seed_point is None) != (radius is None):
+        named, missing = ("--seed-point", "--radius") if radius is None else ("--radius", "--seed-point")
+        raise InputError(f"{named} is given without {missing}; give both or neither")
+
+    def choose(part: Surface) -> Surface:
+        if keep is not None:
+            part = part.keep(keep)
+        if drop is not None:
+            part = part.drop(drop)
+        if seed_point is not None and radius is not None:
+            part = part.disk(seed_point, radius, threads=given.get("threads"), progress=progress)
+        return part if polygon is None else part.polygon(polygon, progress=progress)
+
+    return choose

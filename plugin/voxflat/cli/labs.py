@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import click
+import cloup
 
+from voxflat.cli import options
 from voxflat.cli.console import Bars
 from voxflat.lab.inputs import GEOMETRIES, Parameters
 
 __all__ = ["Several", "as_list", "making", "parameters_of", "teller"]
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 _CUTS = {"auto": "automatic"}
 
 
-class Several(click.Command):
+class Several(cloup.Command):
     """A command whose options that may be given again also take several values at once, as BIDS-Apps' do."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -37,42 +38,37 @@ class Several(click.Command):
         return super().parse_args(ctx, told)
 
 
-def making(command: _Command) -> _Command:
-    """Add the options that say what is made of each hemisphere."""
-    for option in reversed(
-        (
-            click.option(
-                "--cuts",
-                default=Parameters.cuts,
-                metavar="standard|auto|FILE",
-                help="Cut along standard lines, by the registered sphere; where it suits each surface best; or as in "
-                "a file of cuts or a template, in whose name {hemi} is filled in.",
-            ),
-            click.option(
-                "--geometry",
-                type=click.Choice(GEOMETRIES),
-                default=Parameters.geometry,
-                help="On which surface distances are kept and measured.",
-            ),
-            click.option(
-                "--volume",
-                is_flag=True,
-                help="Start from white matter in voxels instead of surfaces: mri/filled.mgz, or "
-                "*_hemi-L_label-WM_mask.nii.gz (or _probseg).",
-            ),
-            click.option(
-                "--overlay",
-                "overlays",
-                multiple=True,
-                metavar="F",
-                help="What to show on the maps, several after each other: a name such as thickness or curv, or a file "
-                "of values or a volume, in whose name {hemi} and {subject} are filled in.  [default: thickness, where "
-                "it is there]",
-            ),
-        )
-    ):
-        command = option(command)
-    return command
+making = options.section(
+    "Maps",
+    cloup.option(
+        "--cuts",
+        default=Parameters.cuts,
+        metavar="standard|auto|FILE",
+        help="Cut along standard lines, by the registered sphere; or where it suits each surface best; or as in a file "
+        "of cuts or a template, in whose name {hemi} is filled in.",
+    ),
+    cloup.option(
+        "--geometry",
+        type=click.Choice(GEOMETRIES),
+        default=Parameters.geometry,
+        help="The surface on which distances are preserved and measured.",
+    ),
+    cloup.option(
+        "--volume",
+        is_flag=True,
+        help="Start from white matter in voxels instead of surfaces: mri/filled.mgz, or *_hemi-L_label-WM_mask.nii.gz "
+        "(or _probseg).",
+    ),
+    cloup.option(
+        "--overlay",
+        "overlays",
+        multiple=True,
+        metavar="F",
+        help="Data to show on the maps, several after each other: a name such as thickness or curv, or a file of "
+        "values or a volume, in whose name {hemi} and {subject} are filled in.  [default: thickness, if any]",
+    ),
+)
+"""What is made of each hemisphere."""
 
 
 def parameters_of(given: dict[str, Any]) -> Parameters:

@@ -1,16 +1,23 @@
-"""Options of commands that draw data over the folds: where they are sampled, and their colours."""
+"""Options of commands that draw data over the folds: where they are sampled, and how they are shown."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.maps.depth import LAYERINGS
 
-__all__ = ["checked_look", "of_colours", "of_depth", "of_page"]
+if TYPE_CHECKING:
+    from voxflat.figures import Overlay
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+__all__ = ["of_colours", "of_data", "of_page", "overlay_of"]
 
 
 def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
@@ -18,88 +25,131 @@ def _limits(_: click.Context, parameter: click.Parameter, value: str | None) -> 
         return None
     ends = tuple(part.strip() for part in value.split(","))
     if len(ends) != 2:
-        raise click.BadParameter(f"{value!r} is no pair such as 0,5 or 2%,98%", param=parameter)
+        raise click.BadParameter(f"{value!r} is not a pair such as 0,5 or 2%,98%", param=parameter)
     return ends
 
 
-of_depth = options.group(
-    click.option(
+of_depth = (
+    cloup.option(
         "--depth",
         metavar="MM[,MM...]",
         callback=options.numbers,
         help="How far outside the surface to sample volumes, mm; of several the mean, of labels the most frequent.  "
         "[default: 0]",
     ),
-    click.option(
+    cloup.option(
         "--fraction",
         metavar="F[,F...]",
         callback=options.numbers,
         help="Instead of --depth, of maps made with --pial: how much of the cortex lies below, from 0 to 1.",
     ),
-    click.option("--layering", type=click.Choice(LAYERINGS), help="What --fraction is of, as in voxflat image."),
-    click.option("--interpolation", type=click.Choice(["linear", "nearest"]), help="As in voxflat image."),
+    cloup.option("--layering", type=click.Choice(LAYERINGS), help="The meaning of --fraction, as in voxflat image."),
 )
-"""Where volumes are sampled."""
+interpolation = cloup.option("--interpolation", type=click.Choice(["linear", "nearest"]), help="As in voxflat image.")
 
-of_colours = options.group(
-    click.option("--above", type=float, metavar="X", help="Show data only where they are greater."),
-    click.option(
-        "--below",
-        type=float,
-        metavar="X",
-        help="Show data only where they are less; with --above beyond either if X is the lesser one, else between "
-        "them.",
-    ),
-    click.option(
-        "--range",
-        "limits",
-        metavar="LO,HI",
-        callback=_limits,
-        help="Ends of the colours: values, or percentiles such as 2%,98%.  [default: 1%,99%; where the signs differ, "
-        "the larger either way]",
-    ),
-    click.option("--cmap", metavar="NAME", help="A colour map of matplotlib.  [default: viridis, RdBu_r about 0]"),
+
+def of_data(overlay: Any, *further: Any) -> Callable[[_Command], _Command]:
+    """Return the section on the data, and where they are sampled."""
+    return options.section("Data", overlay, *of_depth, interpolation, *further)
+
+
+def of_colours(*further: Any) -> Callable[[_Command], _Command]:
+    """Return the section on which data are shown, and in which colours."""
+    return options.section(
+        "Colours",
+        cloup.option("--above", type=float, metavar="X", help="Show data only where they are greater than this."),
+        cloup.option(
+            "--below",
+            type=float,
+            metavar="X",
+            help="Show data only where they are less than this; with --above, beyond either where --below is the "
+            "lesser one, else between them.",
+        ),
+        cloup.option(
+            "--range",
+            "limits",
+            metavar="LO,HI",
+            callback=_limits,
+            help="Ends of the colours: values, or percentiles such as 2%,98%.  [default: 1%,99%; where the signs "
+            "differ, the larger either way]",
+        ),
+        cloup.option(
+            "--cmap",
+            "colour_map",
+            metavar="NAME",
+            help="A colour map of matplotlib.  [default: viridis; RdBu_r about 0]",
+        ),
+        cloup.option("--label", metavar="TEXT", help="The text at the colour bar.  [default: the file's name]"),
+        cloup.option("--unit", metavar="TEXT", help="The unit behind it."),
+        *further,
+    )
+
+
+def of_page(*further: Any) -> Callable[[_Command], _Command]:
+    """Return the section on everything around the data."""
+    return options.section(
+        "Page",
+        cloup.option(
+            "--underlay",
+            type=click.Choice(["curvature", "sulcal depth", "none"]),
+            default="curvature",
+            help="What the folds are shown by.",
+        ),
+        cloup.option("--title", metavar="TEXT", help="Above the map."),
+        *further,
+    )
+
+
+_OF_OVERLAY: tuple[str, ...] = (
+    "channel",
+    "interpolation",
+    "above",
+    "below",
+    "strength",
+    "period",
+    "zero",
+    "limits",
+    "colour_map",
 )
-"""Which data are shown, and in which colours."""
-
-of_page = options.group(
-    click.option("--label", metavar="TEXT", help="What the colour bar says.  [default: the file's name]"),
-    click.option("--unit", metavar="TEXT", help="The unit behind it."),
-    click.option(
-        "--underlay",
-        type=click.Choice(["curvature", "sulcal depth", "none"]),
-        default="curvature",
-        help="What the folds are shown by.",
-    ),
-    click.option("--title", metavar="TEXT", help="Above the map."),
-)
-"""What stands around the data."""
+_OF_OVERLAY += ("label", "time_step")
 
 
-def checked_look(look: dict[str, Any], overlay: Path | None) -> dict[str, Any]:
-    """Return the options above as the functions that draw take them.
+def overlay_of(data: Path | None, given: dict[str, Any]) -> Overlay | None:
+    """Take the options of an overlay out of what a command was given; those that nobody gave are taken out, too.
 
     Parameters
     ----------
-    look : dict
-        What the command was given.
-    overlay : Path or None
-        The data.
+    data : Path or None
+        The overlay's file.
+    given : dict
+        All options of the command.
 
     Returns
     -------
-    dict
+    Overlay or None
     """
-    told = dict(look)
-    if told["depth"] is not None and told["fraction"] is not None:
+    from voxflat.figures import Overlay  # brings in matplotlib
+
+    if given["depth"] is not None and given["fraction"] is not None:
         raise click.UsageError("Give --depth or --fraction.")
-    if told["layering"] is not None and told["fraction"] is None:
+    if given["layering"] is not None and given["fraction"] is None:
         raise click.UsageError("--layering is for --fraction.")
     for name in ("depth", "fraction", "layering"):
-        if told[name] is None:
-            del told[name]
-    unit = told.pop("unit")
+        if given[name] is None:
+            del given[name]
+    unit, own = given.pop("unit"), {name: given.pop(name, None) for name in _OF_OVERLAY}
+    own = {name: value for name, value in own.items() if value is not None}
+    channel = given.pop("strength_channel", None)
+    if data is None:
+        names = {"limits": "range", "colour_map": "cmap", "time_step": "time-step"}
+        unused = [f"--{names.get(name, name)}" for name in own if name != "zero"] + ["--unit"] * (unit is not None)
+        if unused:
+            raise click.UsageError(f"{', '.join(unused)}: only with --overlay.")
+        return None
     if unit is not None:
-        told["label"] = f"{told['label'] or (overlay.name if overlay else '')} ({unit})"
-    told["colour_map"] = told.pop("cmap")
-    return told
+        own["label"] = f"{own.get('label') or data.name} ({unit})"
+    if channel is not None:
+        if "strength" not in own:
+            raise click.UsageError("--strength-channel is for --strength.")
+        own["strength"] = Overlay(own["strength"], channel)
+    return Overlay(data, **own)

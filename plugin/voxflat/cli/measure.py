@@ -7,16 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
+from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
-from voxflat.judging.measure import compare
+from voxflat.cli.told import option_of
+from voxflat.judging.measure import compare, measure
 
 
-@click.command(
+@cloup.command(
     "measure",
     epilog="""\b
 Examples:
@@ -25,35 +27,28 @@ Examples:
   voxflat measure lh.white map.npz lh.cortex.patch.flat unwrapped.obj --heat-maps maps.png
 """,
 )
-@click.argument("surface_", metavar="SURFACE", type=FILE)
-@click.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
-@options.volume
+@cloup.argument("surface_", metavar="SURFACE", type=FILE)
+@cloup.argument("flat", metavar="FLAT...", type=FILE, nargs=-1, required=True)
 @options.making
-@click.option(
-    "--sources",
-    type=int,
-    default=options.default_of(compare, "sources"),
-    metavar="N",
-    help="How many random points distances are measured from.",
+@options.section(
+    "Measure",
+    option_of(measure, "sources", type=int, metavar="N"),
+    option_of(
+        measure, "reference", type=click.Choice(["exact", "graph"]), sentences=2, default="exact; graph for volumes"
+    ),
+    option_of(measure, "on_surface", is_flag=True),
 )
-@click.option(
-    "--reference",
-    type=click.Choice(["exact", "graph"]),
-    help="How distances are measured: exactly over the triangles, which takes its time, or by straight links."
-    "  [default: exact; for volumes graph]",
+@options.section(
+    "Output",
+    cloup.option(
+        "--heat-maps",
+        type=OUT,
+        metavar="PNG",
+        help="Draw the maps side by side: errors of distances, change of areas.",
+    ),
+    options.as_json,
 )
-@click.option(
-    "--on-surface",
-    is_flag=True,
-    help="Judge on SURFACE as it is, even if a map of voxflat was made on another geometry.",
-)
-@click.option(
-    "--heat-maps", type=OUT, metavar="PNG", help="Draw the maps side by side: errors of distances, change of areas."
-)
-@options.seed
-@options.threads
-@options.as_json
-@options.debug
+@options.run(options.seed, options.threads, options.memory_limit)
 def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_json: bool, **given: Any) -> None:
     """Judge flat maps of any tool.
 
@@ -68,8 +63,8 @@ def command(surface_: Path, flat: tuple[Path, ...], heat_maps: Path | None, as_j
 
         check_output(heat_maps, FIGURE_ENDINGS)
     with bars() as shown:
-        source = source_of(surface_, given, shown)
-        compared = compare(source, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
+        whole = surface_of(surface_, given, shown.progress)
+        compared = compare(whole, dict(zip(names, flat, strict=True)), progress=shown.progress, **given)
     if heat_maps is not None:
         figures.save(figures.heat_maps(compared), heat_maps, compared.provenance)
     one = compared[names[0]] if len(names) == 1 else None

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat._core import __version__
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.looks import checked_look, of_colours, of_depth, of_page
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.looks import of_colours, of_data, of_page, overlay_of
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.files import require
 from voxflat.io.provenance import Record, described, saving
@@ -21,7 +22,7 @@ from voxflat.maps.flat_map import load
 _ENDINGS = (".mp4", ".gif")
 
 
-@click.command(
+@cloup.command(
     "movie",
     epilog="""\b
 Examples:
@@ -30,34 +31,26 @@ Examples:
   voxflat movie map.npz --overlay lh.bold.func.gii --time-step 2 --rate 5 --size 640 -o bold.gif
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.option(
-    "--overlay",
-    type=FILE,
-    metavar="F",
-    required=True,
-    help="A series: of volumes, or of values at the mesh's vertices.",
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@of_data(
+    cloup.option(
+        "--overlay",
+        type=FILE,
+        metavar="F",
+        required=True,
+        help="A series: of volumes, or of values at the mesh's vertices.",
+    ),
+    cloup.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals."),
+    options.time_step,
 )
-@of_depth
-@click.option("--change", is_flag=True, help="Show the change from each place's mean, %: for raw signals.")
-@of_colours
-@click.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Of the data.")
-@of_page
-@options.time_step
-@click.option("--rate", type=float, default=10.0, metavar="N", help="Frames a second.")
-@click.option("--size", type=int, default=1280, metavar="PIXELS", help="Width of the pictures.")
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The movie's file: .mp4 (pip install 'voxflat[movie]') or .gif, for short ones.",
+@of_colours(cloup.option("--opacity", type=click.FloatRange(0, 1), default=1.0, help="Of the data."))
+@of_page()
+@options.output(
+    "The movie's file: .mp4 (pip install 'voxflat[movie]') or .gif, for short ones.",
+    cloup.option("--rate", type=float, default=10.0, metavar="N", help="Frames a second."),
+    cloup.option("--size", type=int, default=1280, metavar="PIXELS", help="Width of the pictures."),
 )
-@options.beside
-@options.as_json
-@options.quiet
-@options.debug
+@options.run(options.quiet)
 def command(
     map_: Path,
     overlay: Path,
@@ -74,8 +67,7 @@ def command(
     does not pass --above and --below is transparent. Volumes are sampled linearly unless --interpolation says other.
     For the values of all frames see voxflat image.
     """
-    told = checked_look(look, overlay)
-    told["interpolation"] = told["interpolation"] or "linear"
+    data = overlay_of(overlay, look)
     check_output(output, _ENDINGS, sidecar=sidecar, overwrite=overwrite)
     if output.suffix.lower() == ".mp4":
         require("imageio_ffmpeg", "movie")  # before the long work
@@ -84,11 +76,11 @@ def command(
     with bars(quiet) as shown:
         with reading() as files:
             flat_map = load(map_)
-            movie = figures.movie(flat_map, overlay, **told, progress=shown.progress)
+            movie = figures.movie(flat_map, data, **look, progress=shown.progress)
         record: Record = {
             "voxflat": __version__,
             "function": "movie",
-            "parameters": described({"flat_map": flat_map, "overlay": overlay, **told}),
+            "parameters": described({"flat_map": flat_map, "overlay": data, **look}),
             "files": files,
         }
         with saving(output, record, sidecar=sidecar, overwrite=overwrite):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import warnings
 from collections.abc import Callable
@@ -10,44 +9,37 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+import cloup
 import numpy as np
 
 from voxflat.cli.output import READ, WRITTEN
-from voxflat.distances.geodesic import geodesic
-from voxflat.methods.flatten import flatten
-from voxflat.methods.options import OPTIONS
+from voxflat.cli.told import option_of
+from voxflat.distances.geodesic import SOLVERS
+from voxflat.distances.sources import SAMPLINGS
+from voxflat.methods import METHODS, Grossmann2002, Method, Saucan2006, Schwartz1989, Voxflat
+from voxflat.methods.voxflat import SCALES
+from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.standard.choice import AUTOMATIC
 from voxflat.surfaces.standard.template import STANDARD
-from voxflat.surfaces.voxel_graph import LINK_LENGTHS
 
 __all__ = [
     "FILE",
-    "MAKING",
     "OUT",
-    "SAMPLINGS",
-    "VOLUME",
-    "as_json",
-    "beside",
-    "dask",
-    "debug",
-    "default_of",
+    "cuts",
+    "group",
     "input_",
     "link_lengths",
     "making",
-    "memory_limit",
+    "method_options",
     "numbers",
+    "output",
+    "paths",
     "places",
-    "quiet",
     "region",
-    "relax",
-    "rings",
-    "sampling",
+    "run",
+    "section",
     "seed",
-    "sphere",
     "store",
-    "telling_default",
-    "threads",
-    "volume",
 ]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -83,7 +75,7 @@ def _bytes(ctx: click.Context, param: click.Parameter, value: str | None) -> int
     return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
 
 
-def rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
+def _rings(ctx: click.Context, param: click.Parameter, value: str | None) -> int | str | None:
     """Take an option's text as a number of rings, or as all."""
     if value is None or value == "all":
         return value
@@ -125,7 +117,7 @@ def _vertices(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     return vertices if vertices.ndim == 1 or vertices.shape[1] == 3 else vertices.ravel()
 
 
-def _paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
+def paths(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> list[Any] | Path | str | None:
     """Take files of vertex lists as cuts; a file of cuts, and a word, stay one."""
     words = {str(file) for file in value} & {STANDARD, AUTOMATIC}
     if words:
@@ -162,22 +154,7 @@ class _File(click.Path):
         return path
 
 
-# ------------------------------------------------------------------------------------------ defaults
-
-
-def default_of(function: Callable[..., Any], name: str) -> Any:
-    """Return the default of a function's parameter, for the option of that name."""
-    return inspect.signature(function).parameters[name].default
-
-
-def telling_default(option: str, help_: str) -> str:
-    """Return the help on an option of `voxflat.flatten` with its default, and those of methods that have another."""
-    (_, usual), *others = OPTIONS[option].items()
-    told = [str(usual), *(f"{method}: {value}" for method, value in others if value != usual)]
-    return f"{help_}  [default: {'; '.join(told)}]"
-
-
-# ------------------------------------------------------------------------------------------ options
+# ----------------------------------------------------------------------------------------- sections
 
 FILE = _File(READ)
 """The type of options and arguments that name what is read."""
@@ -185,42 +162,18 @@ FILE = _File(READ)
 OUT = _File(WRITTEN)
 """The same of what is written."""
 
-SAMPLINGS = ("farthest", "curvature", "random")
-"""How sources may be chosen on any surface."""
 
-input_ = click.argument("input_", metavar="INPUT", type=FILE)
-debug = click.option("--debug", is_flag=True, expose_value=False, help="Show where in the program an error arose.")
-as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
-threads = click.option("--threads", type=int, metavar="N", help="Threads that work.  [default: one a core]")
-dask = click.option(
-    "--dask",
-    metavar="ADDRESS|FILE|local",
-    help="Let the workers of a Dask cluster work: the scheduler's address or its file (.json), or as many workers on "
-    "this machine as it has room for.  [default: this process alone]",
-)
-quiet = click.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
-seed = click.option(
-    "--seed",
-    type=int,
-    default=default_of(flatten, "seed"),
-    help="Seed of every random choice; the same seed gives the same result.",
-)
-sampling = click.option(
-    "--sampling",
-    type=click.Choice(SAMPLINGS),
-    default=default_of(geodesic, "sampling"),
-    help="How sources are chosen: evenly, each farthest from the others; closer where the surface bends; or at random.",
-)
-memory_limit = click.option(
-    "--memory-limit",
-    metavar="SIZE",
-    callback=_bytes,
-    help="Refuse to start what may need more memory, in bytes or like 4G.  [default: what is free]",
-)
+def section(title: str, *options: Callable[..., Any]) -> Callable[[_Command], _Command]:
+    """Return several options under a title, as one decorator."""
+    decorator: Callable[[_Command], _Command] = cloup.option_group(title, *options)
+    return decorator
 
 
-def group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
-    """Return several options as one decorator."""
+input_ = cloup.argument("input_", metavar="INPUT", type=FILE)
+
+
+def group(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
+    """Return several options, or sections, as one decorator."""
 
     def decorate(command: _Command) -> _Command:
         for option in reversed(options):
@@ -230,89 +183,76 @@ def group(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Com
     return decorate
 
 
-beside = group(
-    click.option(
-        "--sidecar", is_flag=True, help="Write what made OUT beside it, as OUT.json: for formats that cannot hold it."
-    ),
-    click.option("--overwrite", is_flag=True, help="Replace files beside OUT that voxflat did not write."),
+def output(help_: str, *further: Callable[..., Any], required: bool = True) -> Callable[[_Command], _Command]:
+    """Return the section of what is written: the result, and what lies beside it."""
+    return section(
+        "Output",
+        cloup.option("-o", "--output", type=OUT, required=required, metavar="OUT", help=help_),
+        *further,
+        cloup.option(
+            "--sidecar",
+            is_flag=True,
+            help="Write the record of how OUT was made beside it, as OUT.json: for formats that cannot hold it.",
+        ),
+        cloup.option("--overwrite", is_flag=True, help="Replace files beside OUT that voxflat did not write."),
+        as_json,
+    )
+
+
+as_json = cloup.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout instead of text.")
+debug = cloup.option("--debug", is_flag=True, expose_value=False, help="Show where in the program an error arose.")
+quiet = cloup.option("--quiet", is_flag=True, help="Show neither progress nor a summary.")
+seed = option_of(Surface.flatten, "seed", type=int)
+threads = option_of(Surface.flatten, "threads", type=int, metavar="N")
+memory_limit = option_of(Surface.flatten, "memory_limit", metavar="SIZE", callback=_bytes)
+
+
+def run(*options: Callable[..., Any]) -> Callable[[_Command], _Command]:
+    """Return the section on how to run: the options that a command has, and ``--debug``."""
+    return section("Run control", *options, debug)
+
+
+making = section(
+    "Input",
+    option_of(surface, "label", type=int),
+    option_of(surface, "threshold", type=float),
+    option_of(surface, "spacing", metavar="X,Y,Z", callback=_three(float, "0.5,0.5,0.5")),
+    option_of(surface, "probability", type=FILE, metavar="FILE"),
+    option_of(surface, "pial", type=FILE, metavar="FILE"),
+    option_of(surface, "repair", type=click.Choice(["none", "voxels", "cuts"])),
 )
-"""What is written beside the result."""
+"""How a surface is made of INPUT."""
 
-VOLUME = ("label", "threshold", "spacing")
-"""Names of the options of `volume`."""
-
-volume = group(
-    click.option("--label", type=int, help="Foreground is this label.  [default: the only one]"),
-    click.option("--threshold", type=float, help="Foreground is what is greater, in the input's unit."),
-    click.option(
-        "--spacing",
-        metavar="X,Y,Z",
-        callback=_three(float, "0.5,0.5,0.5"),
-        help="Voxel size in mm, for files that hold none (.npy).  [default: 1,1,1]",
-    ),
-)
-"""What of a volume is foreground, and where it lies."""
-
-MAKING = ("pial", "probability", "repair")
-"""Names of the options of `making`."""
-
-making = group(
-    click.option("--pial", type=FILE, metavar="MESH", help="Where INPUT is a white surface: measure midway to this."),
-    click.option("--probability", type=FILE, metavar="V", help="For volumes: an image whose 0.5 is the surface."),
-    click.option(
-        "--repair",
-        type=click.Choice(["none", "voxels", "cuts"]),
-        help="Rid the surface of handles by changing the fewest voxels, or by cutting them open; or change nothing: "
-        "what would be mended of a mesh is refused then.",
-    ),
-)
-"""How a surface is made."""
-
-region = group(
-    click.option(
+region = section(
+    "Region",
+    cloup.option(
         "--keep",
         type=FILE,
-        metavar="MASK",
-        help="Flatten only this: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
+        metavar="FILE",
+        help="Work on this region only: a volume that is not 0 there; for meshes a label, patch or GIFTI file.",
     ),
-    click.option("--drop", type=FILE, metavar="MASK", help="Leave this out; as for --keep, or medial-wall."),
-    click.option(
+    cloup.option(
+        "--drop",
+        type=FILE,
+        metavar="FILE",
+        help="Leave this region out: a file as for --keep, or medial-wall, where white and pial surface touch.",
+    ),
+    cloup.option(
         "--seed-point",
         metavar="I,J,K|V",
         callback=_place,
-        help="Flatten a disk around this voxel (indices), or around this vertex of a mesh; counted from 0.",
+        help="Work on the geodesic disk around this voxel (indices), or vertex of a mesh (number), counted from 0.",
     ),
-    click.option("--radius", type=float, metavar="MM", help="Radius of that disk, mm along the surface."),
-    click.option(
+    option_of(Surface.disk, "radius", type=float, metavar="MM"),
+    cloup.option(
         "--polygon",
         type=FILE,
         metavar="FILE",
         callback=_vertices,
-        help="Flatten what the shortest paths between the corners listed in this file enclose; a corner a line.",
-    ),
-    click.option(
-        "--cuts",
-        type=FILE,
-        metavar="standard|automatic|FILE",
-        multiple=True,
-        callback=_paths,
-        help="Cut along standard lines, the same for every brain; or where it suits this surface best; or as in this "
-        "file of cuts or template (.json), as voxflat cut writes it; or along the neighbouring vertices listed in this "
-        "file, as voxflat path writes it, which may be given again.  [default: standard where the sphere is known, "
-        "else automatic]",
+        help="Work on the region enclosed by shortest paths between the corners listed in FILE (one corner per line).",
     ),
 )
 """Which part of the surface is worked on."""
-
-
-sphere = click.option(
-    "--sphere",
-    type=FILE,
-    metavar="MESH",
-    help="The surface's registered sphere, in fsaverage space, or in that of fs_LR by its name.  [default: "
-    "lh.sphere.reg beside lh.white]",
-)
-"""By which standard cuts are traced."""
 
 
 def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> float | bool | None:
@@ -323,32 +263,112 @@ def _relax(ctx: click.Context, param: click.Parameter, value: bool | None) -> fl
     return value if length is None else float(length)
 
 
-relax = group(
-    click.option(
+where_cut = (
+    option_of(
+        Surface.cut, "cuts", type=FILE, metavar="standard|automatic|FILE", multiple=True, callback=paths, sentences=2
+    ),
+    option_of(Surface.cut, "sphere", type=FILE, metavar="FILE"),
+)
+further_cuts = (
+    cloup.option(
+        "--relax/--no-relax",
+        default=None,
+        callback=_relax,
+        help="Cut the disk further where that reduces the distortion of the map, as long as it pays.  [default: where "
+        "nothing says where to cut]",
+    ),
+    cloup.option(
         "--relax-length",
         type=click.FloatRange(min=0),
         metavar="MM",
         is_eager=True,
-        help="Relaxation cuts, those of --cuts included, are no longer than this, mm.",
+        help="The greatest length of relaxation cuts, those of --cuts included, mm.",
     ),
-    click.option(
-        "--relax/--no-relax",
-        default=None,
-        callback=_relax,
-        help="Cut the disk further where that relieves the map, as long as it pays.  [default: where nobody"
-        " has said where to cut]",
-    ),
-    click.option(
-        "--adapt",
-        type=click.FloatRange(min=0, min_open=True),
-        metavar="MM",
-        help="Let a template's cuts grow and branch where that relieves the map, within so many mm of their place.",
-    ),
+    option_of(Surface.cut, "adapt", type=click.FloatRange(min=0, min_open=True), metavar="MM"),
 )
-"""Which cuts are made beyond those that make a disk."""
+cuts = section("Cuts", *where_cut, *further_cuts)
+"""Where the surface is cut."""
+
+choice_of_cuts = section("Cuts", *where_cut)
+"""The same for commands that cut no further."""
 
 
-period = click.option(
+# ------------------------------------------------------------------------------------------- methods
+
+
+def link_lengths(of: Any) -> Callable[[_Command], _Command]:
+    """Return the option for the lengths of links between voxels."""
+    return option_of(of, "link_lengths", type=click.Choice(["chain-code", "euclidean"]))
+
+
+def _of_methods(option: str) -> str:
+    """Return the defaults of an option that several methods have."""
+    usual = {name: getattr(method(), option) for name, method in METHODS.items() if hasattr(method, option)}
+    first = usual["voxflat"]
+    return "; ".join([str(first), *(f"{name}: {value}" for name, value in usual.items() if value != first)])
+
+
+method_options = group(
+    section(
+        "Method",
+        cloup.option(
+            "--method",
+            type=click.Choice(list(METHODS)),
+            default=next(iter(METHODS)),
+            help="; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
+        ),
+        option_of(Voxflat, "sources", type=int, metavar="N", default=_of_methods("sources")),
+        option_of(
+            Voxflat,
+            "sampling",
+            type=click.Choice([*SAMPLINGS, "decimation"]),
+            default=_of_methods("sampling"),
+        ),
+    ),
+    section(
+        "Method voxflat",
+        option_of(Voxflat, "geodesic", type=click.Choice(SOLVERS), default="graph, or one that is at most 1 % off"),
+        option_of(Voxflat, "weighting", type=click.FloatRange(0, 1)),
+        option_of(Voxflat, "scale", type=click.Choice(SCALES)),
+        option_of(Voxflat, "max_area", type=float, metavar="FACTOR"),
+        option_of(Voxflat, "start", type=FILE, metavar="MAP"),
+    ),
+    section("Method grossmann2002", link_lengths(Grossmann2002)),
+    section(
+        "Method schwartz1989",
+        option_of(Schwartz1989, "neighbourhood", metavar="N|all", callback=_rings, default="a tenth of the points"),
+        option_of(Schwartz1989, "starts", type=int, metavar="N"),
+    ),
+    section("Method saucan2006", option_of(Saucan2006, "bound", type=float, metavar="C")),
+)
+"""The methods and their options."""
+
+_OPTIONS: tuple[str, ...] = (
+    "sources",
+    "sampling",
+    "geodesic",
+    "weighting",
+    "scale",
+    "max_area",
+    "start",
+    "link_lengths",
+)
+_OPTIONS += ("neighbourhood", "starts", "bound")
+
+
+def method_of(given: dict[str, Any]) -> Method:
+    """Take a method and its options out of what a command was given."""
+    name = given.pop("method")
+    chosen = {option: value for option in _OPTIONS if (value := given.pop(option)) is not None}
+    for option in chosen:
+        if not hasattr(METHODS[name], option):
+            raise click.UsageError(f"--{option.replace('_', '-')}: the method {name} has no such option; leave it out.")
+    return METHODS[name](**chosen)
+
+
+# --------------------------------------------------------------------------------------------- others
+
+period = cloup.option(
     "--period",
     type=click.FloatRange(min=0, min_open=True),
     metavar="P",
@@ -357,7 +377,7 @@ period = click.option(
 )
 """Whether values are phases."""
 
-time_step = click.option(
+time_step = cloup.option(
     "--time-step",
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
@@ -365,22 +385,6 @@ time_step = click.option(
 )
 """When the frames of a series were."""
 
-
-def link_lengths(where: str) -> Callable[[_Command], _Command]:
-    """Return the option for the lengths of links between voxels, where these are."""
-    return click.option(
-        "--link-lengths",
-        type=click.Choice(["chain-code", "euclidean"]),
-        help=f"{where}: the unbiased estimator, or 1, √2, √3 voxels for comparison.  [default: {LINK_LENGTHS}]",
-    )
-
-
-def store(*, required: bool) -> Callable[[_Command], _Command]:
-    """Return the option that names a store of distance rows."""
-    return click.option(
-        "--store",
-        type=OUT,
-        metavar="DIR",
-        required=required,
-        help="Keep the distances from all sources in this directory, new or of an interrupted run, which is resumed.",
-    )
+store = option_of(Surface.geodesic, "store", type=OUT, metavar="DIR")
+dask = option_of(Surface.geodesic, "dask", metavar="ADDRESS|FILE|local")
+sampling = option_of(Surface.geodesic, "sampling", type=click.Choice(SAMPLINGS))

@@ -6,21 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.layout import PACKINGS
-from voxflat.atlases.making import MAX_ANGLE, SEEDS, patches
+from voxflat.atlases.making import SEEDS
 from voxflat.atlases.page import FlatPage
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.input import surface_of
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.cli.told import option_of
 from voxflat.io.files import SAVED_ENDINGS
 from voxflat.maps.texture import TEXTURED_ENDINGS, TexturedSurface, files_beside
+from voxflat.pipeline.surface import Surface
 
 
-@click.command(
+@cloup.command(
     "patches",
     epilog="""\b
 Examples:
@@ -31,66 +34,42 @@ Examples:
   voxflat patches lh.white --volume t1.nii.gz --depth 2 -o atlas.glb
 """,
 )
-@click.argument("surface_", metavar="SURFACE", type=FILE)
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The atlas's file: .npz or .voxflat holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and "
-    ".ply the surface with the page as its texture.",
-)
-@click.option(
-    "--max-angle",
-    type=float,
-    metavar="DEGREES",
-    help=f"Greatest inclination to a patch's plane.  [default: {MAX_ANGLE:g}]",
-)
-@click.option("--bound", type=float, metavar="C", help="Instead: the greatest factor by which lengths may change.")
-@click.option("--count", type=int, metavar="N", help="Instead: the greatest number of patches.")
-@click.option(
-    "--seeds",
-    type=click.Choice(SEEDS),
-    default=options.default_of(patches, "seeds"),
-    help="Where patches begin: compared, the largest first; or as in the paper at the flattest or a random triangle.",
-)
-@options.seed
-@click.option(
-    "--glue",
-    type=float,
-    metavar="C",
-    help="Close the seams between the patches as far as no length changes by more than this factor, such as 1.5.",
-)
-@click.option(
-    "--packing",
-    type=click.Choice(PACKINGS),
-    default=options.default_of(Atlas.page, "packing"),
-    help="How the page is packed: boxes in rows, or by their shapes with xatlas, tighter where patches are large.",
-)
-@click.option(
-    "--volume",
-    type=FILE,
-    metavar="V",
-    help="A volume to show in the texture; for a mesh an overlay, or its own texture.",
-)
-@click.option("--heat-map", is_flag=True, help="Show in the texture C, the factor by which lengths change.")
-@click.option(
-    "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"
-)
-@click.option(
-    "--pixel-size", type=float, metavar="MM", help="Side of the texture's pixels, mm.  [default: see voxflat image]"
-)
-@click.option("--page", type=OUT, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg.")
-@click.option("--picture", type=OUT, metavar="PNG", help="Draw the surface with its patches in colours.")
-@options.volume
+@cloup.argument("surface_", metavar="SURFACE", type=FILE)
 @options.making
-@options.memory_limit
-@options.threads
-@options.beside
-@options.as_json
-@options.quiet
-@options.debug
+@options.section(
+    "Patches",
+    option_of(Surface.patches, "max_angle", type=float, metavar="DEGREES"),
+    option_of(Surface.patches, "bound", type=float, metavar="C"),
+    option_of(Surface.patches, "count", type=int, metavar="N"),
+    option_of(Surface.patches, "seeds", type=click.Choice(SEEDS)),
+    cloup.option(
+        "--glue",
+        type=float,
+        metavar="C",
+        help="Close the seams between the patches as far as no length changes by more than this factor, such as 1.5.",
+    ),
+)
+@options.section(
+    "Texture",
+    option_of(Atlas.page, "packing", type=click.Choice(PACKINGS)),
+    cloup.option(
+        "--volume", type=FILE, metavar="V", help="Show this volume; for a mesh an overlay, or its own texture."
+    ),
+    cloup.option("--heat-map", is_flag=True, help="Show C, the factor by which lengths change."),
+    cloup.option(
+        "--depth", type=float, metavar="MM", help="How far outside the surface to sample the volume.  [default: 0]"
+    ),
+    cloup.option(
+        "--pixel-size", type=float, metavar="MM", help="Side of the pixels, mm.  [default: see voxflat image]"
+    ),
+)
+@options.output(
+    "The atlas's file: .npz or .voxflat holds everything; .obj (with .mtl and .png), .vtp (with .png), .glb and .ply "
+    "the surface with the page as its texture.",
+    cloup.option("--page", type=OUT, metavar="FILE", help="Draw the patches laid out on a page: .png, .pdf or .svg."),
+    cloup.option("--picture", type=OUT, metavar="PNG", help="Draw the surface with its patches in colours."),
+)
+@options.run(options.seed, options.threads, options.memory_limit, options.quiet)
 def command(
     surface_: Path,
     output: Path,
@@ -98,10 +77,6 @@ def command(
     picture: Path | None,
     glue: float | None,
     packing: str,
-    volume: Path | None,
-    heat_map: bool,
-    depth: float | None,
-    pixel_size: float | None,
     sidecar: bool,
     overwrite: bool,
     as_json: bool,
@@ -119,16 +94,19 @@ def command(
     more = {"sidecar": sidecar, "overwrite": overwrite}
     check_output(output, (*SAVED_ENDINGS, *TEXTURED_ENDINGS), beside=files_beside(output), **more)
     is_textured = output.suffix.lower() not in SAVED_ENDINGS
-    _check_texture(is_textured, volume, heat_map, depth, pixel_size)
+    texture = {name: given.pop(name) for name in ("volume", "heat_map", "depth", "pixel_size")}
+    _check_texture(is_textured, **texture)
     for path in (page, picture):
         if path is not None:
             check_output(path, FIGURE_ENDINGS if path is page else (".png",))
     with bars(quiet) as shown:
-        certified = patches(surface_of(surface_, given, shown), progress=shown.progress, **given)
+        whole = surface_of(surface_, given, shown.progress)
+        del given["memory_limit"]
+        certified = whole.patches(progress=shown.progress, **given)
         told = {"threads": given["threads"], "progress": shown.progress}
         atlas = certified if glue is None else certified.glue(glue, **told)
     if is_textured:
-        textured = _textured(atlas.page(packing=packing), output, volume, heat_map, depth or 0.0, pixel_size)
+        textured = _textured(atlas.page(packing=packing), output, **texture)
         textured.save(output, **more)
     else:
         atlas.save(output, **more)
@@ -155,12 +133,12 @@ def _check_texture(
 
 
 def _textured(
-    page: FlatPage, output: Path, volume: Path | None, heat_map: bool, depth: float, pixel_size: float | None
+    page: FlatPage, output: Path, volume: Path | None, heat_map: bool, depth: float | None, pixel_size: float | None
 ) -> TexturedSurface:
     if heat_map:
         textured = page.textured(page.heat_map(pixel_size), colour_map="inferno")
     elif volume is not None:
-        textured = page.textured(page.image(volume, pixel_size, depth=depth))
+        textured = page.textured(page.image(volume, pixel_size, depth=depth or 0.0))
     else:
         textured = page.textured(page.label_image(pixel_size))
     return textured.subdivided() if output.suffix.lower() == ".ply" else textured

@@ -6,20 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 import numpy as np
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
-from voxflat.cli.options import OUT
+from voxflat.cli.input import surface_of
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.told import option_of
 from voxflat.distances.geodesic import SOLVERS
-from voxflat.distances.path import path
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import saving
+from voxflat.pipeline.surface import Surface
 
 
-@click.command(
+@cloup.command(
     "path",
     epilog="""\b
 Examples:
@@ -28,21 +29,15 @@ Examples:
 """,
 )
 @options.input_
-@click.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=options.places)
-@click.option("-o", "--output", type=OUT, metavar="OUT", help="Write what it passes, one in each line, for --cuts.")
-@click.option(
-    "--geodesic",
-    type=click.Choice([*SOLVERS, "edges", "chain"]),
-    default=options.default_of(path, "geodesic"),
-    help="Straight links over the surface, back along the fronts of fast marching, the exact shortest path, along "
-    "edges as cuts run, or the paper's links between voxels.",
-)
-@options.volume
+@cloup.argument("stops", metavar="I,J,K|V...", nargs=-1, required=True, callback=options.places)
 @options.making
-@options.memory_limit
-@options.beside
-@options.as_json
-@options.debug
+@options.section(
+    "Path",
+    option_of(Surface.path, "geodesic", type=click.Choice([*SOLVERS, "edges", "chain"]), sentences=4),
+    options.link_lengths(Surface.path),
+)
+@options.output("Write the vertices that the path passes, one per line, for --cuts.", required=False)
+@options.run(options.memory_limit)
 def command(
     input_: Path,
     stops: list[Any],
@@ -60,12 +55,13 @@ def command(
         raise click.UsageError("Give at least two stops.")
     if output is not None:
         if given["geodesic"] in ("marching", "exact"):
-            raise click.UsageError("This path crosses triangles, no cut can: give --geodesic edges with -o.")
+            raise click.UsageError("This path crosses triangles, and a cut cannot: give --geodesic edges with -o.")
         check_output(output, sidecar=sidecar, overwrite=overwrite)
     elif sidecar:
         raise click.UsageError("--sidecar is for -o.")
     with bars() as shown:
-        found = path(source_of(input_, given, shown), *stops, **given)
+        whole = surface_of(input_, given, shown.progress)
+        found = whole.path(*stops, geodesic=given["geodesic"], link_lengths=given["link_lengths"])
     if output is not None:
         with saving(output, found.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(output) as beside:
             np.savetxt(beside, found.ids, fmt="%d")

@@ -6,20 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 import numpy as np
 
 from voxflat._core import __version__
 from voxflat.cli import options
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.told import option_of
 from voxflat.io.provenance import saving
 from voxflat.io.reading import reading
 from voxflat.io.tables import TABLE_ENDINGS, read_points
-from voxflat.maps.flat_map import load
-from voxflat.maps.plane import LIMIT
+from voxflat.maps.flat_map import FlatMap, load
 
 
-@click.command(
+@cloup.command(
     "points",
     epilog="""\b
 Examples:
@@ -27,19 +28,15 @@ Examples:
   voxflat points map.npz peaks.csv --space scanner --limit 3 -o peaks_uv.csv
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.argument("points", metavar="XYZ", type=FILE)
-@click.option("-o", "--output", type=OUT, required=True, metavar="OUT", help="The table with u, v and distance, mm.")
-@click.option("--limit", type=float, default=LIMIT, metavar="MM", help="How far from the surface a point may lie, mm.")
-@click.option(
-    "--space",
-    type=click.Choice(["surface", "scanner"]),
-    default="surface",
-    help="Where the points lie: in the coordinates of the surface's file, or in scanner RAS, as volumes.",
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@cloup.argument("points", metavar="XYZ", type=FILE)
+@options.section(
+    "Points",
+    option_of(FlatMap.points_to_map, "limit", type=float, metavar="MM"),
+    option_of(FlatMap.points_to_map, "space", type=click.Choice(["surface", "scanner"])),
 )
-@options.beside
-@options.as_json
-@options.debug
+@options.output("The table with u, v and distance, mm.")
+@options.run()
 def command(
     map_: Path, points: Path, output: Path, limit: float, space: str, sidecar: bool, overwrite: bool, as_json: bool
 ) -> None:

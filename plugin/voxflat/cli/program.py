@@ -7,6 +7,7 @@ Exit status: 0 success; 1 the input cannot be used, the work failed, or `check` 
 from __future__ import annotations
 
 import click
+import cloup
 
 from voxflat._core import __version__
 from voxflat.cli import (
@@ -35,7 +36,7 @@ from voxflat.cli.console import Program
 __all__ = ["main"]
 
 
-@click.group(
+@cloup.group(
     cls=Program,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="A first try: voxflat demo.  Help on a command: voxflat flatten --help.",

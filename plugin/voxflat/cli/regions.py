@@ -6,17 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 import numpy as np
 
 from voxflat.cli import options
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 from voxflat.maps.regions import REGION_ENDINGS
 
 
-@click.command(
+@cloup.command(
     "regions",
     epilog="""\b
 Examples:
@@ -27,41 +28,37 @@ Examples:
   voxflat regions map.npz --polygons v1.json --volume t1.nii.gz --depth 0,2.5 -o labels.nii.gz
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.option("--svg", type=FILE, metavar="FILE", help="A figure of the map (.svg) with regions drawn in a layer.")
-@click.option("--layer", metavar="NAME", help="That layer's name.  [default: rois]")
-@click.option(
-    "--polygons", type=FILE, metavar="FILE", help='Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.'
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@options.section(
+    "Regions",
+    cloup.option("--svg", type=FILE, metavar="FILE", help="A figure of the map (.svg) with regions drawn in a layer."),
+    cloup.option("--layer", metavar="NAME", help="That layer's name.  [default: rois]"),
+    cloup.option(
+        "--polygons", type=FILE, metavar="FILE", help='Polygons in mm by their names (.json): {"V1": [[u, v], ...]}.'
+    ),
+    cloup.option(
+        "--image", type=FILE, metavar="FILE", help="A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz."
+    ),
+    cloup.option(
+        "--pixel-size",
+        type=float,
+        metavar="MM",
+        help="Side of its pixels, mm.  [default: as the file says, else as of voxflat image]",
+    ),
 )
-@click.option(
-    "--image", type=FILE, metavar="FILE", help="A label image on the map's pixels: .npy, .png, .tif, .nii, .nii.gz."
+@options.output(
+    "Of vertices .annot, .label.gii, or .label (one region); of voxels .nii, .nii.gz, .mgh, .mgz or .nrrd.",
+    cloup.option(
+        "--volume", type=FILE, metavar="V", help="For voxels: whose grid.  [default: that of the flattened volume]"
+    ),
+    cloup.option(
+        "--depth",
+        metavar="MM,MM",
+        callback=options.numbers,
+        help="For voxels, where no pial surface is known: from how far to how far outside the surface, mm.",
+    ),
 )
-@click.option(
-    "--pixel-size",
-    type=float,
-    metavar="MM",
-    help="Side of its pixels, mm.  [default: what it says, else of voxflat image]",
-)
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="Of vertices .annot, .label.gii, or .label (one region); of voxels .nii, .nii.gz, .mgh, .mgz or .nrrd.",
-)
-@click.option(
-    "--volume", type=FILE, metavar="V", help="For voxels: whose grid.  [default: that of the flattened volume]"
-)
-@click.option(
-    "--depth",
-    metavar="MM,MM",
-    callback=options.numbers,
-    help="For voxels, where no pial surface is known: from how far to how far outside the surface, mm.",
-)
-@options.beside
-@options.as_json
-@options.debug
+@options.run()
 def command(
     map_: Path,
     svg: Path | None,

@@ -6,16 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
+from voxflat.cli.input import surface_of
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.told import option_of
+from voxflat.pipeline.surface import Surface
 from voxflat.surfaces.standard.pattern import SIDES
-from voxflat.surfaces.standard.registration import register
 
 
-@click.command(
+@cloup.command(
     "register",
     epilog="""\b
 Examples:
@@ -24,30 +26,21 @@ Examples:
 """,
 )
 @options.input_
-@click.option(
-    "-o",
-    "--output",
-    type=options.OUT,
-    required=True,
-    metavar="OUT",
-    help="The sphere's file, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.sphere.reg.",
-)
-@click.option("--side", type=click.Choice(SIDES), help="Which hemisphere it is.  [default: as its folds say]")
-@options.volume
 @options.making
-@options.threads
-@options.memory_limit
-@options.beside
-@options.as_json
-@options.debug
+@options.section("Registration", option_of(Surface.register, "side", type=click.Choice(SIDES)))
+@options.output(
+    "The sphere's file, of radius 100: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.sphere.reg."
+)
+@options.run(options.threads, options.memory_limit)
 def command(input_: Path, output: Path, sidecar: bool, overwrite: bool, as_json: bool, **given: Any) -> None:
     """Find where a hemisphere's vertices lie on fsaverage's sphere, by the pattern of its folds.
 
-    The file takes the place of FreeSurfer's ?h.sphere.reg. What is no hemisphere is refused.
+    The file takes the place of FreeSurfer's ?h.sphere.reg. Surfaces that are not a hemisphere are refused.
     """
     check_output(output, sidecar=sidecar, overwrite=overwrite)
     with bars() as shown:
-        made = register(source_of(input_, given, shown), progress=shown.progress, **given)
+        whole = surface_of(input_, given, shown.progress)
+        made = whole.register(given["side"], threads=given["threads"], progress=shown.progress)
     made.save(output, sidecar=sidecar, overwrite=overwrite)
     if as_json:
         told = {"output": str(output), "vertices": len(made.points), "side": made.side, "confidence": made.confidence}

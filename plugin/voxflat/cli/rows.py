@@ -6,15 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
-from voxflat.cli.input import source_of
+from voxflat.cli.input import part_of, surface_of
+from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import print_json
-from voxflat.distances.geodesic import SOLVERS, geodesic
+from voxflat.cli.told import option_of
+from voxflat.distances.geodesic import SOLVERS
+from voxflat.pipeline.surface import Surface
 
 
-@click.command(
+@cloup.command(
     "rows",
     epilog="""\b
 Examples:
@@ -24,36 +28,35 @@ Examples:
 """,
 )
 @options.input_
-@options.store(required=True)
-@click.option(
-    "--geodesic",
-    type=click.Choice([*SOLVERS, "chain"]),
-    default=options.default_of(geodesic, "geodesic"),
-    help="Over the triangles of a surface: by straight links, fast marching, or exactly; or by chain codes over the "
-    "voxels of a volume.",
-)
 @options.making
-@options.volume
 @options.region
-@options.memory_limit
-@click.option("--sources", type=int, required=True, metavar="M", help="How many points distances are measured from.")
-@options.sampling
-@options.link_lengths("chain")
-@options.dask
-@options.seed
-@options.threads
-@options.as_json
-@options.quiet
-@options.debug
+@options.section(
+    "Cuts", option_of(Surface.cut, "cuts", type=FILE, metavar="FILE", multiple=True, callback=options.paths)
+)
+@options.section(
+    "Distances",
+    option_of(Surface.geodesic, "geodesic", type=click.Choice([*SOLVERS, "chain"]), sentences=4),
+    option_of(Surface.geodesic, "sources", type=int, required=True, metavar="M"),
+    options.sampling,
+    options.link_lengths(Surface.geodesic),
+)
+@options.section(
+    "Output", option_of(Surface.geodesic, "store", type=OUT, metavar="DIR", required=True), options.as_json
+)
+@options.run(options.dask, options.seed, options.threads, options.memory_limit, options.quiet)
 def command(input_: Path, sources: int, as_json: bool, quiet: bool, **given: Any) -> None:
     """Measure distances into a store on disk.
 
     DIR gets the geodesic distances from M sources to all points of a surface: rows.npy, float32, mm, which NumPy can
-    map into memory, and voxflat.open_rows opens. Only a little of it is ever in memory. Give the same command again to
-    resume what was interrupted.
+    map into memory, and voxflat.open_rows opens. Only a small part of it is ever in memory. Give the same command again
+    to resume interrupted work.
     """
     with bars(quiet) as shown:
-        measured = geodesic(source_of(input_, given, shown), sources, progress=shown.progress, **given)
+        cuts, choose = given.pop("cuts"), part_of(given, shown.progress)
+        part = choose(surface_of(input_, given, shown.progress))
+        if cuts is not None:
+            part = part.cut(cuts, relax=False, threads=given["threads"], progress=shown.progress).surface
+        measured = part.geodesic(sources, progress=shown.progress, **given)
     if as_json:
         told = {"store": str(measured.store), "shape": list(measured.shape), "bytes": measured.nbytes}
         print_json({**told, "provenance": measured.provenance})

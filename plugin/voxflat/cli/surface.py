@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cloup
 
 from voxflat.arguments import log
 from voxflat.cli import options
@@ -20,7 +21,7 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING
 from voxflat.io.volumes import check_volume_name, write_volume
 
 
-@click.command(
+@cloup.command(
     "surface",
     epilog="""\b
 Examples:
@@ -29,21 +30,14 @@ Examples:
 """,
 )
 @options.input_
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
-)
-@options.volume
 @options.making
-@click.option("--repaired", type=OUT, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added.")
-@options.memory_limit
-@options.beside
-@options.as_json
-@options.debug
+@options.output(
+    "The surface's file: .surf.gii, .vtp, .ply, .obj, or a FreeSurfer name such as lh.white.",
+    cloup.option(
+        "--repaired", type=OUT, metavar="FILE", help="Write the changed voxels as labels: 1 removed, 2 added."
+    ),
+)
+@options.run(options.threads, options.memory_limit)
 def command(
     input_: Path, output: Path, repaired: Path | None, sidecar: bool, overwrite: bool, as_json: bool, **given: Any
 ) -> None:
@@ -63,7 +57,7 @@ def command(
     if not output.name.lower().endswith((*FLAT_PATCH_ENDINGS, PATCH_ENDING)):  # of which saving says more
         check_mesh_name(output)
     with bars() as shown:
-        made = surface_of(input_, given, shown)
+        made = surface_of(input_, given, shown.progress)
         for remark in made.remarks:
             log.warning(remark)
     if repaired is not None:

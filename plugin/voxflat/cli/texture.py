@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import cloup
 
 from voxflat.cli import options
-from voxflat.cli.options import FILE, OUT
+from voxflat.cli.options import FILE
 from voxflat.cli.output import check_output, print_json
+from voxflat.cli.told import option_of
 from voxflat.io.reading import reading
-from voxflat.maps.flat_map import load
+from voxflat.maps.flat_map import FlatMap, load
 from voxflat.maps.texture import TEXTURED_ENDINGS, files_beside
 
 
-@click.command(
+@cloup.command(
     "texture",
     epilog="""\b
 Examples:
@@ -22,23 +24,17 @@ Examples:
   voxflat texture map.npz chessboard.png --texel-size 0.1 --repeat -o chessboard.glb
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.argument("picture", metavar="PICTURE", type=FILE)
-@click.option(
-    "-o",
-    "--output",
-    type=OUT,
-    required=True,
-    metavar="OUT",
-    help="The surface's file: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply with colours at its points.",
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@cloup.argument("picture", metavar="PICTURE", type=FILE)
+@options.section(
+    "Picture",
+    option_of(FlatMap.textured, "texel_size", type=float, metavar="MM"),
+    option_of(FlatMap.textured, "repeat", is_flag=True),
 )
-@click.option(
-    "--texel-size", type=float, metavar="MM", help="Side of a pixel of PICTURE, mm.  [default: just cover the map]"
+@options.output(
+    "The surface's file: .obj (with .mtl and .png), .vtp (with .png), .glb, or .ply with colours at its points."
 )
-@click.option("--repeat", is_flag=True, help="PICTURE goes on beyond its borders.")
-@options.beside
-@options.as_json
-@options.debug
+@options.run()
 def command(
     map_: Path,
     picture: Path,

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
+import cloup
 
 from voxflat.cli import options
 from voxflat.cli.console import bars
 from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
+from voxflat.cli.told import option_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
 from voxflat.maps.worst_places import WORST_ENDINGS, worst_places
 
 
-@click.command(
+@cloup.command(
     "worst",
     epilog="""\b
 Examples:
@@ -25,57 +28,49 @@ Examples:
   voxflat flatten lh.white --pial lh.pial --cuts cuts.json -o relieved.npz
 """,
 )
-@click.argument("map_", metavar="MAP", type=FILE)
-@click.option(
-    "--count",
-    type=click.IntRange(min=0),
-    default=options.default_of(worst_places, "count"),
-    metavar="N",
-    help="How many places at most.",
+@cloup.argument("map_", metavar="MAP", type=FILE)
+@options.section(
+    "Places",
+    option_of(worst_places, "count", type=click.IntRange(min=0), metavar="N"),
+    option_of(worst_places, "beyond", type=float, metavar="FACTOR"),
+    cloup.option(
+        "--parcels",
+        type=FILE,
+        metavar="F",
+        help="Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places.",
+    ),
+    cloup.option(
+        "--table", type=FILE, metavar="F", help="Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS."
+    ),
 )
-@click.option(
-    "--beyond",
-    type=float,
-    default=options.default_of(worst_places, "beyond"),
-    metavar="FACTOR",
-    help="A place is where areas change by more than this factor, either way.",
+@options.output(
+    "Write the places to a file: .json or .tsv, one row per place.",
+    cloup.option(
+        "--save-cuts",
+        "cuts_file",
+        type=OUT,
+        metavar="FILE",
+        help="Write the map's cuts and those that relieve the places (.json), for --cuts of voxflat flatten.",
+    ),
+    cloup.option(
+        "--place", "numbers", type=int, multiple=True, metavar="N", help="Only the cut of this place; may be repeated."
+    ),
+    cloup.option("--figure", type=OUT, metavar="FILE", help="Draw the places on the map: .png, .svg or .pdf."),
+    cloup.option("--picture", type=OUT, metavar="PNG", help="Draw them on the surface, from both sides."),
+    required=False,
 )
-@click.option(
-    "--parcels", type=FILE, metavar="F", help="Labels (.annot, .label.gii, .dlabel.nii, a volume) that name the places."
-)
-@click.option("--table", type=FILE, metavar="F", help="Their names: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.")
-@click.option("-o", "--output", type=OUT, metavar="OUT", help="Write the places to a file: .json or .tsv, a row each.")
-@click.option(
-    "--save-cuts",
-    "cuts_file",
-    type=OUT,
-    metavar="FILE",
-    help="Write the map's cuts and those that relieve the places (.json), for --cuts of voxflat flatten.",
-)
-@click.option(
-    "--place", "numbers", type=int, multiple=True, metavar="N", help="Only the cut of this place; may be repeated."
-)
-@click.option("--figure", type=OUT, metavar="FILE", help="Draw the places on the map: .png, .svg or .pdf.")
-@click.option("--picture", type=OUT, metavar="PNG", help="Draw them on the surface, from both sides.")
-@options.threads
-@options.beside
-@options.as_json
-@options.debug
+@options.run(options.threads)
 def command(
     map_: Path,
-    count: int,
-    beyond: float,
-    parcels: Path | None,
-    table: Path | None,
     output: Path | None,
     cuts_file: Path | None,
     numbers: tuple[int, ...],
     figure: Path | None,
     picture: Path | None,
-    threads: int | None,
     sidecar: bool,
     overwrite: bool,
     as_json: bool,
+    **given: Any,
 ) -> None:
     """Say where a map changes areas most, and which cut would relieve each place.
 
@@ -85,16 +80,14 @@ def command(
     """
     if numbers and cuts_file is None:
         raise click.UsageError("--place is for --save-cuts.")
-    if table is not None and parcels is None:
+    if given["table"] is not None and given["parcels"] is None:
         raise click.UsageError("--table is for --parcels.")
     files = {output: WORST_ENDINGS, cuts_file: (".json",), figure: FIGURE_ENDINGS, picture: (".png",)}
     for file, endings in files.items():
         if file is not None:
             check_output(file, endings, sidecar=sidecar, overwrite=overwrite)
     with bars() as shown, reading() as read:
-        worst = worst_places(
-            load(map_), count, beyond=beyond, parcels=parcels, table=table, threads=threads, progress=shown.progress
-        )
+        worst = worst_places(load(map_), **given, progress=shown.progress)
         worst = worst.with_provenance({**worst.provenance, "files": read})
     saved = [file for file in files if file is not None]
     if output is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,96 +25,46 @@ from voxflat.distances.rows import DistanceRows, open_rows
 from voxflat.distances.sources import SourceChoice, source_choice
 from voxflat.distances.store import Store, prepare_store
 from voxflat.errors import InputError
-from voxflat.io.provenance import telling
-from voxflat.surfaces.making import surface as _surface
-from voxflat.surfaces.region import cut_out
-from voxflat.surfaces.surface import Surface
-from voxflat.surfaces.voxel_graph import VoxelGraph, voxel_graph
+from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.parts import largest_piece
+from voxflat.surfaces.voxel_graph import LINK_LENGTHS, VoxelGraph, voxel_graph
 
 SOLVERS = ("graph", "marching", "exact")
 
 __all__ = ["geodesic"]
 
 
-@telling
 def geodesic(
-    surface: object,
+    surface: Manifold,
     sources: int | ArrayLike,
     *,
-    geodesic: str = "graph",
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    keep: object | None = None,
-    drop: object | None = None,
-    seed_point: Sequence[int] | int | None = None,
-    radius: float | None = None,
-    polygon: ArrayLike | None = None,
-    cuts: object | None = None,
-    sampling: str = "farthest",
-    link_lengths: str | None = None,
-    seed: int = 0,
-    store: str | os.PathLike[str] | None = None,
-    dask: str | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
+    geodesic: str,
+    sampling: str,
+    link_lengths: str | None,
+    seed: int,
+    store: str | os.PathLike[str] | None,
+    dask: str | None,
+    threads: int | None,
+    memory_limit: int | None,
+    progress: Progress | None,
 ) -> DistanceRows:
-    """Measure geodesic distances from sources to all points of a surface.
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sampling, link_lengths, \
-seed, threads, memory_limit, progress
-        As in `flatten`. Without a patch the surface is the largest component; it may be closed.
-    sources : int or array_like
-        How many sources to choose, or which: voxel indices (m, 3), or vertex numbers (m,).
-    geodesic : {"graph", "marching", "exact", "chain"}
-        "graph": paths of straight links over the triangles of the surface, a fraction of a per cent too long, and by
-        far the fastest for many sources. "marching": fast marching (Kimmel, Sethian 1998), with fronts taken for
-        circles. "exact": the exact distances on the triangles (Mitchell, Mount, Papadimitriou 1987), slow. "chain":
-        chain-code lengths over the 26-neighbour graph of a volume's surface voxels.
-    store : path, optional
-        A directory to keep the rows in, on disk instead of in memory. If the work is interrupted, by whatever, the same
-        call goes on where it was.
-    dask : str, optional
-        Let the workers of a Dask cluster compute a store's rows, the same bits: the scheduler's address, its file, or
-        "local" for workers on this machine. They must see the store's directory. Threads are those of each worker.
-
-    Returns
-    -------
-    DistanceRows
-        Of a store as `voxflat.open_rows` opens it.
-
-    Raises
-    ------
-    InputError, Cancelled
-        As in `flatten`.
-    """
+    """Measure distances over a surface; see `voxflat.Surface.geodesic`."""
     if dask is not None and store is None:
         raise InputError("dask is given, but no store for workers to write into; give a store")
     seed, threads = checked_seed(seed), checked_threads(threads)
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    patch: dict[str, Any] = {"keep": keep, "seed_point": seed_point, "radius": radius}
-    over_triangles: dict[str, Any] = {"drop": drop, "polygon": polygon, "cuts": cuts}
-    part: Surface | VoxelGraph
     checked_choice(geodesic, "geodesic", (*SOLVERS, "chain"))
+    part: Manifold | VoxelGraph
+    what = {"geodesic": geodesic}
     if geodesic == "chain":
-        refuse(geodesic, **over_triangles, dask=dask)
-        part = voxel_graph(
-            surface, **place, **patch, link_lengths=link_lengths, memory_limit=memory_limit, progress=progress
-        )
-        what = {"geodesic": geodesic, "link_lengths": part.metadata["link_lengths"]}
+        refuse(geodesic, dask=dask)
+        part = voxel_graph(surface, link_lengths or LINK_LENGTHS, progress)
+        what["link_lengths"] = part.metadata["link_lengths"]
     else:
         refuse(geodesic, link_lengths=link_lengths)
-        whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-        how: dict[str, Any] = {"threads": threads, "progress": progress, "to_disk": False, "with_usual_cuts": False}
-        part = cut_out(whole, **patch, **over_triangles, **how).part
-        what = {"geodesic": geodesic}
+        part = largest_piece(surface)
     common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
     choice = source_choice(part, sources, sampling, seed, fewest=1)
-    if dask is not None and store is not None and isinstance(part, Surface):
+    if dask is not None and store is not None and isinstance(part, Manifold):
         return rows_by_workers(part, choice, store, dask, geodesic=geodesic, **common)
     return _rows(choice, what, store, **common)
 

@@ -31,7 +31,7 @@ from voxflat.distances.store import Store, array_hash, prepare_store, store_path
 from voxflat.distances.table import Table
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, naming_file, save_array, temporary_beside
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.manifold import Manifold
 
 try:
     import fcntl
@@ -74,7 +74,7 @@ class Wanted:
 
 
 def rows_by_workers(
-    part: Surface,
+    part: Manifold,
     choice: SourceChoice,
     store: str | os.PathLike[str],
     dask: str,
@@ -90,7 +90,7 @@ def rows_by_workers(
 
     Parameters
     ----------
-    part : Surface
+    part : Manifold
         What distances are measured over.
     choice : SourceChoice
         The sources.
@@ -145,7 +145,7 @@ def rows_by_workers(
 # ------------------------------------------------------------------------------------------ the caller
 
 
-def _write_surface(part: Surface, folder: Path) -> str:
+def _write_surface(part: Manifold, folder: Path) -> str:
     """Write what workers need to know of a surface; return its hash."""
     core = part.core
     arrays: dict[str, NDArray[Any]] = {"points": core.points, "faces": core.faces, "ids": part.ids}

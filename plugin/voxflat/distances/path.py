@@ -8,14 +8,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, voxel_indices
 from voxflat.errors import InputError
-from voxflat.io.provenance import Record, telling
+from voxflat.io.provenance import Record
 from voxflat.io.spaces import Space
-from voxflat.surfaces.making import surface as _surface
-from voxflat.surfaces.voxel_graph import voxel_graph
+from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.voxel_graph import LINK_LENGTHS, voxel_graph
 
 __all__ = ["Path", "path"]
 
@@ -62,59 +62,20 @@ class Path:
         return replace(self, provenance=record)
 
 
-@telling
-def path(
-    surface: object,
-    a: Sequence[int] | int,
-    b: Sequence[int] | int,
-    *further: Sequence[int] | int,
-    geodesic: str = "graph",
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    link_lengths: str | None = None,
-    memory_limit: int | None = None,
-) -> Path:
-    """Find a shortest path through points of a surface (Grossmann et al. 2002, figure 3).
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, link_lengths, memory_limit
-        As in `flatten`.
-    a, b, *further : sequence of 3 ints, or int
-        The ends, and further stops after `b`, in the order in which they are passed: voxel indices, or vertex numbers
-        of a mesh.
-    geodesic : {"graph", "marching", "exact", "edges", "chain"}
-        "graph", "exact" and "chain" as in `voxflat.geodesic`. "marching" is traced back on the distances of fast
-        marching. Those are estimates, but the path is a line over the surface and `length` is its own: never less than
-        the exact distance, and not what `voxflat.geodesic(geodesic="marching")` says. "edges" runs along edges from
-        neighbour to neighbour, as cuts do.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If a stop is not on the surface, or stops lie in different components.
-    """
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    stops = [a, b, *further]
+def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str, link_lengths: str | None) -> Path:
+    """Find a shortest path; see `voxflat.Surface.path`."""
     checked_choice(geodesic, "geodesic", ("graph", "marching", "exact", "edges", "chain"))
     if geodesic == "chain":
-        graph = voxel_graph(surface, **place, link_lengths=link_lengths, memory_limit=memory_limit)
+        graph = voxel_graph(surface, link_lengths or LINK_LENGTHS)
         core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
         ids, find, space = core.voxels, core.path, Space.of(graph.metadata)
     else:
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")
-        whole = _surface(surface, **place, memory_limit=memory_limit)
-        core = whole.core
-        vertices = whole.find(stops, "the stops")
-        ids, find, space = whole.ids, core.path if geodesic == "graph" else core.edge_path, whole.space
+        core = surface.core
+        vertices = surface.find(stops, "the stops")
+        ids, find, space = surface.ids, core.path if geodesic == "graph" else core.edge_path, surface.space
     points, passed, length = [core.points[vertices[:1]]], [vertices[:1].astype(np.int64)], 0.0
     for (start, end), leg in zip(pairwise(vertices.tolist()), pairwise(stops), strict=True):
         try:

@@ -9,10 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from voxflat.arguments import Progress, checked_text, is_whole
 from voxflat.errors import InputError
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.voxel_graph import VoxelGraph
 
-__all__ = ["SourceChoice", "source_choice"]
+__all__ = ["SAMPLINGS", "SourceChoice", "source_choice"]
+
+SAMPLINGS = ("farthest", "curvature", "random")
+"""How sources may be chosen on any surface."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class SourceChoice:
 
     Parameters
     ----------
-    part : Surface or VoxelGraph
+    part : Manifold or VoxelGraph
         What distances are measured over.
     count : int
         Their number.
@@ -31,13 +34,16 @@ class SourceChoice:
         By which rule.
     seed : int
         Of the rule.
+    rule : str
+        `sampling`, or "given" where the sources were given themselves.
     """
 
-    part: Surface | VoxelGraph
+    part: Manifold | VoxelGraph
     count: int
     given: NDArray[np.uint32] | None
     sampling: str
     seed: int
+    rule: str
 
     def made(self, progress: Progress | None) -> NDArray[np.uint32]:
         """Return the sources as numbers into the surface's points, shape (count,)."""
@@ -47,26 +53,26 @@ class SourceChoice:
 
 
 def source_choice(
-    part: Surface | VoxelGraph,
-    sources: int | ArrayLike | None,
+    part: Manifold | VoxelGraph,
+    sources: int | ArrayLike,
     sampling: str,
     seed: int,
     *,
     fewest: int,
-    usual: int | None = None,
+    at_most_all: bool = False,
 ) -> SourceChoice:
     """Return how many sources there will be, and what chooses them.
 
     Parameters
     ----------
-    part : Surface or VoxelGraph
+    part : Manifold or VoxelGraph
         What distances are measured over.
     sources, sampling, seed
         As in `voxflat.flatten`.
     fewest : int
         As few as the caller can use.
-    usual : int, optional
-        How many where none are given.
+    at_most_all : bool
+        Take all points where more sources are asked for than there are points; otherwise that is refused.
 
     Returns
     -------
@@ -78,16 +84,14 @@ def source_choice(
         If they are too few or too many, given twice, or not on the surface.
     """
     sampling = checked_text(sampling, "sampling")
-    if sources is None and usual is not None:
-        return SourceChoice(part, min(usual, len(part)), None, sampling, seed)
     if is_whole(sources):
         if sources < fewest:
             raise InputError(f"{sources} sources are too few; give at least {fewest}")
-        if sources > len(part):
+        if sources > len(part) and not at_most_all:
             raise InputError(
                 f"{sources} sources are more than the {len(part)} points of the surface; give at most that many"
             )
-        return SourceChoice(part, int(sources), None, sampling, seed)
+        return SourceChoice(part, min(int(sources), len(part)), None, sampling, seed, sampling)
     if sources is None:
         raise InputError("sources are None; give how many, or points of the surface")
     found = part.find(sources, "sources")
@@ -95,4 +99,4 @@ def source_choice(
     if (counts > 1).any():
         again = part.ids[unique[counts > 1][0]].tolist()
         raise InputError(f"source {again} is given {counts.max()} times; give each once")
-    return SourceChoice(part, len(found), found, sampling, seed)
+    return SourceChoice(part, len(found), found, sampling, seed, "given")

@@ -11,11 +11,13 @@ from voxflat.figures.files import save, save_movie, save_picture
 from voxflat.figures.flat_maps import flat_map
 from voxflat.figures.maps import heat_map, heat_maps, scatter, spectrum
 from voxflat.figures.movies import Movie, movie
+from voxflat.figures.overlays import Overlay
 from voxflat.figures.space import atlas_3d, patch_3d
 from voxflat.figures.worst import worst_places, worst_places_3d
 
 __all__ = [
     "Movie",
+    "Overlay",
     "atlas_3d",
     "atlas_heat_map",
     "atlas_page",

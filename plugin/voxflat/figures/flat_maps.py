@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_choice, checked_kind, checked_number, checked_text, log, shown
 from voxflat.errors import InputError
-from voxflat.figures.overlays import Limits, OverlayColours
+from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.paper import DARK, LIGHT, STRIP, WHEEL_STRIP, Page
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
@@ -35,21 +35,10 @@ def flat_map(
     flat_map: FlatMap,
     overlay: object | None = None,
     *,
-    channel: int | str | None = None,
     depth: float | Sequence[float] = 0.0,
     fraction: float | Sequence[float] | None = None,
     layering: str = "equivolume",
-    interpolation: str | None = None,
-    above: float | None = None,
-    below: float | None = None,
-    strength: object | None = None,
-    strength_channel: int | str | None = None,
-    period: float | None = None,
-    zero: str = "right",
-    limits: Limits | None = None,
-    colour_map: str | None = None,
     opacity: float | None = None,
-    label: str | None = None,
     parcels: object | None = None,
     table: object | None = None,
     underlay: str = "curvature",
@@ -62,37 +51,16 @@ def flat_map(
     ----------
     flat_map : FlatMap
         A flat map.
-    overlay : path, ndarray, image object or Volume, optional
-        Data over the folds: all that `FlatMap.image` takes.
-    channel, interpolation
-        As in `FlatMap.image`, of the overlay.
+    overlay : Overlay, path, ndarray, image object or Volume, optional
+        Data over the folds: everything that `FlatMap.image` takes, or an `Overlay` that says how they are shown.
     depth, fraction, layering
         As in `FlatMap.image`, of overlay and parcels, as far as they are volumes.
-    above, below : float, optional
-        Data are shown only where they are greater than `above`, or less than `below`; with both where they are beyond
-        either (``above=2.3, below=-2.3``), or between them (``above=1, below=3``).
-    strength : path, ndarray, image object or Volume, optional
-        What has to pass the thresholds instead of the overlay: how sure its values are, such as t, R² or coherence.
-    strength_channel : int or str, optional
-        Which one, where it has several.
-    period : float, optional
-        The overlay's values are phases with this period (360, 2π, seconds): sampled the short way round, in a cyclic
-        colour map, whose wheel takes the place of the colour bar.
-    zero : {"right", "top"}
-        Where the wheel has phase 0: at the right, counterclockwise as angles are drawn, or at the top, clockwise.
-    limits : sequence of 2 numbers or percentiles, optional
-        The ends of the colours: ``(0, 5)``, or ``("2%", "98%")`` of the values on the map. By default the 1st and 99th
-        percentile, and if these have different signs the larger of both either way.
-    colour_map : str, optional
-        Of matplotlib. By default "viridis", "RdBu_r" where the limits have different signs, or of phases "hsv".
     opacity : float, optional
         Of the overlay, from 0 to 1; by default 1. Without an overlay that of the parcels, by default 0.75.
-    label : str, optional
-        What the colour bar says: quantity and unit. By default the name of the overlay.
     parcels : path, ndarray, image object, Volume or Parcels, optional
         Labels, as in `parcels_of`: their borders and names, and without an overlay their colours, as the file has them.
     table : path, optional
-        Names and colours of the parcels where their file has none.
+        Names and colours of the parcels where their file has none: as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
     underlay : {"curvature", "sulcal depth", "none"}
         What the folds are shown by: gyri are light, sulci dark.
     title : str, optional
@@ -114,49 +82,41 @@ def flat_map(
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     checked_text(title, "title")
     check_underlay(underlay)
-    of_overlay = (above, below, limits, colour_map, label, channel, interpolation, strength, period)
-    if overlay is None and any(value is not None for value in of_overlay):
-        raise InputError(
-            "thresholds, strength, period, limits, colour map, label, channel and interpolation are of an overlay; "
-            "give one"
-        )
-    if strength is not None and above is None and below is None:
-        raise InputError("strength is what has to pass the thresholds; give above, below or both")
-    checked_choice(zero, "zero", ("right", "top"))
+    of = None if overlay is None else Overlay.of(overlay)
+    strength = None if of is None or of.strength is None else Overlay.of(of.strength)
     if opacity is not None and not 0 <= checked_number(opacity, "opacity") <= 1:
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     depths = Depths.of(depth, fraction, layering)
     sampler = flat_map._triangles.on_surface
-    given = (("overlay", overlay), ("strength", strength), ("parcels", parcels))
-    in_volume = {name for name, of in given if _is_volume(sampler, of)}
+    given = {"overlay": of and of.values, "strength": strength and strength.values, "parcels": parcels}
+    in_volume = {name for name, values in given.items() if _is_volume(sampler, values)}
     if depths != ON_SURFACE and not in_volume:
         raise InputError("depth and fraction are for volumes: neither overlay nor parcels is one; leave them out")
-    page = Page.of(flat_map, width, title, strip=STRIP if period is None else WHEEL_STRIP)
+    page = Page.of(flat_map, width, title, strip=STRIP if of is None or of.period is None else WHEEL_STRIP)
     raster = flat_map.raster(page.pixel_size)
     under = folds(flat_map, raster, underlay)
     page.image(under, raster, "curvature")
     look = under[..., :3].mean(axis=2)
     of_parcels = depths if "parcels" in in_volume else ON_SURFACE
     areas = None if parcels is None else _parcels(flat_map, parcels, table, of_parcels)
-    if overlay is not None:
+    if of is not None:
         where = {name: depths if name in in_volume else ON_SURFACE for name in ("overlay", "strength")}
-        how: dict[str, Any] = {"interpolation": interpolation, "period": period, "depths": where["overlay"]}
-        image, by = sampler.image(raster, overlay, channel=channel, **how), None
+        how: dict[str, Any] = {"interpolation": of.interpolation, "period": of.period, "depths": where["overlay"]}
+        image, by = sampler.image(raster, of.values, channel=of.channel, **how), None
         if strength is not None:
-            by = sampler.image(raster, strength, channel=strength_channel, depths=where["strength"])
-        look_of = (limits, colour_map, above, below, 1.0 if opacity is None else opacity)
-        colours = OverlayColours.of(image, *look_of, period=period, strength=by)
+            by = sampler.image(raster, strength.values, channel=strength.channel, depths=where["strength"])
+        colours = OverlayColours.of(image, of, 1.0 if opacity is None else opacity, by)
         over = colours.paint(image.data, None if by is None else by.data)
         page.image(over, raster, "data")
         look = _over(over, look)
-        told = label if label is not None else _named(image, by, above, below)
+        told = of.label if of.label is not None else _named(image, by, of.above, of.below)
         if colours.is_cyclic:
-            page.wheel(colours, told, zero)
+            page.wheel(colours, told, of.zero)
         elif colours.colour_map is not None:
             page.bar(colours, told)
     if areas is not None:
         labels = areas.raster(raster)
-        if overlay is None:
+        if of is None:
             filled = areas.coloured(labels)
             filled[..., 3] = np.round(255 * (_PARCELS_OPACITY if opacity is None else opacity) * (filled[..., 3] > 0))
             page.image(filled, raster, "parcels")

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from voxflat.arguments import Progress, checked_kind, checked_switch, is_number, is_whole, log, shown
 from voxflat.errors import InputError
 from voxflat.figures.flat_maps import check_underlay, folds
-from voxflat.figures.overlays import Limits, OverlayColours
+from voxflat.figures.overlays import Overlay, OverlayColours
 from voxflat.figures.paper import Page
 from voxflat.maps.depth import Depths
 from voxflat.maps.flat_map import FlatMap
@@ -113,17 +113,10 @@ def movie(
     depth: float | Sequence[float] = 0.0,
     fraction: float | Sequence[float] | None = None,
     layering: str = "equivolume",
-    interpolation: str | None = "linear",
     change: bool = False,
-    above: float | None = None,
-    below: float | None = None,
-    limits: Limits | None = None,
-    colour_map: str | None = None,
     opacity: float = 1.0,
-    label: str | None = None,
     underlay: str = "curvature",
     title: str | None = None,
-    time_step: float | None = None,
     rate: float = 10.0,
     size: int = 1280,
     progress: Progress | None = None,
@@ -134,15 +127,18 @@ def movie(
     ----------
     flat_map : FlatMap
         A flat map.
-    overlay : path, ndarray, image object
-        A series: all that `FlatMap.images` takes.
-    depth, fraction, layering, interpolation, time_step
-        As in `FlatMap.images`; of several depths the mean is shown. Values are "linear" between voxels by default:
-        series are hardly ever of labels.
+    overlay : Overlay, path, ndarray, image object
+        A series: everything that `FlatMap.images` takes, or an `Overlay` that says how it is shown. Values are sampled
+        linearly between voxels unless it says otherwise: series are hardly ever of labels. Limits that are not given,
+        and percentiles, are those of up to 16 frames, spread evenly.
+    depth, fraction, layering
+        As in `FlatMap.images`; of several depths the mean is shown.
     change : bool
-        Show `FlatStack.percent_change`: of raw signals nothing else is to be seen but their anatomy.
-    above, below, limits, colour_map, opacity, label, underlay, title
-        As in `flat_map`. Limits that are not given, and percentiles, are those of up to 16 frames, spread evenly.
+        Show the change from each place's mean, %, as `FlatStack.percent_change`: raw signals show little but anatomy.
+    opacity : float
+        Of the data, from 0 to 1.
+    underlay, title
+        As in `flat_map`.
     rate : float
         Frames a second.
     size : int
@@ -160,6 +156,9 @@ def movie(
     InputError
         As `flat_map`; if there is one frame only, or a number is out of bounds.
     """
+    of = Overlay.of(overlay)
+    if of.channel is not None or of.strength is not None or of.period is not None:
+        raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     check_underlay(underlay)
     checked_switch(change, "change")
@@ -173,8 +172,8 @@ def movie(
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     page = Page.of(flat_map, _WIDTH, title, head=True, pixels=int(size))
     raster, sampler = flat_map.raster(page.pixel_size), flat_map._triangles.on_surface
-    how: dict[str, Any] = {"interpolation": interpolation, "time_step": time_step, "average": True}
-    stack = sampler.images(raster, overlay, depths=Depths.of(depth, fraction, layering), **how)
+    how: dict[str, Any] = {"interpolation": of.interpolation or "linear", "time_step": of.time_step, "average": True}
+    stack = sampler.images(raster, of.values, depths=Depths.of(depth, fraction, layering), **how)
     if len(stack) < 2:
         raise InputError(f"{stack.name} has one frame: voxflat figure shows it (figures.flat_map)")
     if stack[0].is_colour:
@@ -186,7 +185,7 @@ def movie(
     if change:
         stack = stack.percent_change(progress)
     seen = _look(stack)
-    colours = OverlayColours.of(seen, limits, colour_map, above, below, opacity)
+    colours = OverlayColours.of(seen, of, opacity)
     under = folds(flat_map, raster, underlay)
     page.image(under, raster, "curvature")
     beneath = _pixels(page)
@@ -195,7 +194,7 @@ def movie(
     page.figure.patch.set_alpha(0)
     page.lines(outline(flat_map.uv, flat_map.faces[~flat_map.torn]), "marks", _LINE, "0.25")
     page.marks(flat_map)
-    page.bar(colours, stack.name if label is None else label)
+    page.bar(colours, stack.name if of.label is None else of.label)
     return Movie(stack, colours, page, (beneath, _pixels(page)), rate)
 
 

@@ -3,21 +3,98 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from voxflat.arguments import log, optional_number, shown
+from voxflat.arguments import checked_choice, log, optional_number, shown
 from voxflat.errors import InputError
+from voxflat.io.provenance import described
 from voxflat.maps.colours import WINDOW, label_colours, passing
 from voxflat.maps.raster import FlatImage
 
-__all__ = ["Limits", "OverlayColours", "painted"]
+__all__ = ["Limits", "Overlay", "OverlayColours", "painted"]
 
 Limits: TypeAlias = Sequence[float | str]
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """Data over the folds of a figure, and how they are shown.
+
+    Parameters
+    ----------
+    values : path, ndarray, image object or Volume
+        The data: everything that `FlatMap.image` takes; of movies a series, as `FlatMap.images` takes it.
+    channel : int or str, optional
+        Which map of the data, where there are several: its name, or its number from 0. Not for movies.
+    interpolation : str, optional
+        Between voxels, as in `FlatMap.image`.
+    above : float, optional
+        Show data only where they are greater than this.
+    below : float, optional
+        Show data only where they are less than this; with `above`, beyond either where `below` is the lesser one
+        (``above=2.3, below=-2.3``), else between them (``above=1, below=3``).
+    strength : path, ndarray, image object, Volume or Overlay, optional
+        Apply the thresholds to this map instead of the data, for example t, R² or coherence: how sure their values are.
+        ``Overlay(values, channel=2)`` where it has several maps. Not for movies.
+    period : float, optional
+        The values are phases with this period (360, 2π, seconds): sampled the short way round, in a cyclic colour map,
+        whose wheel takes the place of the colour bar. Not for movies.
+    zero : {"right", "top"}
+        Where the wheel has phase 0: at the right, counterclockwise as angles are drawn, or at the top, clockwise.
+    limits : sequence of 2 numbers or percentiles, optional
+        The ends of the colours: ``(0, 5)``, or ``("2%", "98%")`` of the values on the map. By default the 1st and 99th
+        percentile, and if these have different signs the larger of both either way.
+    colour_map : str, optional
+        A colour map of matplotlib. By default "viridis", "RdBu_r" where the limits have different signs, or of phases
+        "hsv".
+    label : str, optional
+        The text at the colour bar: quantity and unit. By default the name of the data.
+    time_step : float, optional
+        From each frame of a series to the next, s, for movies. By default the file says it.
+
+    Examples
+    --------
+    >>> from voxflat.figures import Overlay
+    >>> Overlay("zstat.nii.gz", above=2.3, below=-2.3, limits=(-6, 6)).label is None
+    True
+    """
+
+    values: object
+    channel: int | str | None = None
+    interpolation: str | None = None
+    above: float | None = None
+    below: float | None = None
+    strength: object | None = None
+    period: float | None = None
+    zero: str = "right"
+    limits: Limits | None = None
+    colour_map: str | None = None
+    label: str | None = None
+    time_step: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on a map."""
+        if self.values is None:
+            raise InputError("an overlay shows values, and none are given; give data, or leave its options out")
+        checked_choice(self.zero, "zero", ("right", "top"))
+        if self.strength is not None and self.above is None and self.below is None:
+            raise InputError("strength is what has to pass the thresholds; give above, below or both")
+
+    @classmethod
+    def of(cls, overlay: object) -> Overlay:
+        """Return an overlay; of data alone with defaults."""
+        return overlay if isinstance(overlay, Overlay) else cls(overlay)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What is shown and how, for records."""
+        return {one.name: described(getattr(self, one.name)) for one in fields(self)}
+
 
 _ALIKE = 0.2  # of a colour's range: hsv ends 0.1 before its beginning
 
@@ -43,7 +120,7 @@ def painted(
     limits : tuple of 2 floats
         The ends of the colours.
     above, below : float, optional
-        As in `flat_map`.
+        As in `Overlay`.
     by : ndarray of float, shape (...), optional
         What has to pass the thresholds; by default `data`.
     opacity : float
@@ -79,7 +156,7 @@ class OverlayColours:
     limits : tuple of 2 floats
         The ends of the colours.
     above, below : float or None
-        Thresholds, as in `flat_map`.
+        Thresholds, as in `Overlay`.
     opacity : float
         From 0 to 1.
     is_cyclic : bool
@@ -100,13 +177,8 @@ class OverlayColours:
     def of(
         cls,
         image: FlatImage,
-        limits: Limits | None = None,
-        colour_map: str | None = None,
-        above: float | None = None,
-        below: float | None = None,
+        overlay: Overlay,
         opacity: float = 1.0,
-        *,
-        period: float | None = None,
         strength: FlatImage | None = None,
     ) -> OverlayColours:
         """Choose what is not given, by what an image shows.
@@ -114,11 +186,13 @@ class OverlayColours:
         Parameters
         ----------
         image : FlatImage
-            The overlay.
-        limits, colour_map, above, below, opacity, period
-            As in `flat_map`.
+            The overlay on the map.
+        overlay : Overlay
+            How it is to be shown.
+        opacity : float
+            From 0 to 1.
         strength : FlatImage, optional
-            What has to pass the thresholds.
+            What has to pass the thresholds, on the map.
 
         Returns
         -------
@@ -129,7 +203,9 @@ class OverlayColours:
         InputError
             If something does not fit the image.
         """
-        above, below = optional_number(above, "threshold above"), optional_number(below, "threshold below")
+        above = optional_number(overlay.above, "threshold above")
+        below = optional_number(overlay.below, "threshold below")
+        limits, colour_map, period = overlay.limits, overlay.colour_map, overlay.period
         inside = image.data[..., 3] > 0 if image.is_colour else np.isfinite(image.data)
         if not inside.any():
             raise InputError("the overlay has no value anywhere on the map; do their affines agree?")

@@ -24,9 +24,9 @@ from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
 from voxflat.io.volumes import as_volume
 from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.surface import surface
 from voxflat.surfaces.foreground import foreground
-from voxflat.surfaces.making import surface
-from voxflat.surfaces.surface import are_triangles
+from voxflat.surfaces.manifold import are_triangles
 
 if TYPE_CHECKING:  # drawing alone brings it in
     import pyvista

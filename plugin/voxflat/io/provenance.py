@@ -7,6 +7,7 @@ it and no name of a machine: the same call with the same files gives the same by
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import inspect
 import json
@@ -56,19 +57,30 @@ class _Told(Protocol):
 _Made = TypeVar("_Made", bound=_Told)
 
 
-def telling(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+def telling(
+    **told_as: Callable[[Any], Any],
+) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
     """Let the result of a function say what made it.
 
     Parameters
     ----------
-    function : callable
-        Its ``memory_limit``, if it has one, holds for reading files, too.
+    **told_as : callable
+        What a parameter of this name is told as, where that is not the value which was given.
 
     Returns
     -------
     callable
-        The same, but the record is handed to the result's ``with_provenance``, whose result is returned.
+        A decorator: the record is handed to the result's ``with_provenance``, whose result is returned. A function's
+        ``memory_limit``, if it has one, holds for reading files, too.
     """
+
+    def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+        return _telling(function, told_as)
+
+    return decorate
+
+
+def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any], Any]]) -> Callable[_Given, _Made]:
     signature = inspect.signature(function)
 
     @wraps(function)
@@ -81,6 +93,7 @@ def telling(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
         if any(made is value for value in given.values()):  # nothing was made of it
             return made
         told = {"of" if name == "self" else name: value for name, value in given.items() if name not in _UNTOLD}
+        told |= {name: tell(told[name]) for name, tell in told_as.items()}
         record = {
             "voxflat": __version__,
             "function": function.__name__,
@@ -107,10 +120,12 @@ def resolved(record: Record, used: dict[str, Any]) -> Record:
     -------
     dict
     """
-    parameters = dict(record["parameters"])
-    for name, value in parameters.items():
-        if value is None and used.get(name) is not False:
-            parameters[name] = described(used.get(name))
+    parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
+    method = parameters.get("method")
+    for told in (parameters, method) if isinstance(method, dict) else (parameters,):
+        for name, value in told.items():
+            if value is None and used.get(name) is not False:
+                told[name] = described(used.get(name))
     return {**record, "parameters": parameters}
 
 

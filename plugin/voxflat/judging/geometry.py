@@ -12,7 +12,7 @@ from voxflat.arguments import log
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import Matched, vertices_of
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["Geometry", "geometry_of"]
 
@@ -25,7 +25,7 @@ class Geometry:
 
     Parameters
     ----------
-    surface : Surface
+    surface : Manifold
         The given surface, its vertices moved to where the maps have them.
     known : ndarray of bool, shape (V,), or None
         Vertices of the whole surface that the maps have; None if it is the given geometry.
@@ -33,7 +33,7 @@ class Geometry:
         The name of the map that says so.
     """
 
-    surface: Surface
+    surface: Manifold
     known: NDArray[np.bool_] | None = None
     said_by: str = ""
 
@@ -63,12 +63,12 @@ class Geometry:
             )
 
 
-def geometry_of(whole: Surface, maps: Mapping[str, object]) -> Geometry:
+def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     """Return the surface on which maps are judged: the given one, unless maps of voxflat were made on another geometry.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The given surface.
     maps : dict of str to map
         Of which those that are a `FlatMap` of a mesh know where their points lie.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import (
@@ -27,7 +27,7 @@ from voxflat.errors import InputError
 from voxflat.io.provenance import Record, telling
 from voxflat.judging.geometry import Geometry, geometry_of
 from voxflat.maps.matching import Matched, loaded, match
-from voxflat.surfaces.making import surface as _surface
+from voxflat.pipeline.surface import surface as _surface
 
 __all__ = ["Comparison", "JudgedMap", "compare", "measure"]
 
@@ -115,12 +115,9 @@ def measure(
     sources: int = 300,
     reference: str | None = None,
     on_surface: bool = False,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
     seed: int = 0,
     threads: int | None = None,
+    memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Distortion:
     """Measure a flat map of a surface, whoever made it.
@@ -129,8 +126,8 @@ def measure(
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, seed, threads, progress
-        The surface, as in `flatten`.
+    surface : Surface, or anything that `voxflat.surface` takes
+        The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map: a FreeSurfer patch (``lh.cortex.patch.flat``), GIFTI or another mesh file of the surface's vertices in
         the same order, a map of voxflat (.npz), the texture coordinates of an .obj, .ply or .vtp, or places in the
@@ -145,6 +142,14 @@ def measure(
     on_surface : bool
         Judge on the given surface as it is. By default a map of voxflat is judged on the geometry that it was made on,
         which it knows: one made midway to the pial surface is not measured on the white one. That is logged.
+    seed : int
+        Of the choice of sources.
+    threads : int, optional
+        How many threads work; by default one for each core.
+    memory_limit : int, optional
+        Bytes that may be used; by default what is free.
+    progress : callable, optional
+        As in `voxflat.flatten`.
 
     Returns
     -------
@@ -157,12 +162,12 @@ def measure(
     Cancelled
         If `progress` returned False.
     """
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
     how: dict[str, Any] = {"sources": sources, "reference": reference, "on_surface": on_surface, "seed": seed}
-    return compare(surface, {"": flat}, **place, **how, threads=threads, progress=progress)[""]
+    limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    return compare(surface, {"": flat}, **how, **limits)[""]
 
 
-@telling
+@telling()
 def compare(
     surface: object,
     maps: Mapping[str, object],
@@ -170,12 +175,9 @@ def compare(
     sources: int = 300,
     reference: str | None = None,
     on_surface: bool = False,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
     seed: int = 0,
     threads: int | None = None,
+    memory_limit: int | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Measure several flat maps of a surface from the same sources.
@@ -187,7 +189,7 @@ def compare(
     ----------
     maps : dict of str to map
         The maps, each as in `measure`, by their names.
-    surface, sources, reference, on_surface, label, threshold, spacing, affine, seed, threads, progress
+    surface, sources, reference, on_surface, seed, threads, memory_limit, progress
         As in `measure`. All maps are judged on one geometry.
 
     Returns
@@ -209,7 +211,7 @@ def compare(
     checked_kind(maps, "collection of maps", "items", "maps by their names")
     if not maps:
         raise InputError("there is no map to measure; give at least one")
-    whole = _surface(surface, label=label, threshold=threshold, spacing=spacing, affine=affine, progress=progress)
+    whole = _surface(surface, threads=threads, memory_limit=memory_limit, progress=progress)
     reference = reference or ("graph" if whole.is_voxels else "exact")
     maps = {name: loaded(flat) for name, flat in maps.items()}
     geometry = Geometry(whole) if checked_switch(on_surface, "on_surface") else geometry_of(whole, maps)
@@ -222,7 +224,7 @@ def compare(
     for group, chosen in zip(groups, _sources(groups, int(min(sources, _MOST_SOURCES)), seed), strict=True):
         first = group[0][0]
         places = [one.uv[order] for one, order in group]
-        found = first.core.judge(places, chosen, reference, _kept(), seed, threads, progress)
+        found = first.core.judge(places, chosen, reference, _kept(memory_limit), seed, threads, progress)
         for (one, order), measured in zip(group, found, strict=True):
             per_point = np.empty_like(measured["per_point"])
             per_point[order] = measured["per_point"]
@@ -264,9 +266,9 @@ def _sources(groups: list[list[tuple[Matched, NDArray[np.int64]]]], count: int, 
     return [first[np.searchsorted(vertices, chosen)].astype(np.uint32) for vertices, first in known]
 
 
-def _kept() -> int:
+def _kept(limit: int | None) -> int:
     """Return how many bytes of rows may be kept; others are computed twice."""
-    return int(max(_core.KEPT_BYTES, free_memory() // _KEPT_SHARE))
+    return int(max(_core.KEPT_BYTES, (free_memory() if limit is None else limit) // _KEPT_SHARE))
 
 
 def _topology(name: str, one: Matched) -> dict[str, int]:

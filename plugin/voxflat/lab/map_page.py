@@ -90,7 +90,7 @@ def map_page(flat_map: FlatMap, title: str = "Flat map") -> MapPage:
     --------
     >>> import numpy as np
     >>> import voxflat
-    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int), sources=20)
+    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int))
     >>> page = voxflat.map_page(flat_map, "A sheet")
     >>> page.save("sheet.html")  # doctest: +SKIP
     """

@@ -28,10 +28,8 @@ from voxflat.lab.results import MEASURES, Results, read_record
 from voxflat.maps.depth import ON_SURFACE, Depths
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.sampling import sample_mean
-from voxflat.methods.flatten import flatten
+from voxflat.pipeline.surface import Surface, surface
 from voxflat.surfaces.lips import one_point_a_vertex
-from voxflat.surfaces.making import surface
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["make"]
 
@@ -82,11 +80,11 @@ def make(
         wanted = request(hemisphere, parameters)
         common: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
         whole = _surface(hemisphere, parameters, common)
-        patch = _patch(hemisphere, parameters, whole)
+        part = _part(hemisphere, parameters, whole)
     with clock("flattening and judging"):
         cuts = str(hemisphere.files.get("cuts", parameters.cuts))
         sphere = hemisphere.files.get("sphere")
-        flat_map = flatten(whole, cuts=cuts, sphere=sphere, seed=parameters.seed, **patch, **common)
+        flat_map = part.flatten(cuts=cuts, sphere=sphere, seed=parameters.seed, **common)
     with clock("overlays"), _noting() as doubts:
         values = {**_measures(flat_map), **_overlays(flat_map, hemisphere)}
     with clock("writing"), _noting() as notes:
@@ -148,14 +146,14 @@ def _surface(hemisphere: Hemisphere, parameters: Parameters, common: dict[str, A
     return surface(files[parameters.geometry], **common)
 
 
-def _patch(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> dict[str, Any]:
-    """Return what is to be flattened: the cortex, where a file says which it is."""
+def _part(hemisphere: Hemisphere, parameters: Parameters, whole: Surface) -> Surface:
+    """Return the part that is flattened: the cortex, where a file says which it is."""
     if "cortex" in hemisphere.files:
-        return {"keep": hemisphere.files["cortex"]}
+        return whole.keep(hemisphere.files["cortex"])
     if "areas" in hemisphere.files:
-        return {"drop": _beside_cortex(hemisphere.files["areas"], whole.count)}
-    is_known = whole.thickness is not None
-    return {"drop": "medial wall"} if is_known and parameters.cuts == "automatic" else {}  # templates have their own
+        return whole.drop(_beside_cortex(hemisphere.files["areas"], whole.count))
+    is_known = whole.thickness is not None and parameters.cuts == "automatic"  # templates have their own outline
+    return whole.drop("medial wall") if is_known else whole
 
 
 def _beside_cortex(annotation: Path, count: int) -> NDArray[np.bool_]:

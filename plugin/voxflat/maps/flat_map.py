@@ -45,7 +45,7 @@ from voxflat.maps.regions import Regions, regions_of
 from voxflat.maps.sampler import Sampler, check_origin, usual_spacing
 from voxflat.maps.texture import TexturedSurface
 from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
-from voxflat.surfaces.surface import patch_of
+from voxflat.surfaces.manifold import patch_of
 
 __all__ = ["FlatMap", "load"]
 
@@ -159,7 +159,7 @@ class FlatMap(Planar):
         """Side of a pixel unless another is given, mm: half of `spacing`."""
         return self.spacing / 2
 
-    @telling
+    @telling()
     def heat_map(self, pixel_size: float | None = None) -> FlatImage:
         """Return the distortion of each point as an image on the same pixels as `image`.
 
@@ -194,7 +194,7 @@ class FlatMap(Planar):
         found = values_at(values, place(self.uv, values.shape))
         return (np.round(found) if values.dtype.kind in "bui" else found).astype(values.dtype)
 
-    @telling
+    @telling()
     def textured(self, picture: object, texel_size: float | None = None, *, repeat: bool = False) -> TexturedSurface:
         """Map a picture onto the surface (Zigelman et al. 2002, section V).
 
@@ -261,7 +261,7 @@ class FlatMap(Planar):
         volume[tuple(self.ids.T)] = values
         return volume
 
-    @telling
+    @telling()
     def regions(self, rois: object, *, layer: str = "rois", pixel_size: float | None = None) -> Regions:
         """Take regions of interest that were drawn on the map, to carry them to vertices and voxels.
 

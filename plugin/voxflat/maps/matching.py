@@ -19,8 +19,8 @@ from voxflat.io.obj import read_obj_texture
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.maps.flat_map import FlatMap, load
 from voxflat.rows import distinct
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.of_mesh import as_mesh
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["Matched", "loaded", "match", "vertices_of"]
 
@@ -90,12 +90,12 @@ def loaded(flat: object) -> object:
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
 
 
-def match(whole: Surface, flat: object) -> Matched:
+def match(whole: Manifold, flat: object) -> Matched:
     """Match a map to its surface.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface.
     flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
         The map, as in `voxflat.measure`.
@@ -133,21 +133,21 @@ def match(whole: Surface, flat: object) -> Matched:
     return _of_places(whole, mesh.texture_coordinates, mesh)
 
 
-def _check_count(whole: Surface, count: int) -> None:
+def _check_count(whole: Manifold, count: int) -> None:
     if count != whole.count:
         raise InputError(
             f"the map has {count} points, the surface {whole.count} vertices; they must correspond one by one"
         )
 
 
-def _of_places(whole: Surface, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
+def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
     _check_count(whole, len(places))
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
     faces = whole.vertices[whole.faces] if mesh is None else whole.merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
 
 
-def _of_patch(whole: Surface, path: Any) -> Matched:
+def _of_patch(whole: Manifold, path: Any) -> Matched:
     patch = read_patch(path)
     faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
     places = np.full((whole.count, 3), np.nan)
@@ -155,7 +155,7 @@ def _of_patch(whole: Surface, path: Any) -> Matched:
     return _matched(whole, faces, places)
 
 
-def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
+def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
     """Take an OBJ file's texture coordinates as a map, which is cut where a vertex has several."""
     _check_count(whole, len(mesh.points))
     with naming(path, REMEDY):
@@ -171,11 +171,11 @@ def _of_texture(whole: Surface, mesh: Mesh, path: Path) -> Matched:
     return Matched(core, vertices[core.ids], np.ascontiguousarray(rows[core.ids, 1:]))
 
 
-def _of_map(whole: Surface, flat: FlatMap) -> Matched:
+def _of_map(whole: Manifold, flat: FlatMap) -> Matched:
     return _cut_as_it_is(whole, vertices_of(whole, flat), flat.faces.astype(np.int64), flat.uv)
 
 
-def _of_rows(whole: Surface, places: Any, faces: Any, vertices: Any) -> Matched:
+def _of_rows(whole: Manifold, places: Any, faces: Any, vertices: Any) -> Matched:
     """Take places whose vertices are told, so that a cut may have doubled some."""
     places, faces, vertices = (array_of(part, "places, faces and vertices") for part in (places, faces, vertices))
     if places.ndim != 2 or places.shape[1] not in (2, 3) or places.dtype.kind not in "iuf":
@@ -199,19 +199,19 @@ def _of_rows(whole: Surface, places: Any, faces: Any, vertices: Any) -> Matched:
 
 
 def _cut_as_it_is(
-    whole: Surface, vertices: NDArray[np.int64], faces: NDArray[np.int64], uv: NDArray[np.float64]
+    whole: Manifold, vertices: NDArray[np.int64], faces: NDArray[np.int64], uv: NDArray[np.float64]
 ) -> Matched:
     """Return the map's own triangles, cut as they are, on the surface."""
     core, _ = _core.Surface.from_triangles(whole.points[vertices], faces)
     return Matched(core, whole.vertices[vertices][core.ids], uv[core.ids])
 
 
-def vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
+def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
     """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface.
     flat : FlatMap
         A map of it.
@@ -237,7 +237,7 @@ def vertices_of(whole: Surface, flat: FlatMap) -> NDArray[np.int64]:
     return found
 
 
-def _matched(whole: Surface, faces: NDArray[np.int64], places: NDArray[np.float64]) -> Matched:
+def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float64]) -> Matched:
     _check_triangles(whole, faces)
     is_mapped = whole.has_triangles(faces)
     if is_mapped is not None:
@@ -251,7 +251,7 @@ def _matched(whole: Surface, faces: NDArray[np.int64], places: NDArray[np.float6
     return Matched(core, core.ids.astype(np.int64), np.ascontiguousarray(used[:, :2]))
 
 
-def _check_triangles(whole: Surface, faces: NDArray[np.int64]) -> None:
+def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
     """Refuse triangles of vertices that the surface does not have, and tell of those that it joins otherwise."""
     if len(faces) == 0:
         raise InputError(
@@ -268,7 +268,7 @@ def _check_triangles(whole: Surface, faces: NDArray[np.int64]) -> None:
         log.warning("the map has triangles that the surface does not have; the map's own are judged")
 
 
-def _places_of(whole: Surface) -> NDArray[np.float64]:
+def _places_of(whole: Manifold) -> NDArray[np.float64]:
     """Return the places of all vertices of the whole surface; 0 for those that no triangle has."""
     points = np.zeros((whole.count, 3))
     points[whole.vertices] = whole.points

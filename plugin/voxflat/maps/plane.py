@@ -196,7 +196,7 @@ class Planar(ABC):
     def provenance(self) -> Record:
         """What made it."""
 
-    @telling
+    @telling()
     def image(
         self,
         volume: object,
@@ -262,7 +262,7 @@ class Planar(ABC):
         how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
         return self._triangles.on_surface.image(self.raster(pixel_size), volume, channel=channel, **how)
 
-    @telling
+    @telling()
     def images(
         self,
         volume: object,

@@ -31,8 +31,8 @@ from voxflat.maps.lines import rim
 from voxflat.maps.parcels import Parcels, parcels_of
 from voxflat.rows import distinct
 from voxflat.surfaces.cuts import close_holes
-from voxflat.surfaces.region import sketch_error
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.cutting import sketch_error
+from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "worst_places"]
 
@@ -360,7 +360,7 @@ _NO_PLACE = WorstPlace(
 )
 
 
-@telling
+@telling()
 def worst_places(
     flat_map: FlatMap,
     count: int = 5,
@@ -537,7 +537,7 @@ class _Ways:
         self.flat_map, self.threads, self.progress = flat_map, threads, progress
         core, _ = _core.Surface.from_triangles(flat_map.points, flat_map.faces.astype(np.int64))
         voxels = flat_map.ids if flat_map.is_voxels else None
-        part = Surface(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
+        part = Manifold(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
         self.part, faces, _ = close_holes(part, progress)
         self.rows = self.part.vertices  # of the map
         count = len(self.rows)

@@ -1,1 +1,72 @@
-"""The methods: `flatten` makes a map by any of them."""
+"""The methods that flatten a surface, each with its own options.
+
+An object of one is given wherever a method's name is: ``surface.flatten(Zigelman2002(sources=400))``.
+"""
+
+from __future__ import annotations
+
+from voxflat.arguments import shown
+from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods.grossmann2002 import Grossmann2002
+from voxflat.methods.method import How, Method
+from voxflat.methods.saucan2006 import Saucan2006
+from voxflat.methods.schwartz1989 import Schwartz1989
+from voxflat.methods.voxflat import Voxflat
+from voxflat.methods.zigelman2002 import Zigelman2002
+from voxflat.surfaces.cutting import Cutout, Where
+from voxflat.surfaces.manifold import Manifold
+
+__all__ = [
+    "METHODS",
+    "Grossmann2002",
+    "Method",
+    "Saucan2006",
+    "Schwartz1989",
+    "Voxflat",
+    "Zigelman2002",
+    "flattened",
+    "method_of",
+]
+
+METHODS: dict[str, type[Method]] = {
+    method.name: method for method in (Voxflat, Grossmann2002, Zigelman2002, Schwartz1989, Saucan2006)
+}
+"""The methods by their names, the default first."""
+
+
+def method_of(method: str | Method) -> Method:
+    """Return a method with its options; of one that is named, the defaults.
+
+    Parameters
+    ----------
+    method : str or Method
+        A name in `METHODS`, or an object of a method.
+
+    Returns
+    -------
+    Method
+
+    Raises
+    ------
+    InputError
+        If there is no method of that name.
+
+    Examples
+    --------
+    >>> method_of("zigelman2002").sources
+    625
+    """
+    if isinstance(method, Method):
+        return method
+    if not isinstance(method, str) or method not in METHODS:
+        names = ", ".join(map(repr, METHODS))
+        raise InputError(f"method is {shown(method)}; give {names}, or an object of voxflat.methods")
+    return METHODS[method]()
+
+
+def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
+    """Flatten a surface, or one that is cut already, by a method; see `voxflat.Surface.flatten`."""
+    chosen = method_of(method)
+    chosen.check(how)
+    return chosen.flatten(surface, where, how)

@@ -1,26 +1,26 @@
-"""What the methods share: how to flatten, and the map with what the user should know of it."""
+"""From a method's result to a `FlatMap`: judged, turned, with remarks on everything the user should know."""
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat import _core
-from voxflat.arguments import Progress, amount, check_memory, is_whole, log, workers
+from voxflat.arguments import log
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
 from voxflat.maps.flat_map import FlatMap
-from voxflat.surfaces.region import Cutout
+from voxflat.methods.method import How
+from voxflat.surfaces.cutting import Cutout
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.frame import STANDARD_FRAME, in_standard_frame
-from voxflat.surfaces.surface import Surface
 
-__all__ = ["MUCH", "How", "error_of_distances", "map_over_triangles", "told"]
+__all__ = ["MUCH", "error_of_distances", "map_over_triangles", "told"]
 
 MUCH = 0.01
 """By which part of themselves distances may be off. Links usually are by 0.1 %."""
@@ -29,44 +29,12 @@ _NO_GOOD_MAP = 0.25  # 0.05 to 0.15 is usual on a cortex
 _FEW = 40  # exact reference sources, where links do not serve: a minute at 80,000 vertices
 
 
-@dataclass(frozen=True)
-class How:
-    """How to flatten, whatever the method."""
-
-    sources: int | ArrayLike | None
-    sampling: str
-    mirror: bool
-    seed: int
-    keep_rows: bool
-    store: str | os.PathLike[str] | None
-    threads: int | None
-    memory_limit: int | None
-    progress: Progress | None
-
-    @property
-    def workers(self) -> int:
-        """How many threads work."""
-        return workers(self.threads)
-
-    def rows_memory_need(self, sources: int, points: int) -> int:
-        """Return what rows need that are made or kept beside the method's own memory."""
-        if self.store is not None:
-            return _core.store_memory_need(points, sources, self.workers)
-        return 4 * sources * points if self.keep_rows else 0
-
-    def check_memory(self, need: int, remedy: str = "take a smaller patch or fewer sources") -> int:
-        """Return the memory needed in all, if it is there."""
-        check_memory(need, self.memory_limit, remedy)
-        log.info("up to %s of memory are needed", amount(need))
-        return need
-
-
-def error_of_distances(part: Surface, geodesic: str, how: How) -> float:
+def error_of_distances(part: Manifold, geodesic: str, how: How) -> float:
     """Return how far a solver's distances are from exact ones, relative to themselves."""
     return part.core.error_of_distances(how.seed, geodesic, how.threads, how.progress)
 
 
-def _judged(part: Surface, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
+def _judged(part: Manifold, result: dict[str, Any], geodesic: str, links_error: float, how: How) -> Distortion:
     """Return what the map does to distances: those along links, or exact ones where links are too long."""
     reference, distances = "graph", result["distortion"]
     if geodesic == "exact" or links_error > MUCH:
@@ -88,6 +56,8 @@ def map_over_triangles(
     rows: NDArray[np.float32] | Table | None,
     more: dict[str, Any],
     doubts: Sequence[str] = (),
+    *,
+    sampling: str | None = None,
     links_error: float | None = None,
 ) -> FlatMap:
     """Return the map of a surface of triangles, with what the user should know of it."""
@@ -136,7 +106,13 @@ def map_over_triangles(
         sources=chosen.astype(np.int64),
         eigenvalues=result["eigenvalues"],
         distortion=distortion,
-        metadata={"method": method, **cut.metadata, **framed, **told(how, chosen, result, need, warnings), **more},
+        metadata={
+            "method": method,
+            **cut.metadata,
+            **framed,
+            **told(how, chosen, result, need, warnings, sampling),
+            **more,
+        },
         rows=rows,
         bridges=part.bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
@@ -156,13 +132,14 @@ def _framed(uv: NDArray[np.float64], cut: Cutout, how: How) -> tuple[NDArray[np.
     return uv * [-1.0, 1.0] if how.mirror else uv, found
 
 
-def told(how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str]) -> dict[str, Any]:
+def told(
+    how: How, chosen: NDArray[Any], result: dict[str, Any], need: int, warnings: list[str], sampling: str | None
+) -> dict[str, Any]:
     """Log what the user should know of a map, and return what its metadata say of how it was made."""
     for warning in warnings:
         log.warning(warning)
     of_sources: dict[str, Any] = {}
-    if how.sampling:  # the method has sources
-        sampling = how.sampling if how.sources is None or is_whole(how.sources) else "given"
+    if sampling is not None:  # the method has sources
         of_sources = {"sources": len(chosen), "sampling": sampling, "planarity": result["planarity"]}
     return {
         "seed": how.seed,

@@ -11,18 +11,18 @@ from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.maps.matching import Matched
 from voxflat.rows import numbered
-from voxflat.surfaces.region import Cutout, cut_out_as, opened_to_disk
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
+from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["cut_as", "places_of"]
 
 
-def cut_as(whole: Surface, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
+def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
     """Cut out what a map covers, along its own cuts.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface that the map is of.
     start : Matched
         The map.

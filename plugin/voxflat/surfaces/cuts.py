@@ -16,7 +16,7 @@ from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
 from voxflat.rows import distinct
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.manifold import Manifold
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
 _SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges
@@ -28,12 +28,12 @@ _BEARABLE = 0.15  # and up to which a disk is left as it was given
 # ----------------------------------------------------------------------------------------- cuts that are given
 
 
-def read_cuts(whole: Surface, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
+def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
     """Take what is given as cuts as paths, each of neighbours, and what a file of cuts leaves out.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface that is to be cut.
     cuts : list of paths, one path, path of a file, or None
         As in `voxflat.flatten`.
@@ -92,7 +92,7 @@ def _vertices(path: Path, values: object, indices: int | None) -> NDArray[np.int
     return array.astype(np.int64)
 
 
-def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+def _filled(whole: Manifold, path: NDArray[np.int64], number: int) -> NDArray[np.int64]:
     """Fill in what lies between vertices that are no neighbours, the shortest way along edges."""
     vertices = _vertices_along(whole, path, f"cut {number}").tolist()
     passed = vertices[:1]
@@ -108,7 +108,7 @@ def _filled(whole: Surface, path: NDArray[np.int64], number: int) -> NDArray[np.
     return np.asarray(whole.ids[passed])
 
 
-def _vertices_along(part: Surface, path: Any, name: str) -> NDArray[np.uint32]:
+def _vertices_along(part: Manifold, path: Any, name: str) -> NDArray[np.uint32]:
     """Find the vertices of a path; where a voxel has several, those that are neighbours one after another."""
     found = part.find(path, name)
     if not part.is_voxels or len(found) < 2 or _are_linked(part, found):
@@ -128,13 +128,13 @@ def _vertices_along(part: Surface, path: Any, name: str) -> NDArray[np.uint32]:
     return np.array(chain[::-1], dtype=np.uint32)
 
 
-def _are_linked(part: Surface, vertices: NDArray[Any]) -> bool:
+def _are_linked(part: Manifold, vertices: NDArray[Any]) -> bool:
     """Tell whether vertices are neighbours, one after another."""
     links = _links(part, vertices)
     return all(pair in links for pair in pairwise(vertices.tolist()))
 
 
-def _links(part: Surface, vertices: NDArray[Any]) -> set[tuple[int, int]]:
+def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
     """Return the edges, either way, between any of the given vertices."""
     is_given = np.zeros(len(part), dtype=np.bool_)
     is_given[vertices] = True
@@ -143,19 +143,19 @@ def _links(part: Surface, vertices: NDArray[Any]) -> set[tuple[int, int]]:
     return {(a, b) for a, b in np.concatenate([ends, ends[:, ::-1]]).tolist()}
 
 
-def cut_along(part: Surface, paths: list[Any] | None) -> tuple[Surface, list[Any], float]:
+def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
     """Cut along paths.
 
     Parameters
     ----------
-    part : Surface
+    part : Manifold
         What is cut.
     paths : list of array_like, or None
         Neighbouring vertices, by what they are in the input.
 
     Returns
     -------
-    part : Surface
+    part : Manifold
     paths : list
         As lists of numbers.
     length : float
@@ -192,19 +192,19 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
         raise InputError(f"relax is {shown(relax)}; give True, False, or the length of the cuts in mm")
 
 
-def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDArray[np.uint32], list[str]]:
+def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
     """Close small holes, so that distances lead across them; the map's faces stay those of the input.
 
     Parameters
     ----------
-    part : Surface
+    part : Manifold
         What is measured.
     progress : callable, optional
         As in `voxflat.flatten`.
 
     Returns
     -------
-    part : Surface
+    part : Manifold
     faces : ndarray of uint32
         Those of the input, which come first.
     remarks : list of str
@@ -225,7 +225,7 @@ def close_holes(part: Surface, progress: Progress | None) -> tuple[Surface, NDAr
 
 
 def opened(
-    part: Surface,
+    part: Manifold,
     relax: float | bool | None,
     given: float,
     threads: int | None,
@@ -235,12 +235,12 @@ def opened(
     is_cut: bool = False,
     is_given: bool = False,
     adapt: float | None = None,
-) -> tuple[Surface, list[dict[str, Any]], list[str]]:
+) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
     """Cut open what is no disk, and further where that relieves the map.
 
     Parameters
     ----------
-    part : Surface
+    part : Manifold
         In one piece.
     relax, threads, progress
         As in `voxflat.flatten`.
@@ -257,7 +257,7 @@ def opened(
 
     Returns
     -------
-    part : Surface
+    part : Manifold
     cuts : list of dict
         ``ids``, ``length`` (mm), ``reason``.
     remarks : list of str
@@ -297,6 +297,6 @@ def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:
     return f"{len(cuts)} {name}" + ("" if len(cuts) == 1 else "s"), sum(cut["length"] for cut in cuts)
 
 
-def _name(part: Surface, cuts: list[dict[str, Any]]) -> None:
+def _name(part: Manifold, cuts: list[dict[str, Any]]) -> None:
     for cut in cuts:
         cut["ids"] = part.ids[cut.pop("vertices")].tolist()

@@ -39,6 +39,27 @@ class Foreground:
     metadata: dict[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class PackedMask:
+    """The foreground of a volume, a bit a voxel: what a surface keeps of it.
+
+    Parameters
+    ----------
+    bits : ndarray of uint8
+        As `numpy.packbits` makes them.
+    metadata : dict
+        As in `Foreground`.
+    """
+
+    bits: NDArray[np.uint8]
+    metadata: dict[str, Any]
+
+    def mask(self) -> NDArray[np.bool_]:
+        """Return which voxels are foreground, shape (I, J, K)."""
+        shape = self.metadata["shape"]
+        return np.asarray(np.unpackbits(self.bits, count=int(np.prod(shape))).reshape(shape).view(np.bool_))
+
+
 def foreground_of(
     source: object,
     *,

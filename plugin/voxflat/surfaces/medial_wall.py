@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 
 if TYPE_CHECKING:
-    from voxflat.surfaces.surface import Surface
+    from voxflat.surfaces.manifold import Manifold
 
 _TOUCHING = 0.3  # mm between white and pial surface; cortex is 1 to 5 mm thick
 _SHARES = (0.01, 0.2)  # of a hemisphere's area that the wall may have; 7 % are usual
@@ -34,12 +34,12 @@ def is_medial_wall(region: object) -> bool:
     return name in ("medial wall", "medial-wall")
 
 
-def medial_wall_of(whole: Surface) -> NDArray[np.bool_]:
+def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     """Find the medial wall: the one large place where cortex has no thickness.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         Made of a white and a pial surface.
 
     Returns

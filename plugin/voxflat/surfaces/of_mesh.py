@@ -15,8 +15,8 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
 from voxflat.io.reading import check_room
 from voxflat.io.vtk import polydata_triangles
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.partners import check_pial, in_space_of
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["as_mesh", "of_mesh"]
 
@@ -58,7 +58,7 @@ def _of_polydata(mesh: Any) -> Mesh:
     return Mesh(np.asarray(mesh.points), faces, remarks=remarks)
 
 
-def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Surface:
+def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
     """Make a surface of a mesh.
 
     What has one right answer is mended: triangles without area are dropped or flipped away, for which vertices that
@@ -76,7 +76,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
 
     Returns
     -------
-    Surface
+    Manifold
 
     Raises
     ------
@@ -136,7 +136,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Sur
         mesh_faces = core.ids.astype(np.int64)[core.faces]
     if mesh.has_unknown_unit:
         metadata["unit"] = "unknown"
-    return Surface(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
+    return Manifold(core, None, metadata, tuple(remarks), white, places, mesh_faces, merged)
 
 
 def _remarks(told: dict[str, Any], faces: int, points: int) -> list[str]:

@@ -12,8 +12,8 @@ from voxflat.arguments import Progress, checked_switch
 from voxflat.errors import InputError
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import Volume, as_volume
-from voxflat.surfaces.foreground import Foreground
-from voxflat.surfaces.surface import Surface
+from voxflat.surfaces.foreground import Foreground, PackedMask
+from voxflat.surfaces.manifold import Manifold
 
 __all__ = ["of_volume"]
 
@@ -33,7 +33,7 @@ def of_volume(
     repair: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> Surface:
+) -> Manifold:
     """Make a surface of a volume's foreground.
 
     Parameters
@@ -45,7 +45,7 @@ def of_volume(
 
     Returns
     -------
-    Surface
+    Manifold
 
     Raises
     ------
@@ -55,6 +55,8 @@ def of_volume(
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask
     check_room(_A_SURFEL * _surfels(mask))
+    if sheet is not False:
+        _check_width(mask)
     metadata = dict(given.metadata)
     level, placed_by = _level(volume, mask, metadata["threshold"], probability)
     remarks: list[str] = []
@@ -75,7 +77,21 @@ def of_volume(
         )
     if not metadata["sheet"] and (touched := _touched_sides(mask)):
         remarks.append(f"the foreground touches the volume's border ({touched}); the surface is closed there")
-    return Surface(core, voxels.astype(np.int64), metadata, tuple(remarks))
+    packed = PackedMask(np.packbits(mask if repair == "voxels" else given.mask), given.metadata)
+    return Manifold(core, voxels.astype(np.int64), metadata, tuple(remarks), foreground=packed)
+
+
+def _check_width(mask: NDArray[np.bool_]) -> None:
+    """Refuse points and lines: sheets whose voxels span no triangle."""
+    count = np.count_nonzero(mask)
+    if count > max(mask.shape):
+        return
+    voxels = np.argwhere(mask)
+    if np.linalg.matrix_rank(voxels - voxels[0]) < 2:
+        raise InputError(
+            f"the foreground is a {'line' if count > 1 else 'point'} of {count} voxel(s), which has no surface; choose "
+            "a wider label, or a lower threshold"
+        )
 
 
 def _touched_sides(mask: NDArray[np.bool_]) -> str:

@@ -18,8 +18,8 @@ from voxflat.io.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.medial_wall import is_medial_wall
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["check_pial", "check_region", "in_space_of"]
 
@@ -97,12 +97,12 @@ def check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.f
     return []
 
 
-def check_region(whole: Surface, region: str | os.PathLike[str]) -> list[str]:
+def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
     """Check that a region's file is of this side of the brain, and that the points of a FreeSurfer label lie on it.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface.
     region : path
         As `keep` and `drop` of `voxflat.flatten`, read without an error.
@@ -123,7 +123,7 @@ def check_region(whole: Surface, region: str | os.PathLike[str]) -> list[str]:
     return _check_label(whole, Path(region)) if Path(region).name.lower().endswith(".label") else []
 
 
-def _check_label(whole: Surface, path: Path) -> list[str]:
+def _check_label(whole: Manifold, path: Path) -> list[str]:
     """Compare the points that a label lists to the vertices that it names.
 
     They are those of the surface that it was drawn on, often the white one; all of them 0 mean nothing.

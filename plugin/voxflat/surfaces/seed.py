@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from voxflat.arguments import array_of, optional_number
+from voxflat.arguments import array_of
 from voxflat.errors import InputError
 
-__all__ = ["check_disk", "found_seed", "seed_voxel"]
+__all__ = ["found_seed", "seed_voxel"]
 
 _FAR = 2.0  # voxels between a seed point and the surface that need no remark
-
-
-def check_disk(seed_point: object, radius: float | None) -> float | None:
-    """Return the radius of a disk, which needs a seed point, and the other way round."""
-    if (seed_point is None) != (radius is None):
-        given, missing = ("a seed point", "a radius in mm") if radius is None else ("a radius", "a seed point")
-        raise InputError(f"{given} is given without {missing}; give both or neither")
-    return optional_number(radius, "radius")
 
 
 def seed_voxel(seed_point: object) -> list[int]:

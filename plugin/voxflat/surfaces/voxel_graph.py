@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,8 +13,8 @@ from voxflat import _core
 from voxflat.arguments import Progress, voxel_indices
 from voxflat.errors import InputError
 from voxflat.io.grid import voxel_size
-from voxflat.surfaces.foreground import foreground_of, keep_mask
-from voxflat.surfaces.seed import check_disk, found_seed, seed_voxel
+from voxflat.surfaces.manifold import Manifold
+from voxflat.surfaces.seed import found_seed, seed_voxel
 
 __all__ = ["LINK_LENGTHS", "VoxelGraph", "voxel_graph"]
 
@@ -96,25 +95,17 @@ class VoxelGraph:
             ) from None
 
 
-def voxel_graph(
-    source: object,
-    *,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    keep: object | None = None,
-    seed_point: Sequence[int] | int | None = None,
-    radius: float | None = None,
-    link_lengths: str | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> VoxelGraph:
-    """Find the surface voxels of a volume, link them, and cut out what is worked on.
+def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
+    """Link the surface voxels of the volume that a surface was made of, and take the part that the surface is.
 
     Parameters
     ----------
-    source, label, threshold, spacing, affine, keep, seed_point, radius, link_lengths, memory_limit, progress
+    of : Manifold
+        A surface of a volume, or a part of one by regions and disks. The voxels are those that were given, repaired
+        only where that was asked for.
+    link_lengths : {"chain-code", "euclidean"}
+        As in `voxflat.methods.Grossmann2002`.
+    progress : callable, optional
         As in `voxflat.flatten`.
 
     Returns
@@ -124,30 +115,36 @@ def voxel_graph(
     Raises
     ------
     InputError
-        If the input is no volume, or the part is empty.
+        If the surface has no voxels, the part was chosen by a polygon, or it is empty.
     """
-    radius = check_disk(seed_point, radius)
-    given = foreground_of(
-        source, label=label, threshold=threshold, spacing=spacing, affine=affine, memory_limit=memory_limit
-    )
-    kept = None if keep is None else keep_mask(keep, given.volume)
-    seed = None if seed_point is None else seed_voxel(seed_point)
-    lengths = LINK_LENGTHS if link_lengths is None else link_lengths
-    whole = _core.VoxelSurface.from_mask(given.mask, given.volume.affine.tolist(), lengths, progress)
-    part = whole.cut_out(kept, seed, radius, progress)
-    found, remarks = None, []
-    if seed is not None:
-        vertex, distance = whole.nearest(seed)
-        found = [int(index) for index in whole.voxels[vertex]]
-        remarks = found_seed(seed, found, distance, float(given.volume.spacing.max()))
+    if of.foreground is None:
+        raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")
+    affine = np.asarray(of.foreground.metadata["affine"])
+    size = float(np.linalg.norm(affine[:3, :3], axis=0).max())
+    whole = _core.VoxelSurface.from_mask(of.foreground.mask(), affine.tolist(), link_lengths, progress)
+    part, kept, remarks = whole, None, []
+    seed, found, radius = None, None, None
+    for step in of.steps:
+        if step.verb == "disk":
+            seed, radius = seed_voxel(step.seed_point), step.radius
+            vertex, distance = whole.nearest(seed)
+            found = [int(index) for index in whole.voxels[vertex]]
+            remarks += found_seed(seed, found, distance, size)
+            part, kept = part.cut_out(kept, seed, radius, progress), None
+        elif step.mask is not None:
+            kept = step.mask if kept is None else kept & step.mask
+        else:
+            raise InputError(f"chain codes know no part that {step.verb} chose; choose it by keep, drop or disk")
+    if kept is not None or seed is None:
+        part = part.cut_out(kept, None, None, progress)
     components = whole.component_sizes()
     metadata = {
-        **given.metadata,
+        **of.foreground.metadata,
         "seed_point": seed,
         "seed_found": found,
         "radius": radius,
-        "keep": kept is not None,
-        "link_lengths": lengths,
+        "keep": any(step.mask is not None for step in of.steps),
+        "link_lengths": link_lengths,
         "surface_points": len(whole),
         "components": len(components),
         "largest_components": components[:10],

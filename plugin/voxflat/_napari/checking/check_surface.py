@@ -16,7 +16,8 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.workbench import Workbench
 from voxflat.arguments import Progress
 from voxflat.errors import VoxflatError
-from voxflat.surfaces.check import Check, check
+from voxflat.pipeline.check import check
+from voxflat.surfaces.findings import Check
 
 if TYPE_CHECKING:
     from napari import Viewer

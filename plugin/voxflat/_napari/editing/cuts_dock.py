@@ -36,7 +36,7 @@ from voxflat._napari.tabs import Tab
 from voxflat._napari.workbench import DrawnCuts, Workbench
 from voxflat._napari.worker import JobWorker
 from voxflat.errors import Cancelled, VoxflatError
-from voxflat.surfaces.cut import Cut, CutSurface
+from voxflat.pipeline.cut_surface import Cut, CutSurface
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -321,7 +321,7 @@ class DrawCuts(QWidget):
         path, _ = QFileDialog.getSaveFileName(self, title, name, "cuts (*.json)")
         return Path(path).with_suffix(".json") if path else None
 
-    def _as_cut_surface(self, drawing: Drawing) -> CutSurface:
+    def _as_cut_surface(self, drawing: Drawing) -> CutSurface[Any]:
         cuts = [Cut(path, None, "given") for path in drawing.paths()]
         whole = drawing.surface
         return CutSurface(whole, tuple(cuts), drawing.left_out, provenance=whole.provenance)

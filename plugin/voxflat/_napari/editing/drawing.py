@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.surfaces.cut import whereabouts
-from voxflat.surfaces.surface import Surface
+from voxflat.pipeline.cut_surface import whereabouts
+from voxflat.pipeline.surface import Surface
 
 Stops: TypeAlias = tuple[int, ...]
 """The vertices that someone clicked on; between them a cut takes the shortest way along edges."""

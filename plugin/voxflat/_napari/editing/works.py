@@ -14,13 +14,10 @@ from voxflat._napari.layers.meshes import LayerMesh
 from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.surface import Surface, surface
 from voxflat.rows import in_rows
-from voxflat.surfaces.cut import cut
-from voxflat.surfaces.making import surface
-from voxflat.surfaces.region import cut_out, sketch_error
-from voxflat.surfaces.standard.registration import register
+from voxflat.surfaces.cutting import Where, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import sphere_beside
-from voxflat.surfaces.surface import Surface
 
 Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
 """Cuts, by what their vertices are in the input, their names, and what is left out."""
@@ -71,7 +68,7 @@ class FindCuts:
 
     def run(self, progress: Progress) -> Found:
         """Find them."""
-        found = cut(self.surface, cuts=self.by, progress=progress)
+        found = self.surface.cut(self.by, progress=progress)
         names = [one.name or f"cut {number}" for number, one in enumerate(found.cuts, 1)]
         return [one.ids for one in found.cuts], names, found.left_out
 
@@ -112,11 +109,11 @@ class SaveTemplate:
     surface : Surface
         What is cut.
     paths : sequence of ndarray of int64
-        As `cuts` of `voxflat.flatten`.
+        As `cuts` of `Surface.cut`.
     names : sequence of str
         One a path.
     left_out : ndarray of int64
-        As `drop`; empty for nothing.
+        As for `Surface.drop`; empty for nothing.
     file : Path
         Where it is written to.
     """
@@ -135,9 +132,9 @@ class SaveTemplate:
         Path
             The file.
         """
-        sphere = sphere_beside(self.surface) or register(self.surface, progress=progress)
-        drop = self.left_out if len(self.left_out) else None
-        found = cut(self.surface, cuts=list(self.paths), drop=drop, sphere=sphere, relax=False, progress=progress)
+        sphere = sphere_beside(self.surface) or self.surface.register(progress=progress)
+        part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
+        found = part.cut(list(self.paths), sphere=sphere, relax=False, progress=progress)
         named = [replace(one, name=name) for one, name in zip(found.cuts, self.names, strict=False)]
         replace(found, cuts=(*named, *found.cuts[len(named) :])).save_template(self.file, overwrite=True)
         return self.file
@@ -152,9 +149,9 @@ class WeighCuts:
     surface : Surface
         What is cut.
     paths : sequence of ndarray of int64
-        As `cuts` of `voxflat.flatten`.
+        As `cuts` of `Surface.cut`.
     left_out : ndarray of int64
-        As `drop`; empty for nothing.
+        As for `Surface.drop`; empty for nothing.
     """
 
     surface: Surface
@@ -176,6 +173,6 @@ class WeighCuts:
         return with_all, [self._error(paths, progress) - with_all for paths in others]
 
     def _error(self, paths: Sequence[NDArray[np.int64]], progress: Progress) -> float:
-        cuts, drop = list(paths) or "automatic", self.left_out if len(self.left_out) else None
-        opened = cut_out(self.surface, cuts=cuts, drop=drop, relax=False, progress=progress)
+        part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
+        opened = cut_open(part, Where(list(paths) or "automatic", relax=False), progress=progress)
         return sketch_error(opened.part, None, progress)

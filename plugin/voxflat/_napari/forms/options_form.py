@@ -10,7 +10,8 @@ from qtpy.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QS
 
 from voxflat._napari.forms.fields import choice, offer, show_row, spin
 from voxflat._napari.workbench import DrawnCuts
-from voxflat.methods.options import OPTIONS, default
+from voxflat.methods import METHODS
+from voxflat.methods.method import OverTriangles
 
 _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
     "cuts": (
@@ -58,6 +59,19 @@ _CHOICES: dict[str, tuple[str, dict[Any, str], str]] = {
 _DRAWN = "drawn"
 
 
+def takes(method: str, option: str) -> bool:
+    """Say whether a method takes an option; those over triangles take cuts, and a mirror."""
+    kind = METHODS[method]
+    return option in kind.__dataclass_fields__ or (
+        issubclass(kind, OverTriangles) and option in ("cuts", "relax", "mirror", "drop")
+    )
+
+
+def usual(option: str, method: str) -> Any:
+    """Return what an option is where nobody changes it."""
+    return getattr(METHODS[method](), option, None)
+
+
 class OptionsForm(QWidget):
     """Asks for a method's options; `options` are those that were changed.
 
@@ -93,7 +107,7 @@ class OptionsForm(QWidget):
             QDoubleSpinBox(), 0, 1, "From 0, near distances and the shape of triangles, to 1, far distances"
         )
         self.weighting.setSingleStep(0.1)
-        self.weighting.setValue(default("weighting", "voxflat"))
+        self.weighting.setValue(usual("weighting", "voxflat"))
         self._add("weighting", "Local to global", self.weighting)
         for name in ("scale", "link_lengths"):
             self._add_choice(name)
@@ -101,11 +115,11 @@ class OptionsForm(QWidget):
         self.neighbourhood.setSpecialValueText("as usual")
         self._add("neighbourhood", "Neighbourhood", self.neighbourhood)
         self.starts = spin(QSpinBox(), 1, 100, "Random starts, of which the best map is kept")
-        self.starts.setValue(default("starts", "schwartz1989"))
+        self.starts.setValue(usual("starts", "schwartz1989"))
         self._add("starts", "Starts", self.starts)
         self.bound = spin(QDoubleSpinBox(), 1.01, 10, "The greatest factor by which lengths may change")
         self.bound.setSingleStep(0.1)
-        self.bound.setValue(default("bound", "saucan2006"))
+        self.bound.setValue(usual("bound", "saucan2006"))
         self._add("bound", "Bound C", self.bound)
         self.seed = spin(QSpinBox(), 0, 2**31 - 1, "Seed of every random choice: the same seed gives the same map")
         self.rows.addRow("Random seed", self.seed)
@@ -143,7 +157,7 @@ class OptionsForm(QWidget):
             Its name.
         """
         for name, field in self.fields.items():
-            show_row(self.rows, field, method in OPTIONS[name])
+            show_row(self.rows, field, takes(method, name))
 
     def options(self, method: str) -> dict[str, Any]:
         """Return what differs from what is usual.
@@ -156,7 +170,7 @@ class OptionsForm(QWidget):
         Returns
         -------
         dict
-            Keywords of `voxflat.flatten`.
+            Options of the method, and keywords of `Surface.flatten`.
         """
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)
@@ -169,12 +183,12 @@ class OptionsForm(QWidget):
             "starts": self.starts.value(),
             "bound": self.bound.value(),
         }
-        of_method = {name: value for name, value in values.items() if method in OPTIONS[name] and value is not None}
+        of_method = {name: value for name, value in values.items() if takes(method, name) and value is not None}
         if of_method.get("cuts") == _DRAWN and self._drawn is not None:
             of_method["cuts"] = self._drawn.paths
             if len(self._drawn.left_out):
                 of_method["drop"] = self._drawn.left_out
-        changed = {name: value for name, value in of_method.items() if not _is_same(value, default(name, method))}
+        changed = {name: value for name, value in of_method.items() if not _is_same(value, usual(name, method))}
         return changed | ({"seed": self.seed.value()} if self.seed.value() else {})
 
     def _chosen(self, name: str) -> QComboBox:

@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QCheckBox, QDoubleSpinBox, QWidget
 from voxflat._napari.forms.fields import choice, offer, spin
 from voxflat._napari.forms.layer_choice import LayerChoice
 from voxflat._napari.forms.layer_form import LayerForm
-from voxflat._napari.forms.options_form import OptionsForm
+from voxflat._napari.forms.options_form import OptionsForm, takes
 from voxflat._napari.forms.plan import Plan
 from voxflat._napari.forms.seed_choice import SeedChoice
 from voxflat._napari.job import Job
@@ -23,14 +23,14 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat._napari.workbench import Workbench
 from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
-from voxflat.methods.options import METHODS, OPTIONS
+from voxflat.methods import METHODS
 
 if TYPE_CHECKING:
     from napari import Viewer
     from napari.layers import Layer
 
 _RADIUS = 45.0  # mm, as README's
-_METHODS = {name: f"{name}: {what}" for name, what in METHODS.items()}
+_METHODS = {name: f"{name}: {method.summary}" for name, method in METHODS.items()}
 _OVER_VOXELS = "grossmann2002"  # which takes no mesh
 _PARTS = {
     "whole": "whole surface",
@@ -164,7 +164,7 @@ class SurfaceForm(LayerForm):
         self._show_row(self.go_on, is_there)
 
     def _map_to_go_on_from(self) -> FlatMap | None:
-        is_known = self.method.currentData() in OPTIONS["start"]
+        is_known = takes(self.method.currentData(), "start")
         return self._workbench.map_of(self.surface.layer) if is_known else None
 
     def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:

@@ -14,10 +14,10 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.results.flat_layers import LayerData, units
 from voxflat._napari.results.listed import insert
-from voxflat.distances.path import path
 from voxflat.errors import InputError
 from voxflat.io.volumes import Volume
 from voxflat.maps.flat_map import FlatMap
+from voxflat.pipeline.surface import surface
 
 if TYPE_CHECKING:
     from napari import Viewer
@@ -137,7 +137,7 @@ def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
     if not flat_map.is_voxels:  # a voxel may be there twice because two sheets touch
         rows, merged = np.unique(flat_map.ids, return_index=True, return_inverse=True)[1:]
     start, end = (int(merged[row]) for row in ends if row is not None)
-    found = path((flat_map.points[rows], merged[faces]), start, end, geodesic="exact")
+    found = surface((flat_map.points[rows], merged[faces])).path(start, end, geodesic="exact")
     flat = float(np.hypot(a[0] - b[0], a[1] - b[1]))
     told = f"{found.length:.1f} mm over the surface, {flat:.1f} mm on the map"
     line = _world(sheet, flat_map.space.to_scanner(found.points))

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.registration import register
 from voxflat.surfaces.standard.sphere import Sphere, registered_sphere, sphere_beside, sphere_of
 from voxflat.surfaces.standard.template import STANDARD, Template, is_template, read_template, standard_template
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["AUTOMATIC", "Choice", "chosen"]
 
@@ -42,7 +42,7 @@ class Choice:
 
 
 def chosen(
-    whole: Surface,
+    whole: Manifold,
     cuts: object,
     sphere: object | None,
     *,
@@ -54,7 +54,7 @@ def chosen(
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface.
     cuts, sphere, threads, progress
         As in `voxflat.flatten`.
@@ -97,15 +97,15 @@ def chosen(
 
 
 def _needed_sphere(
-    whole: Surface, sphere: object | None, threads: int | None, progress: Progress | None
+    whole: Manifold, sphere: object | None, threads: int | None, progress: Progress | None
 ) -> tuple[Sphere, list[str]]:
     place = sphere_beside(whole) if sphere is None else sphere
     return _registered(whole, threads, progress) if place is None else sphere_of(whole, place)
 
 
-def _registered(whole: Surface, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:
+def _registered(whole: Manifold, threads: int | None, progress: Progress | None) -> tuple[Sphere, list[str]]:
     """Register a surface that has no sphere."""
-    found = register(whole, threads=threads, progress=progress)
+    found = register(whole, None, threads, progress)
     told = (
         f"there is no sphere: the surface was registered by its folds ({found.side}, confidence {found.confidence:.2f})"
     )
@@ -121,7 +121,7 @@ def _check_fits(template: Template, sphere: Sphere) -> None:
             )
 
 
-def _is_closed(whole: Surface) -> bool:
+def _is_closed(whole: Manifold) -> bool:
     topology = whole.core.topology()
     largest = topology["components"][0]
     return not topology["loops"] and int(largest["euler"]) == 2

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from voxflat import _core
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere, in_triangles
 from voxflat.surfaces.standard.template import standard_template
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["STANDARD_FRAME", "Turned", "in_standard_frame"]
 
@@ -40,7 +40,7 @@ class Turned:
     residual: float
 
 
-def in_standard_frame(uv: NDArray[np.float64], part: Surface, faces: NDArray[Any], sphere: Sphere) -> Turned:
+def in_standard_frame(uv: NDArray[np.float64], part: Manifold, faces: NDArray[Any], sphere: Sphere) -> Turned:
     """Turn and move a map rigidly onto the flat map of fsaverage5, by points that correspond on the sphere.
 
     The points lie evenly on the template's map, so that each counts the same. The turn is the one of the least sum of
@@ -51,7 +51,7 @@ def in_standard_frame(uv: NDArray[np.float64], part: Surface, faces: NDArray[Any
     ----------
     uv : ndarray of float64, shape (N, 2)
         The map, mm.
-    part : Surface
+    part : Manifold
         What is flat.
     faces : ndarray of int, shape (F, 3)
         The map's triangles.

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat.arguments import Progress, checked_choice, checked_threads, log
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, write_mesh
-from voxflat.io.provenance import Record, resolved, saving, telling
-from voxflat.surfaces.making import surface as _surface
+from voxflat.io.provenance import Record, resolved, saving
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.pattern import SIDES, icosphere, pattern
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["Registration", "register"]
 
@@ -31,7 +29,7 @@ class Registration:
 
     Parameters
     ----------
-    surface : Surface
+    surface : Manifold
         What was registered.
     points : ndarray of float64, shape (N, 3)
         The place of each vertex on the unit sphere. No triangle is turned over: the sphere is covered once.
@@ -51,7 +49,7 @@ class Registration:
         What made it.
     """
 
-    surface: Surface
+    surface: Manifold
     points: NDArray[np.float64]
     side: str
     confidence: float
@@ -111,64 +109,19 @@ class Registration:
             write_mesh(path, Mesh(places, faces, structure=structure), self.provenance)
 
 
-@telling
-def register(
-    surface: object,
-    *,
-    side: str | None = None,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> Registration:
-    """Find where each vertex of a hemisphere's surface lies on fsaverage's sphere, by the pattern of its folds.
-
-    The surface is laid out on a sphere, one to one (Praun, Hoppe 2003); all rotations are tried against both sides of
-    the template, fsaverage5, by depth in folds at three scales and by shape; then it is warped until the depths agree,
-    coarse to fine (as in Yeo et al. 2010), by steps that turn no triangle over. Where the surface lies in space, and
-    how it is turned, does not matter, nor does its unit.
-
-    Parameters
-    ----------
-    surface : Surface, path, ndarray, image object, Volume, Mesh, (points, faces) or pyvista.PolyData
-        White, pial or midway surface of one hemisphere, or its white matter as a label volume. Holes, such as a medial
-        wall that is left out, are closed while registering; handles are refused.
-    side : {"left", "right"}, optional
-        Which hemisphere it is; refused where the other side's pattern agrees better. By default it is found.
-    label, threshold, spacing, affine, threads, memory_limit, progress
-        As in `flatten`.
-
-    Returns
-    -------
-    Registration
-        Its ``confidence`` is a logistic function of the evidence: the agreement with the better side after the best
-        rotation (the sum of the correlations of depth at the three scales, of which the finest counts half, and of the
-        share that a rigid motion explains), and by how much it exceeds that with the other side. It is 0.5, below which
-        a surface is refused, midway between what is known to be no hemisphere and what is known to be one; see
-        docs/decisions/0023-registration.md.
-
-    Raises
-    ------
-    InputError
-        If the surface is no hemisphere, as far as its pattern says, not the one that was named, or no sphere.
-    Cancelled
-        If `progress` returned False.
-    """
+def register(whole: Manifold, side: str | None, threads: int | None, progress: Progress | None) -> Registration:
+    """Find where each vertex of a hemisphere lies on fsaverage's sphere; see `voxflat.Surface.register`."""
     if side is not None:
         checked_choice(side, "side", SIDES)
-    threads = checked_threads(threads)
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
     whole, remarks = _one_piece(whole)
     templates = [pattern(each) for each in SIDES]
-    found = whole.core.register(*icosphere(), templates, None if side is None else SIDES.index(side), threads, progress)
+    found = whole.core.register(
+        *icosphere(), templates, None if side is None else SIDES.index(side), checked_threads(threads), progress
+    )
     return _judged(whole, found, side, remarks)
 
 
-def _one_piece(whole: Surface) -> tuple[Surface, tuple[str, ...]]:
+def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     """Return the largest component, and what is said of the others."""
     topology = whole.core.topology()
     if topology["handles"]:
@@ -186,7 +139,7 @@ def _one_piece(whole: Surface) -> tuple[Surface, tuple[str, ...]]:
     )
 
 
-def _judged(whole: Surface, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
+def _judged(whole: Manifold, found: dict[str, Any], named: str | None, remarks: tuple[str, ...]) -> Registration:
     """Return a registration, if it is one."""
     side = SIDES[found["template"]]
     other = SIDES[1 - found["template"]]

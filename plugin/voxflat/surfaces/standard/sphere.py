@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh, read_mesh
+from voxflat.surfaces.manifold import Manifold, are_triangles
 from voxflat.surfaces.standard.registration import Registration
 from voxflat.surfaces.standard.template import SIDES, SPACES, standard_template
-from voxflat.surfaces.surface import Surface, are_triangles
 
 __all__ = ["Sphere", "in_triangles", "registered_sphere", "sphere_beside", "sphere_of"]
 
@@ -66,12 +66,12 @@ class Sphere:
         return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
 
 
-def sphere_beside(whole: Surface) -> Path | None:
+def sphere_beside(whole: Manifold) -> Path | None:
     """Find the registered sphere that FreeSurfer leaves beside a surface.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         Such as of ``surf/lh.white``.
 
     Returns
@@ -101,12 +101,12 @@ def sphere_at(path: str | os.PathLike[str]) -> Path | None:
     return beside if beside is not None and beside.is_file() else None
 
 
-def sphere_of(whole: Surface, sphere: object) -> tuple[Sphere, list[str]]:
+def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """Take what is given as the registered sphere of a surface.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The surface.
     sphere : path, Mesh, (points, faces) or array_like of shape (V, 3)
         One place for each vertex of the mesh, around the origin, of any radius. In fsaverage space, or in that of fs_LR
@@ -193,7 +193,7 @@ def _as_points(sphere: object) -> Mesh | NDArray[np.float64]:
     return points.astype(np.float64)
 
 
-def _folded(whole: Surface, places: NDArray[np.float64], name: str) -> int:
+def _folded(whole: Manifold, places: NDArray[np.float64], name: str) -> int:
     """Return how many triangles are turned over, if they are few."""
     a, b, c = (places[whole.vertices[whole.faces[:, corner]]] for corner in range(3))
     folded = int((np.einsum("ij,ij->i", np.cross(a, b), c) < 0).sum())
@@ -208,7 +208,7 @@ def _folded(whole: Surface, places: NDArray[np.float64], name: str) -> int:
     return folded
 
 
-def _named_side(whole: Surface, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
+def _named_side(whole: Manifold, mesh: Mesh | NDArray[np.float64], name: str) -> str | None:
     """Return the side that the surface and its sphere say they are of, if they do."""
     named = {structure: side for side, structure in SIDES.items()}
     of_surface = named.get(whole.metadata.get("structure") or "")
@@ -273,7 +273,7 @@ def in_triangles(
 
 
 def _placed(
-    whole: Surface, places: NDArray[np.float64], named: str | None, name: str
+    whole: Manifold, places: NDArray[np.float64], named: str | None, name: str
 ) -> tuple[str, str, float, list[str]]:
     """Return the space, the side, the distance from the template's brain at corresponding places, and doubts."""
     told_space = "fs_LR" if _FS_LR.search(Path(name).name) else "fsaverage"
@@ -307,7 +307,7 @@ def _placed(
     return *own, distance, remarks
 
 
-def _distances(whole: Surface, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+def _distances(whole: Manifold, places: NDArray[np.float64]) -> dict[tuple[str, str], float]:
     """Return by space and side how far the surface lies from the template's brain; NaN of a patch."""
     templates = [standard_template(space, side) for space in SPACES for side in SIDES]
     anchors = [template.anchors for template in templates if template.anchors is not None]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.template import Line, Template
-from voxflat.surfaces.surface import Surface
 
 __all__ = ["TracedCut", "kept_by", "template_of", "traced"]
 
@@ -55,14 +55,14 @@ class TracedCut:
 # ------------------------------------------------------------------------------------------- outlines
 
 
-def kept_by(template: Template, whole: Surface, sphere: Sphere) -> NDArray[np.bool_]:
+def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
     """Find the triangles that a template's outlines keep: on their left, in one piece with one border each.
 
     Parameters
     ----------
     template : Template
         The template.
-    whole : Surface
+    whole : Manifold
         The surface.
     sphere : Sphere
         Its sphere.
@@ -149,7 +149,7 @@ def _dense(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 
 
 def traced(
-    template: Template, part: Surface, sphere: Sphere, progress: Progress | None
+    template: Template, part: Manifold, sphere: Sphere, progress: Progress | None
 ) -> tuple[list[TracedCut], list[str]]:
     """Find a template's cuts on a part of a surface.
 
@@ -157,7 +157,7 @@ def traced(
     ----------
     template : Template
         The template.
-    part : Surface
+    part : Manifold
         What is left of a surface, in one piece, not cut yet.
     sphere : Sphere
         That of the whole surface.
@@ -253,7 +253,7 @@ def _beside(cut: Line, places: NDArray[np.float64], *, drawn_on: bool) -> NDArra
 
 
 def _way(
-    part: Surface,
+    part: Manifold,
     tip: int,
     is_root: NDArray[np.bool_],
     is_open: NDArray[np.bool_],
@@ -274,13 +274,13 @@ def _way(
 
 
 def template_of(
-    whole: Surface, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
+    whole: Manifold, faces: NDArray[np.bool_], cuts: list[tuple[str, NDArray[np.int64]]], sphere: Sphere
 ) -> Template:
     """Make a template of what was left out of a surface, and of its cuts.
 
     Parameters
     ----------
-    whole : Surface
+    whole : Manifold
         The whole surface.
     faces : ndarray of bool, shape (F,)
         Its triangles that were kept.
@@ -332,7 +332,7 @@ def template_of(
     return Template("", sphere.space, sphere.side, tuple(outlines), tuple(lines))
 
 
-def _beyond(whole: Surface, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray[np.float64]:
+def _beyond(whole: Manifold, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray[np.float64]:
     """Return places a little beyond those of vertices at the border of what is kept, so that these lie inside."""
     corners = whole.vertices[whole.faces]
     towards = np.zeros_like(sphere.places)
@@ -348,7 +348,7 @@ def _beyond(whole: Surface, faces: NDArray[np.bool_], sphere: Sphere) -> NDArray
     return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
 
 
-def _directed_loops(part: Surface) -> list[NDArray[np.int64]]:
+def _directed_loops(part: Manifold) -> list[NDArray[np.int64]]:
     """Return the borders that are no small holes, longest first, with the surface on their left."""
     faces = part.faces.astype(np.int64)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

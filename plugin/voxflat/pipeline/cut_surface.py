@@ -1,28 +1,29 @@
-"""Cutting alone: the surface cut open as `flatten` would cut it, and where."""
+"""Surfaces that were cut open: what `Surface.cut` returns, and `flatten` takes."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from voxflat.arguments import Progress, checked_threads, is_whole, log, shown
+from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
 from voxflat.io.provenance import Record, saving, telling
-from voxflat.surfaces.making import surface as _surface
-from voxflat.surfaces.region import cut_out
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods import Method, flattened, method_of
+from voxflat.methods.method import How, Rows
+from voxflat.surfaces.cutting import Cutout, Where
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.sphere import Sphere
 from voxflat.surfaces.standard.tracing import template_of
-from voxflat.surfaces.surface import Surface
 
-__all__ = ["Cut", "CutSurface", "cut"]
+__all__ = ["Cut", "CutSurface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +78,16 @@ def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
     return ", ".join(_SIDES[axis][int(aside[axis] > 0)] for axis in order if abs(aside[axis]) > _ASIDE) or "middle"
 
 
+_Surface = TypeVar("_Surface", bound=Manifold)
+
+
 @dataclass(frozen=True, eq=False)
-class CutSurface:
-    """A surface that was cut open.
+class CutSurface(Generic[_Surface]):
+    """A surface that was cut open, as `Surface.cut` returns it.
 
     Parameters
     ----------
-    surface : Surface
+    surface : Manifold
         What is left, cut open: vertices on cuts are there twice and share an id.
     cuts : tuple of Cut
         In the order in which they were made.
@@ -93,19 +97,96 @@ class CutSurface:
         What the user should know of it.
     provenance : dict
         What made it.
-    whole : Surface or None
+    whole : Manifold or None
         What it was cut from.
     sphere : Sphere or None
         The registered sphere of that, if it is known.
+    cutout : Cutout or None
+        How it was cut, which `flatten` goes on from.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
+    >>> opened = voxflat.surface(ball).cut()
+    >>> flat_map = opened.flatten("zigelman2002")
     """
 
-    surface: Surface
+    surface: _Surface
     cuts: tuple[Cut, ...]
     left_out: NDArray[np.int64]
     remarks: tuple[str, ...] = ()
     provenance: Record = field(default_factory=dict)
-    whole: Surface | None = None
+    whole: Manifold | None = None
     sphere: Sphere | None = None
+    cutout: Cutout | None = None
+
+    @classmethod
+    def of(cls, cutout: Cutout, surface: _Surface) -> CutSurface[_Surface]:
+        """Return what was cut, with its cuts one by one.
+
+        Parameters
+        ----------
+        cutout : Cutout
+            How it was cut.
+        surface : Surface
+            What is left.
+
+        Returns
+        -------
+        CutSurface
+        """
+        told, whole = cutout.metadata, cutout.whole
+        reason = "template" if cutout.is_standard else "given"
+        lengths = [one.length for one in cutout.traced] if cutout.is_standard else [None] * len(told["cuts"])
+        entries = zip(told["cuts"], lengths, told["cut_names"], strict=True)
+        given = [Cut(np.asarray(path), length, reason, name) for path, length, name in entries]
+        made = [Cut(np.asarray(one["ids"]), one["length"], one["reason"]) for one in told["automatic_cuts"]]
+        left_out = whole.ids[~np.isin(whole.vertices, cutout.part.vertices)]
+        more: dict[str, Any] = {"whole": whole, "sphere": cutout.sphere, "cutout": cutout}
+        return cls(surface, (*given, *made), left_out, cutout.remarks, **more)
+
+    @telling(method=method_of)
+    def flatten(
+        self,
+        method: str | Method = "voxflat",
+        *,
+        mirror: bool = False,
+        rows: Rows = False,
+        seed: int = 0,
+        threads: int | None = None,
+        memory_limit: int | None = None,
+        progress: Progress | None = None,
+    ) -> FlatMap:
+        """Flatten the surface as it was cut.
+
+        Parameters
+        ----------
+        method, mirror, rows, seed, threads, memory_limit, progress
+            As in `Surface.flatten`.
+
+        Returns
+        -------
+        FlatMap
+
+        Raises
+        ------
+        InputError, AreaBoundError, Cancelled
+            As in `Surface.flatten`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import voxflat
+        >>> ball = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0) < 5
+        >>> opened = voxflat.surface(ball).cut(relax=False)
+        >>> len(opened.flatten()) == len(opened.surface)
+        True
+        """
+        if self.cutout is None:
+            raise InputError("nothing says how this surface was cut; give the one that Surface.cut returns")
+        return flattened(self.cutout, method, Where(), How.of(mirror, rows, seed, threads, memory_limit, progress))
 
     def __repr__(self) -> str:
         return (
@@ -139,7 +220,7 @@ class CutSurface:
         points = of.space.to_scanner(of.points)
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
-    def with_provenance(self, record: Record) -> CutSurface:
+    def with_provenance(self, record: Record) -> CutSurface[_Surface]:
         """Return the same with a record of what made it.
 
         Parameters
@@ -191,7 +272,7 @@ class CutSurface:
         Raises
         ------
         InputError
-            If no sphere was given to `voxflat.cut`, or a cut begins neither at a border nor at another cut.
+            If no sphere was given to `Surface.cut`, or a cut begins neither at a border nor at another cut.
         OSError
             If it cannot be written.
         """
@@ -216,70 +297,3 @@ class CutSurface:
         """Return a cut as vertices of the whole surface."""
         assert self.whole is not None
         return self.whole.vertices[self.whole.find(cut.ids)] if self.whole.is_voxels else cut.ids
-
-
-@telling
-def cut(
-    surface: object,
-    *,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    keep: object | None = None,
-    drop: object | None = None,
-    seed_point: Sequence[int] | int | None = None,
-    radius: float | None = None,
-    polygon: ArrayLike | None = None,
-    cuts: object | None = None,
-    sphere: object | None = None,
-    relax: float | bool | None = None,
-    adapt: float | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    progress: Progress | None = None,
-) -> CutSurface:
-    """Cut a surface open to a disk, and further where that relieves its map, as `flatten` does.
-
-    Parameters
-    ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, relax, adapt, \
-threads, memory_limit, progress
-        As in `flatten`.
-
-    Returns
-    -------
-    CutSurface
-
-    Raises
-    ------
-    InputError, Cancelled
-        As in `flatten`.
-    """
-    place: dict[str, Any] = {"label": label, "threshold": threshold, "spacing": spacing, "affine": affine}
-    threads = checked_threads(threads)
-    whole = _surface(surface, **place, memory_limit=memory_limit, threads=threads, progress=progress)
-    done = cut_out(
-        whole,
-        keep=keep,
-        drop=drop,
-        seed_point=seed_point,
-        radius=radius,
-        polygon=polygon,
-        cuts=cuts,
-        sphere=sphere,
-        relax=relax,
-        adapt=adapt,
-        threads=threads,
-        progress=progress,
-    )
-    for remark in done.remarks:
-        log.warning(remark)
-    reason = "template" if done.is_standard else "given"
-    lengths = [one.length for one in done.traced] if done.is_standard else [None] * len(done.metadata["cuts"])
-    entries = zip(done.metadata["cuts"], lengths, done.metadata["cut_names"], strict=True)
-    given = [Cut(np.asarray(path), length, reason, name) for path, length, name in entries]
-    automatic = done.metadata["automatic_cuts"]
-    made = [Cut(np.asarray(entry["ids"]), entry["length"], entry["reason"]) for entry in automatic]
-    left_out = whole.ids[~np.isin(whole.vertices, done.part.vertices)]
-    return CutSurface(done.part, (*given, *made), left_out, done.remarks, whole=whole, sphere=done.sphere)

@@ -1,4 +1,4 @@
-"""What an input holds, whether its surface can be flattened, and what each remedy would change."""
+"""Whether a surface can be flattened, and what each remedy would change."""
 
 from __future__ import annotations
 
@@ -7,23 +7,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from voxflat import _core
-from voxflat.arguments import Progress, checked_threads
+from voxflat.arguments import Progress
 from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh
-from voxflat.io.reading import reading
 from voxflat.io.spaces import Space
-from voxflat.io.volumes import Volume, as_volume
-from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
-from voxflat.surfaces.making import surface as _surface
-from voxflat.surfaces.of_mesh import as_mesh
-from voxflat.surfaces.region import Cutout, cut_out, opened_to_disk, sketch_error
+from voxflat.surfaces.cutting import Cutout, Where, cut_open, opened_to_disk, sketch_error
+from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.standard.choice import AUTOMATIC
-from voxflat.surfaces.surface import Surface
 
-__all__ = ["Check", "check"]
+__all__ = ["Check", "check_surface", "extended"]
 
 _SHOWN = 5  # handles, holes and loops that a table names one by one
 
@@ -177,122 +169,41 @@ def _shortened(items: Sequence[Any], most: int = _SHOWN) -> str:
     return ", ".join(str(item) for item in items[:most]) + more
 
 
-def check(
-    surface: object,
-    *,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    keep: object | None = None,
-    drop: object | None = None,
-    seed_point: Sequence[int] | int | None = None,
-    radius: float | None = None,
-    polygon: ArrayLike | None = None,
-    cuts: object | None = None,
-    sphere: object | None = None,
+def extended(found: Check, **values: Any) -> Check:
+    """Return the same check with more findings."""
+    return Check(**{**found.__dict__, **values})
+
+
+def check_surface(
+    part: Manifold,
+    found: Check,
+    where: Where,
     threads: int | None = None,
-    memory_limit: int | None = None,
     progress: Progress | None = None,
+    repaired: Callable[[], Manifold] | None = None,
 ) -> Check:
-    """Say what an input holds, whether its surface can be flattened, and what each remedy would change.
+    """Say whether a surface, or a part of one, can be flattened.
 
     Parameters
     ----------
-    surface, label, threshold, spacing, affine, keep, drop, seed_point, radius, polygon, cuts, sphere, threads, \
-memory_limit, progress
-        As in `flatten`.
+    part : Manifold
+        The surface.
+    found : Check
+        What is known already.
+    where : Where
+        Where it is to be cut.
+    threads, progress
+        As in `voxflat.flatten`.
+    repaired : callable, optional
+        Makes the same part of the surface after repair, for a surface with handles.
 
     Returns
     -------
     Check
-
-    Raises
-    ------
-    InputError
-        If the input cannot be read, or a label, threshold or patch was given that does not fit.
     """
-    with reading(memory_limit):
-        how = _How(checked_threads(threads), progress)
-        place: dict[str, Any] = {"label": label, "threshold": threshold}
-        patch: dict[str, Any] = {
-            "keep": keep,
-            "drop": drop,
-            "seed_point": seed_point,
-            "radius": radius,
-            "polygon": polygon,
-            "cuts": cuts,
-            "sphere": sphere,
-        }
-        if isinstance(surface, Surface):
-            return _check_surface(surface, Check(surface.metadata["input"], *_of_surface(surface)), patch, how)
-        mesh = as_mesh(surface)
-        if mesh is not None:
-            return _check_mesh(mesh, {**place, "spacing": spacing, "affine": affine}, patch, how)
-        volume = as_volume(surface, spacing=spacing, affine=affine)
-        check_scalar(volume)
-        path = None if volume.path is None else str(volume.path)
-        found = Check(path, "volume", _volume_contents(volume))
-        if label is None and threshold is None:
-            try:
-                foreground(volume.data)
-            except InputError as error:
-                return _and(found, advice=(str(error),))
-        making: dict[str, Any] = {**place, "memory_limit": memory_limit, "threads": how.threads, "progress": progress}
-        as_it_is = _surface(volume, **making, repair="none")
-        return _check_surface(as_it_is, found, patch, how, lambda: _surface(volume, **making))
-
-
-@dataclass(frozen=True)
-class _How:
-    """How to work."""
-
-    threads: int | None
-    progress: Progress | None
-
-
-def _and(found: Check, **values: Any) -> Check:
-    return Check(**{**found.__dict__, **values})
-
-
-def _volume_contents(volume: Volume) -> dict[str, Any]:
-    return {
-        "shape": volume.data.shape,
-        "dtype": str(volume.data.dtype),
-        "spacing": tuple(float(h) for h in volume.spacing),
-        "orientation": volume.orientation,
-        "affine": volume.affine.tolist(),
-        "labels": labels_in(volume.data),
-        "range": (float(volume.data.min()), float(volume.data.max())),
-    }
-
-
-def _mesh_contents(points: Any, triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
-    size = tuple(float(side) for side in np.ptp(points, axis=0))
-    about = {"structure": structure, "space": space.described()}
-    return {"vertices": len(points), "triangles": triangles, "size": size, **about}
-
-
-def _of_surface(whole: Surface) -> tuple[str, dict[str, Any]]:
-    return "mesh", _mesh_contents(whole.points, len(whole.faces), whole.metadata.get("structure"), whole.space)
-
-
-def _check_mesh(mesh: Mesh, place: dict[str, Any], patch: dict[str, Any], how: _How) -> Check:
-    contents = _mesh_contents(mesh.points, len(mesh.faces), mesh.structure, mesh.space)
-    defects = _core.defects(mesh.points, mesh.faces)
-    found = Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
-    try:
-        whole = _surface(mesh, **place, threads=how.threads, progress=how.progress)
-    except InputError as error:
-        return _and(found, advice=(*mesh.remarks, str(error)))
-    return _check_surface(whole, found, patch, how)
-
-
-def _check_surface(
-    whole: Surface, found: Check, patch: dict[str, Any], how: _How, repaired: Callable[[], Surface] | None = None
-) -> Check:
+    whole = part if part.whole is None else part.whole
     topology = whole.core.topology()
-    found = _and(
+    found = extended(
         found,
         foreground=whole.metadata.get("foreground"),
         surface_points=len(whole),
@@ -301,19 +212,19 @@ def _check_surface(
         components=tuple(component["vertices"] for component in topology["components"]),
     )
     try:
-        cut = cut_out(whole, **patch, threads=how.threads, progress=how.progress, to_disk=False)
+        cut = cut_open(part, where, threads, progress, to_disk=False)
     except InputError as error:
-        return _and(found, advice=(*whole.remarks, str(error)))
-    part = cut.part.core.topology()
+        return extended(found, advice=(*part.remarks, str(error)))
+    shape = cut.part.core.topology()
     advice = list(cut.remarks)
-    handles = tuple(cut.part.core.handles(how.threads, how.progress)) if part["handles"] else ()
+    handles = tuple(cut.part.core.handles(threads, progress)) if shape["handles"] else ()
     if handles:
         advice.append(_cutting_changes(handles))
     try:
         to_open = cut
-        if part["handles"] and repaired is not None:
-            to_open = cut_out(repaired(), **patch, threads=how.threads, progress=how.progress, to_disk=False)
-        opened: Cutout | None = opened_to_disk(to_open, None, how.threads, how.progress)
+        if shape["handles"] and repaired is not None:
+            to_open = cut_open(repaired(), where, threads, progress, to_disk=False)
+        opened: Cutout | None = opened_to_disk(to_open, None, threads, progress)
     except InputError as error:
         opened = None
         advice.append(str(error))
@@ -321,21 +232,21 @@ def _check_surface(
         advice += [remark for remark in opened.remarks if remark not in advice]
         if len(opened.part) < 3:
             advice.append(f"only {len(opened.part)} vertices: take a larger label or patch")
-    errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, whole, patch, how)
+    errors = {} if opened is None or not opened.is_standard else _sketch_errors(opened, part, threads, progress)
     if len(errors) == 2:
         (by, named), (_, automatic) = errors.items()
         advice.append(
             f"the same cuts for every brain ({by}) cost accuracy: distances of a sketch are {100 * named:.1f} % off, "
             f"with automatic cuts {100 * automatic:.1f} %"
         )
-    return _and(
+    return extended(
         found,
         used=len(cut.part),
-        euler_characteristic=part["euler"],
-        closed=not part["loops"],
-        boundary=tuple(sorted((loop["length"] for loop in part["loops"]), reverse=True)),
+        euler_characteristic=shape["euler"],
+        closed=not shape["loops"],
+        boundary=tuple(sorted((loop["length"] for loop in shape["loops"]), reverse=True)),
         handles=tuple({"length": handle["length"], "centre": tuple(handle["centre"])} for handle in handles),
-        thin=_thin(cut.part, how),
+        thin=_thin(cut.part, threads, progress),
         named_cuts=tuple(
             {"name": one.name, "length": one.length, "ids": ids}
             for one, ids in zip(cut.traced, cut.metadata["cuts"], strict=cut.is_standard)
@@ -348,25 +259,24 @@ def _check_surface(
     )
 
 
-def _sketch_errors(opened: Cutout, whole: Surface, patch: dict[str, Any], how: _How) -> dict[str, float]:
+def _sketch_errors(opened: Cutout, part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, float]:
     """Return the error of the sketch with a template's cuts, and with those that would be found otherwise."""
     found = {opened.metadata["cuts_by"]: opened.metadata["sketch_error"]}
     try:
-        otherwise = {**patch, "cuts": AUTOMATIC, "sphere": None}
-        other = cut_out(whole, **otherwise, threads=how.threads, progress=how.progress)
-        found[AUTOMATIC] = sketch_error(other.part, how.threads, how.progress)
+        other = cut_open(part, Where(AUTOMATIC), threads, progress)
+        found[AUTOMATIC] = sketch_error(other.part, threads, progress)
     except InputError:
         pass  # they are advice
     return {by: error for by, error in found.items() if np.isfinite(error)}
 
 
-def _thin(part: Surface, how: _How) -> dict[str, Any]:
+def _thin(part: Manifold, threads: int | None, progress: Progress | None) -> dict[str, Any]:
     """Return where the solid is thin."""
     if part.is_voxels:
         thickness = 1.2 * float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
     else:
         thickness = part.usual_edge
-    count, worst = part.core.thin_places(thickness, how.threads, how.progress)
+    count, worst = part.core.thin_places(thickness, threads, progress)
     found: dict[str, Any] = {"thickness": thickness, "points": count, "worst": None, "place": None}
     if worst is not None:
         found |= {"worst": worst[1], "place": part.points[worst[0]].tolist()}

@@ -14,14 +14,14 @@ from voxflat.arguments import array_of, as_float, is_number, shown
 from voxflat.errors import InputError
 from voxflat.io.grid import FARTHEST, SMALLEST
 from voxflat.io.provenance import telling
-from voxflat.surfaces.surface import Surface
+from voxflat.pipeline.surface import Surface
 
-__all__ = ["pixels_of", "range_image"]
+__all__ = ["range_image"]
 
 _JUMP = 8.0  # pixels: a slope of 83 degrees
 
 
-@telling
+@telling()
 def range_image(
     depth: ArrayLike, spacing: float | Sequence[float], mask: ArrayLike | None = None, *, jump: float | None = None
 ) -> Surface:
@@ -96,43 +96,6 @@ def range_image(
         },
     }
     return Surface(core.part_of_faces(kept), None, metadata, tuple(remarks))
-
-
-def pixels_of(part: Surface) -> tuple[NDArray[np.uint32], list[float]]:
-    """Find the pixels that the vertices of a range image are.
-
-    Parameters
-    ----------
-    part : Surface
-        A range image, or a part of one.
-
-    Returns
-    -------
-    pixels : ndarray of uint32, shape (N, 2)
-        Row and column.
-    spacing : list of 2 floats
-        Distance of rows and of columns, mm.
-
-    Raises
-    ------
-    InputError
-        If it is none, or if a pixel belongs to two vertices.
-    """
-    grid = part.metadata.get("range_image")
-    if grid is None:
-        raise InputError(
-            "sampling is 'grid', but the surface is no range image; make one by voxflat.range_image, or give "
-            "sampling='decimation'"
-        )
-    ids = part.ids
-    unique, counts = np.unique(ids, return_counts=True)
-    if len(unique) < len(ids):
-        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
-        raise InputError(
-            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides, and a grid knows "
-            "one; give sampling='decimation'"
-        )
-    return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])
 
 
 def _heights(depth: ArrayLike, mask: ArrayLike | None) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,13 +30,46 @@ from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
 from voxflat.rows import distinct, in_rows
+from voxflat.surfaces.foreground import PackedMask
 from voxflat.surfaces.lips import listed_points, triangles_of
 
-__all__ = ["Surface", "are_triangles", "patch_of"]
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+__all__ = ["Manifold", "Step", "are_triangles", "patch_of", "size_and_space"]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Step:
+    """One choice by which a part came about: what `Surface.keep`, `drop`, `disk` and `polygon` were given.
+
+    Parameters
+    ----------
+    verb : {"keep", "drop", "disk", "polygon", "outlines"}
+        What was called; "outlines" is what a template leaves out.
+    mask : ndarray of bool, shape (I, J, K), or None
+        The voxels that may stay, of a region of a volume.
+    by_triangles : bool
+        Whether the region was given by triangles.
+    seed_point, seed_found : voxel indices or number of a vertex
+        The middle of a disk, and what stands for it on the surface.
+    radius : float
+        Of the disk, mm.
+    corners : list
+        Of a polygon.
+    """
+
+    verb: str
+    mask: NDArray[np.bool_] | None = None
+    by_triangles: bool = False
+    seed_point: Any = None
+    seed_found: Any = None
+    radius: float | None = None
+    corners: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Manifold:
     """A surface of triangles: a manifold, with or without a boundary, whose faces run counterclockwise from outside.
 
     Parameters
@@ -55,6 +88,12 @@ class Surface:
         The triangles of the whole mesh as they were given, or mended, as vertex numbers; None if it was no mesh.
     merged : ndarray of int64, shape (M, 2)
         Vertices of the whole surface that are one with another, since they lie where that does, and which that is.
+    foreground : PackedMask or None
+        The voxels that it was made of.
+    whole : Manifold or None
+        What it is a part of.
+    steps : tuple of Step
+        How the part was chosen.
     """
 
     core: _core.Surface
@@ -65,6 +104,9 @@ class Surface:
     pial_points: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
     merged: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    foreground: PackedMask | None = None
+    whole: Manifold | None = None
+    steps: tuple[Step, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -72,7 +114,7 @@ class Surface:
 
     def __repr__(self) -> str:
         kind = "voxels" if self.is_voxels else "a mesh"
-        return f"<Surface from {kind}: {len(self)} vertices, {len(self.faces)} triangles>"
+        return f"<{type(self).__name__} from {kind}: {len(self)} vertices, {len(self.faces)} triangles>"
 
     @property
     def is_voxels(self) -> bool:
@@ -149,7 +191,7 @@ class Surface:
         InputError
             If one of them is not on this surface.
         """
-        wanted = array_of(ids, checked_text(name, "name"))
+        wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
         shape, what = (
             ((3,), "voxel indices of shape (m, 3)") if self.is_voxels else ((), "vertex numbers of shape (m,)")
         )
@@ -383,7 +425,7 @@ class Surface:
                 labels[tuple(np.asarray(report.get(name, []), dtype=np.int64).reshape(-1, 3).T)] = value
         return labels
 
-    def with_core(self, core: _core.Surface) -> Surface:
+    def with_core(self, core: _core.Surface) -> Self:
         """Return a part of this surface, or a cut one, that is the same otherwise.
 
         Parameters
@@ -393,7 +435,7 @@ class Surface:
 
         Returns
         -------
-        Surface
+        Manifold
         """
         return replace(self, core=core)
 
@@ -402,7 +444,7 @@ class Surface:
         """What made it: version, function, parameters, and the files that were read."""
         return dict(self.metadata.get("provenance", {}))
 
-    def with_provenance(self, record: Record) -> Surface:
+    def with_provenance(self, record: Record) -> Self:
         """Return the same surface with a record of what made it.
 
         Parameters
@@ -412,7 +454,7 @@ class Surface:
 
         Returns
         -------
-        Surface
+        Manifold
         """
         return replace(self, metadata={**self.metadata, "provenance": resolved(record, self.metadata)})
 
@@ -463,6 +505,13 @@ class Surface:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         points, _ = in_tkras(self.points, space)
         write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count, self.merged))
+
+
+def size_and_space(points: NDArray[Any], triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
+    """Return what a check says of a mesh: its size, which hemisphere it is, and the space of its points."""
+    size = tuple(float(side) for side in np.ptp(points, axis=0))
+    about = {"structure": structure, "space": space.described()}
+    return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 
 def are_triangles(faces: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -1,0 +1,157 @@
+"""What the methods share: a method is an object with options, which makes a map of a surface."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from voxflat import _core
+from voxflat.arguments import (
+    Progress,
+    amount,
+    check_memory,
+    checked_seed,
+    checked_switch,
+    checked_threads,
+    log,
+    shown,
+    workers,
+)
+from voxflat.errors import InputError
+from voxflat.io.provenance import described
+from voxflat.maps.flat_map import FlatMap
+from voxflat.surfaces.cutting import Cutout, Where, cut_open
+from voxflat.surfaces.manifold import Manifold
+
+__all__ = ["How", "Method", "OverTriangles", "Rows"]
+
+Rows = bool | str | os.PathLike[str]
+"""Whether the distances are kept in memory, or the directory of a store on disk."""
+
+
+@dataclass(frozen=True)
+class How:
+    """How to flatten, whatever the method."""
+
+    mirror: bool = False
+    rows: Rows = False
+    seed: int = 0
+    threads: int | None = None
+    memory_limit: int | None = None
+    progress: Progress | None = None
+
+    @classmethod
+    def of(
+        cls,
+        mirror: bool,
+        rows: Rows,
+        seed: int,
+        threads: int | None,
+        memory_limit: int | None,
+        progress: Progress | None,
+    ) -> How:
+        """Check how to flatten."""
+        if not isinstance(rows, str | os.PathLike):
+            rows = checked_switch(rows, "rows")
+        mirror = checked_switch(mirror, "mirror")
+        return cls(mirror, rows, checked_seed(seed), checked_threads(threads), memory_limit, progress)
+
+    @property
+    def keep_rows(self) -> bool:
+        """Whether the distances are kept in memory."""
+        return self.rows is True
+
+    @property
+    def store(self) -> str | os.PathLike[str] | None:
+        """The directory of the store that they go to."""
+        return None if isinstance(self.rows, bool | np.bool_) else self.rows
+
+    @property
+    def workers(self) -> int:
+        """How many threads work."""
+        return workers(self.threads)
+
+    def rows_memory_need(self, sources: int, points: int) -> int:
+        """Return what rows need that are made or kept beside the method's own memory."""
+        if self.store is not None:
+            return _core.store_memory_need(points, sources, self.workers)
+        return 4 * sources * points if self.keep_rows else 0
+
+    def check_memory(self, need: int, remedy: str = "take a smaller patch or fewer sources") -> int:
+        """Return the memory needed in all, if it is there."""
+        check_memory(need, self.memory_limit, remedy)
+        log.info("up to %s of memory are needed", amount(need))
+        return need
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A way from a surface to a flat map."""
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    takes_rows: ClassVar[bool] = True
+    takes_store: ClassVar[bool] = False
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """The method and its options, for records."""
+        return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
+
+    def check(self, how: How) -> None:
+        """Refuse what the method cannot do with rows."""
+        if how.rows is not False and not self.takes_rows:
+            raise InputError(f"the method {self.name!r} measures no distances, so there are no rows; leave rows out")
+        if how.store is not None and not self.takes_store:
+            raise InputError(
+                f"the method {self.name!r} cannot write a store; give rows=True to keep the distances in memory"
+            )
+
+    def flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+        """Flatten a surface.
+
+        Parameters
+        ----------
+        surface : Manifold or Cutout
+            The surface, or one that is cut already.
+        where : Where
+            Where it is cut.
+        how : How
+            Everything else.
+
+        Returns
+        -------
+        FlatMap
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverTriangles(Method):
+    """A method that works on the triangles of a disk."""
+
+    def flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+        """Cut the surface open, and flatten it."""
+        if isinstance(surface, Cutout):
+            if where.is_given:
+                raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
+            return self.map(surface, how)
+        return self.map(self.cut(surface, where, how), how)
+
+    def cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+        """Cut a surface open to the disk that is flattened."""
+        return cut_open(surface, where, how.threads, how.progress)
+
+    def map(self, cut: Cutout, how: How) -> FlatMap:
+        """Flatten a disk."""
+        raise NotImplementedError
+
+
+def checked_count(value: object, name: str, wanted: str) -> int:
+    """Return a positive whole number."""
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and 1 <= value < 2**31:
+        return int(value)
+    raise InputError(f"{name} is {shown(value)}; give {wanted}")

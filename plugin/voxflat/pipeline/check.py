@@ -1,0 +1,137 @@
+"""What an input holds, and whether its surface can be flattened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from voxflat import _core
+from voxflat.arguments import Progress, checked_threads, shown
+from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh
+from voxflat.io.reading import reading
+from voxflat.io.volumes import Volume, as_volume
+from voxflat.pipeline.surface import Surface
+from voxflat.pipeline.surface import surface as _surface
+from voxflat.surfaces.cutting import Where
+from voxflat.surfaces.findings import Check, check_surface, extended
+from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
+from voxflat.surfaces.manifold import size_and_space
+from voxflat.surfaces.of_mesh import as_mesh
+
+__all__ = ["check"]
+
+
+def check(
+    source: object,
+    *,
+    label: int | None = None,
+    threshold: float | None = None,
+    spacing: Sequence[float] | None = None,
+    affine: ArrayLike | None = None,
+    part: Callable[[Surface], Surface] | None = None,
+    cuts: object | None = None,
+    sphere: object | None = None,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> Check:
+    """Say what an input holds, whether its surface can be flattened, and what each remedy would change.
+
+    Parameters
+    ----------
+    source, label, threshold, spacing, affine
+        As in `voxflat.surface`. An input of which no surface can be made is no error: `Check.advice` says why.
+    part : callable, optional
+        Takes the surface and returns the part that is to be flattened, such as
+        ``lambda surface: surface.disk(5000, 40)``.
+    cuts, sphere, threads, memory_limit, progress
+        As in `Surface.cut`.
+
+    Returns
+    -------
+    Check
+
+    Raises
+    ------
+    InputError
+        If the input cannot be read, or a label, threshold or part was given that does not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> labels = np.zeros((9, 9, 9), dtype=np.uint8)
+    >>> labels[2:7, 2:7, 2:7] = 1
+    >>> voxflat.check(labels).can_flatten
+    True
+    """
+    if part is not None and not callable(part):
+        raise InputError(f"part is {shown(part)}; give a function from a Surface to a part of it")
+    with reading(memory_limit):
+        if isinstance(source, Surface):
+            chosen = source if part is None else part(source)
+            return chosen.check(cuts, sphere=sphere, threads=threads, progress=progress)
+        making: dict[str, Any] = {"threads": checked_threads(threads), "progress": progress}
+        voxels: dict[str, Any] = {"label": label, "threshold": threshold}
+        mesh = as_mesh(source)
+        where = Where(cuts, sphere)
+        if mesh is not None:
+            found = _of_mesh(mesh)
+            try:
+                whole = _surface(mesh, **voxels, spacing=spacing, affine=affine, **making)
+            except InputError as error:
+                return extended(found, advice=(*mesh.remarks, str(error)))
+            return _of_part(whole, part, found, where, making)
+        volume = as_volume(source, spacing=spacing, affine=affine)
+        check_scalar(volume)
+        found = Check(None if volume.path is None else str(volume.path), "volume", _volume_contents(volume))
+        if label is None and threshold is None:
+            try:
+                foreground(volume.data)
+            except InputError as error:
+                return extended(found, advice=(str(error),))
+        making |= {**voxels, "memory_limit": memory_limit}
+        return _of_part(_surface(volume, **making, repair="none"), part, found, where, making, volume)
+
+
+def _of_part(
+    whole: Surface,
+    part: Callable[[Surface], Surface] | None,
+    found: Check,
+    where: Where,
+    making: dict[str, Any],
+    volume: Volume | None = None,
+) -> Check:
+    """Check a part of a surface that could be made."""
+
+    def chosen(of: Surface) -> Surface:
+        return of if part is None else part(of)
+
+    try:
+        wanted = chosen(whole)
+    except InputError as error:
+        found = check_surface(whole, found, where, making["threads"], making["progress"])
+        return extended(found, can_flatten=False, advice=(*whole.remarks, str(error)))
+    repaired = None if volume is None else lambda: chosen(_surface(volume, **making))
+    return check_surface(wanted, found, where, making["threads"], making["progress"], repaired)
+
+
+def _of_mesh(mesh: Mesh) -> Check:
+    contents = size_and_space(mesh.points, len(mesh.faces), mesh.structure, mesh.space)
+    defects = _core.defects(mesh.points, mesh.faces)
+    return Check(None if mesh.path is None else str(mesh.path), "mesh", contents, defects)
+
+
+def _volume_contents(volume: Volume) -> dict[str, Any]:
+    return {
+        "shape": volume.data.shape,
+        "dtype": str(volume.data.dtype),
+        "spacing": tuple(float(h) for h in volume.spacing),
+        "orientation": volume.orientation,
+        "affine": volume.affine.tolist(),
+        "labels": labels_in(volume.data),
+        "range": (float(volume.data.min()), float(volume.data.max())),
+    }

@@ -1,0 +1,70 @@
+"""The shorthand: from anything to a flat map, with defaults."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.maps.flat_map import FlatMap
+from voxflat.methods import Method
+from voxflat.methods.method import Rows
+from voxflat.pipeline.cut_surface import CutSurface
+from voxflat.pipeline.surface import surface as _surface
+
+__all__ = ["flatten"]
+
+
+def flatten(
+    surface: object,
+    method: str | Method = "voxflat",
+    *,
+    cuts: object | None = None,
+    sphere: object | None = None,
+    relax: float | bool | None = None,
+    adapt: float | None = None,
+    mirror: bool = False,
+    rows: Rows = False,
+    seed: int = 0,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    progress: Progress | None = None,
+) -> FlatMap:
+    """Flatten a surface into the plane while preserving geodesic distances.
+
+    Short for ``voxflat.surface(surface).flatten(...)``. To say which voxels of a volume are foreground, or which part
+    of the surface is flattened, call `voxflat.surface` first.
+
+    Parameters
+    ----------
+    surface : path, ndarray, image object, Volume, (points, faces), Mesh, pyvista.PolyData, Surface or CutSurface
+        Anything that `voxflat.surface` takes, or a surface that is cut already.
+    method, cuts, sphere, relax, adapt, mirror, rows, seed, threads, memory_limit, progress
+        As in `Surface.flatten`.
+
+    Returns
+    -------
+    FlatMap
+
+    Raises
+    ------
+    InputError, AreaBoundError, Cancelled
+        As in `Surface.flatten`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> sheet = np.zeros((20, 20, 5), dtype=np.uint8)
+    >>> sheet[2:-2, 2:-2, 2] = 1
+    >>> flat_map = voxflat.flatten(sheet)
+    >>> flat_map.uv.shape
+    (256, 2)
+    """
+    where: dict[str, Any] = {"cuts": cuts, "sphere": sphere, "relax": relax, "adapt": adapt}
+    limits: dict[str, Any] = {"threads": threads, "memory_limit": memory_limit, "progress": progress}
+    if isinstance(surface, CutSurface):
+        if any(value is not None for value in where.values()):
+            raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
+        return surface.flatten(method, mirror=mirror, rows=rows, seed=seed, **limits)
+    return _surface(surface, **limits).flatten(method, **where, mirror=mirror, rows=rows, seed=seed, **limits)

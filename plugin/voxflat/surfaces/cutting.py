@@ -1,0 +1,321 @@
+"""From a surface, or a part of one, to the disk that is flattened: cuts, holes, and remarks on each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import Progress
+from voxflat.errors import InputError
+from voxflat.surfaces.cuts import check_relax, close_holes, cut_along, opened, read_cuts
+from voxflat.surfaces.manifold import Manifold, Step
+from voxflat.surfaces.parts import dropped, largest_piece
+from voxflat.surfaces.standard.choice import AUTOMATIC, Choice, chosen
+from voxflat.surfaces.standard.sphere import Sphere
+from voxflat.surfaces.standard.template import STANDARD
+from voxflat.surfaces.standard.tracing import TracedCut, kept_by, traced
+
+__all__ = ["Cutout", "Where", "cut_open", "cut_out_as", "opened_to_disk", "sketch_error"]
+
+_COVERED = 0.5  # share of what a template leaves out that must be left out for a region to stand in its place
+_NO_TRIAL = 1e9  # an error that is always bearable, so that no cut is tried
+
+
+@dataclass(frozen=True)
+class Cutout:
+    """What is flattened, what it was cut from, and what was done."""
+
+    whole: Manifold
+    part: Manifold
+    faces: NDArray[np.uint32]
+    metadata: dict[str, Any]
+    remarks: tuple[str, ...]
+    given_length: float | None  # of the cuts that were given, mm; None if there is no word of cuts
+    is_cut: bool  # whether someone has said where it is cut: by cuts, or by a patch's triangles
+    is_whole: bool  # whether nothing was left out of what was handed over
+    sphere: Sphere | None = None  # that of the whole surface, if it is known
+    traced: tuple[TracedCut, ...] = ()  # cuts of a template, which are those in the metadata
+    is_standard: bool = False  # whether a template's cuts were chosen
+
+    def anatomy(self, threads: int | None = None, progress: Progress | None = None) -> dict[str, NDArray[np.float64]]:
+        """Return curvature and sulcal depth of the part's vertices, as they are on the whole surface."""
+        of_whole = {"curvature": self.whole.mean_curvature, "sulcal_depth": self.whole.sulcal_depth}
+        found = {}
+        for name, of in of_whole.items():
+            placed = np.full(self.whole.count, np.nan)
+            placed[self.whole.vertices] = of(threads=threads, progress=progress)
+            found[name] = placed[self.part.vertices]
+        return found
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a surface is cut, as `voxflat.Surface.cut` takes it."""
+
+    cuts: object | None = None
+    sphere: object | None = None
+    relax: float | bool | None = None
+    adapt: float | None = None
+
+    @property
+    def is_given(self) -> bool:
+        """Whether anybody has said where to cut."""
+        return any(value is not None for value in (self.cuts, self.sphere, self.relax, self.adapt))
+
+
+def cut_open(
+    part: Manifold, where: Where, threads: int | None = None, progress: Progress | None = None, *, to_disk: bool = True
+) -> Cutout:
+    """Cut a surface, or a part of one, open.
+
+    Parameters
+    ----------
+    part : Manifold
+        What is to be flattened.
+    where : Where
+        Where it is cut.
+    threads, progress
+        As in `voxflat.flatten`.
+    to_disk : bool
+        Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
+
+    Returns
+    -------
+    Cutout
+    """
+    cuts, relax, adapt = where.cuts, where.relax, where.adapt
+    whole = part if part.whole is None else part.whole
+    check_relax(relax, adapt)
+    is_free = all(step.verb == "drop" for step in part.steps)
+    choice = chosen(whole, cuts, where.sphere, is_free=is_free, threads=threads, progress=progress)
+    remarks = list(choice.remarks)
+    is_named = choice.template is not None or (isinstance(cuts, str) and cuts == AUTOMATIC)
+    paths, left_out = (None, None) if is_named else read_cuts(whole, cuts)
+    if left_out is not None:
+        part = dropped(part, left_out)
+    if choice.template is not None:
+        part, told = _with_outlines(whole, choice, part)
+        remarks += told
+    part = largest_piece(part)
+    remarks = [*part.remarks, *remarks]
+    named: list[TracedCut] = []
+    uncut = part
+    if choice.template is None:
+        part, cut_paths, length = cut_along(part, paths)
+    else:
+        part, named, told = _cut_by(choice, part, progress)
+        cut_paths, length = [uncut.ids[cut.vertices].tolist() for cut in named], sum(cut.length for cut in named)
+        remarks += told
+    metadata = {
+        **whole.metadata,
+        **_chosen_part(uncut),
+        "cuts": cut_paths,
+        "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
+        "cuts_by": _cuts_by(choice, paths),
+        "sphere": None if choice.sphere is None else choice.sphere.described(),
+        "automatic_cuts": [],
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
+    }
+    is_standard = choice.template is not None
+    given = length if is_standard or paths is not None else None
+    is_cut = given is not None or any(step.by_triangles for step in part.steps)
+    is_whole = not any(step.verb != "outlines" for step in part.steps)
+    more: dict[str, Any] = {"sphere": choice.sphere, "traced": tuple(named), "is_standard": is_standard}
+    cut = Cutout(whole, part, part.faces, metadata, tuple(remarks), given, is_cut, is_whole, **more)
+    if adapt is not None and not is_standard:
+        raise InputError("adapt is for the cuts of a template: give cuts='standard' or a template, or leave it out")
+    return opened_to_disk(cut, relax, threads, progress, adapt) if to_disk else cut
+
+
+def _chosen_part(part: Manifold) -> dict[str, Any]:
+    """Return what a map's metadata say of how the part was chosen."""
+    verbs = {step.verb: step for step in part.steps}
+    disk, corners = verbs.get("disk"), verbs.get("polygon")
+    return {
+        "keep": "keep" in verbs,
+        "drop": "drop" in verbs,
+        "seed_point": None if disk is None else disk.seed_point,
+        "seed_found": None if disk is None else disk.seed_found,
+        "radius": None if disk is None else disk.radius,
+        "polygon": None if corners is None else corners.corners,
+    }
+
+
+def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
+    """Take a part of a surface whose triangles and cuts are known.
+
+    Parameters
+    ----------
+    whole : Manifold
+        The surface.
+    part : Manifold
+        Some of its triangles.
+    cuts : sequence of ndarray of int64
+        Paths of vertices of the part.
+    by : str
+        What said where to cut.
+
+    Returns
+    -------
+    Cutout
+        As `cut_open` returns it with ``to_disk=False``.
+    """
+    is_all = len(part.faces) == len(whole.faces)
+    named = [part.ids[path] for path in cuts]
+    length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
+    if cuts:
+        part = part.with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
+    part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
+    metadata = {
+        **whole.metadata,
+        **dict.fromkeys(("seed_point", "seed_found", "radius", "polygon", "sphere")),
+        "keep": not is_all,
+        "drop": False,
+        "cuts": [path.tolist() for path in named],
+        "cut_names": [None] * len(named),
+        "cuts_by": by,
+        "automatic_cuts": [],
+        "surface_points": len(whole),
+        "points": len(np.unique(part.vertices)),
+    }
+    return Cutout(whole, part, part.faces, metadata, part.remarks, length, True, is_all)
+
+
+def opened_to_disk(
+    cut: Cutout,
+    relax: float | bool | None,
+    threads: int | None,
+    progress: Progress | None,
+    adapt: float | None = None,
+) -> Cutout:
+    """Close small holes, and cut the rest open to a disk.
+
+    Parameters
+    ----------
+    cut : Cutout
+        As `cut_open` leaves it with ``to_disk=False``.
+    relax, threads, progress, adapt
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    Cutout
+    """
+    part, faces, told = close_holes(cut.part, progress)
+    remarks = [*cut.remarks, *told]
+    automatic: list[dict[str, Any]] = []
+    is_fixed = cut.given_length is not None and not cut.metadata["cuts"] and not cut.is_standard
+    if relax or not is_fixed:
+        given = cut.given_length or 0.0
+        part, automatic, told = opened(
+            part,
+            relax,
+            given,
+            threads,
+            progress,
+            is_fixed=is_fixed,
+            is_cut=cut.is_cut,
+            is_given=cut.is_whole,
+            adapt=adapt,
+        )
+        faces = part.faces[: len(faces)]
+        remarks += told
+    metadata = {**cut.metadata, "automatic_cuts": automatic, "points": len(np.unique(part.vertices))}
+    if cut.is_standard:
+        error = sketch_error(part, threads, progress)
+        metadata["sketch_error"] = error
+        remarks.append(_told_of_standard(cut, error))
+    return replace(cut, part=part, faces=faces, metadata=metadata, remarks=tuple(remarks))
+
+
+def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
+    """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
+
+    Parameters
+    ----------
+    part : Manifold
+        A disk.
+    threads, progress
+        As in `voxflat.flatten`.
+
+    Returns
+    -------
+    float
+        Mean relative error, at the best scale; NaN where the disk is too small for a sketch.
+    """
+    _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
+    return float(error)
+
+
+# --------------------------------------------------------------------------------------------- templates
+
+
+def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Manifold, list[str]]:
+    """Return a part without what a template leaves out, unless the user has left out most of that already."""
+    assert choice.template is not None
+    assert choice.sphere is not None
+    kept = kept_by(choice.template, whole, choice.sphere)
+    told: list[str] = []
+    if part.steps:
+        region = whole.has_triangles(part.vertices[part.faces])
+        assert region is not None
+        covered = float((~region)[~kept].mean()) if not kept.all() else 1.0
+        if covered >= _COVERED:
+            return part, []
+        names = ", ".join(line.name for line in choice.template.outlines)
+        told = [
+            f"the region that is left out holds {100 * covered:.0f} % of what the template leaves out ({names}): the "
+            "template's is left out, too"
+        ]
+        kept &= region
+    left = replace(part, core=whole.core.part_of_faces(kept), steps=(*part.steps, Step("outlines")), whole=whole)
+    return left, told
+
+
+def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[Manifold, list[TracedCut], list[str]]:
+    """Cut along a template's lines."""
+    assert choice.template is not None
+    assert choice.sphere is not None
+    topology = part.core.topology()
+    if topology["handles"]:
+        raise InputError(
+            f"the surface has {topology['handles']} handles, and a sphere none: a template needs a surface that was "
+            "repaired; give cuts='automatic', or repair='cuts'"
+        )
+    cuts, remarks = traced(choice.template, part, choice.sphere, progress)
+    if not cuts:
+        return part, cuts, remarks
+    opened_part = part.with_core(part.core.cut([cut.vertices.astype(np.uint32) for cut in cuts]))
+    after = opened_part.core.topology()
+    if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
+        raise InputError(
+            f"cut along the template the surface has Euler characteristic {after['euler']} and "
+            f"{len(after['loops'])} borders: its lines do not fit; give cuts='automatic'"
+        )
+    return opened_part, cuts, remarks
+
+
+def _cuts_by(choice: Choice, paths: list[Any] | None) -> str:
+    if choice.template is not None:
+        return choice.template.name
+    return AUTOMATIC if paths is None else "given"
+
+
+def _told_of_standard(cut: Cutout, error: float) -> str:
+    """Say which cuts were made, why, and what else there is."""
+    names = ", ".join(cut.metadata["cut_names"])
+    if not names:
+        return f"no cut of {cut.metadata['cuts_by']} lies in what is flattened"
+    length = sum(one.length for one in cut.traced)
+    by = cut.metadata["sphere"]["input"]
+    what = "standard cuts" if cut.metadata["cuts_by"] == STANDARD else f"the cuts of {cut.metadata['cuts_by']}"
+    sketch = "" if np.isnan(error) else f"; distances of a sketch are {100 * error:.1f} % off"
+    return (
+        f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those "
+        "that suit this surface best, and voxflat check says how well"
+    )

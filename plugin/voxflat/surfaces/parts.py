@@ -1,0 +1,192 @@
+"""Parts of a surface: regions, geodesic disks and polygons. A part is a surface again, and knows how it was chosen."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from voxflat import _core
+from voxflat.arguments import Progress, array_of, checked_number, shown
+from voxflat.errors import InputError
+from voxflat.io.meshes import holds_mesh
+from voxflat.io.overlays import read_region
+from voxflat.io.patches import Patch, is_patch, read_patch
+from voxflat.io.volumes import Volume
+from voxflat.surfaces.foreground import keep_mask
+from voxflat.surfaces.manifold import Manifold, Step
+from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
+from voxflat.surfaces.of_mesh import as_mesh
+from voxflat.surfaces.partners import check_region
+from voxflat.surfaces.seed import found_seed, seed_voxel
+
+__all__ = ["disk", "dropped", "kept", "largest_piece", "polygon"]
+
+_STRAY_SHARE = 0.05  # of a part's area, that may lie in stray pieces
+
+_Part = TypeVar("_Part", bound=Manifold)
+
+
+def kept(of: _Part, region: object) -> _Part:
+    """Return the part of a surface that lies in a region; see `voxflat.Surface.keep`."""
+    faces = of.faces
+    by_triangles = None if of.is_voxels else _triangles(of, region)
+    mask = None
+    if by_triangles is None:
+        vertices, mask = _vertices(of, region, "keep")
+        by_triangles, step = _all_corners(vertices, faces), Step("keep", mask)
+    else:
+        step = Step("keep", by_triangles=True)
+    return _region(of, by_triangles, step, region)
+
+
+def dropped(of: _Part, region: object) -> _Part:
+    """Return the part of a surface that lies outside a region; see `voxflat.Surface.drop`."""
+    mask = None
+    if is_medial_wall(region):
+        vertices = medial_wall_of(of)
+    else:
+        vertices, mask = _vertices(of, region, "drop")
+    step = Step("drop", None if mask is None else ~mask)
+    return _region(of, _all_corners(~vertices, of.faces), step, region)
+
+
+def disk(
+    of: _Part, seed_point: Sequence[int] | int, radius: float, threads: int | None, progress: Progress | None
+) -> _Part:
+    """Return a geodesic disk; see `voxflat.Surface.disk`."""
+    radius = checked_number(radius, "radius")
+    seed, told = _seed(of, seed_point)
+    core, filled = of.core.disk(seed, radius, threads, progress)
+    if filled:
+        told.append(f"{filled} triangles beyond the radius that the disk encloses belong to it")
+    given, found = np.asarray(seed_point).tolist(), of.ids[seed].tolist()
+    return _part(of, core, Step("disk", seed_point=given, seed_found=found, radius=radius), told)
+
+
+def polygon(of: _Part, corners: ArrayLike, progress: Progress | None) -> _Part:
+    """Return what a closed shortest path encloses; see `voxflat.Surface.polygon`."""
+    core, _ = of.core.polygon(of.find(corners, "the polygon's corners"), progress)
+    return _part(of, core, Step("polygon", corners=np.asarray(corners).tolist()), [])
+
+
+def largest_piece(part: _Part) -> _Part:
+    """Return the piece with the largest area, if that is what the user can have meant; say so."""
+    areas = [piece["area"] for piece in part.core.topology()["components"]]
+    if len(areas) == 1:
+        return part
+    share = areas[0] / sum(areas)
+    if part.steps and 1 - share > _STRAY_SHARE:
+        sizes = ", ".join(f"{area:.4g}" for area in areas[:5]) + (", ..." if len(areas) > 5 else "")
+        raise InputError(
+            f"the patch falls into {len(areas)} pieces that do not touch (of {sizes} mm²): keep one piece, or "
+            "give a seed point and a radius"
+        )
+    what = "the patch" if part.steps else "the surface"
+    remark = f"{what} has {len(areas)} components: the largest, {100 * share:.1f} % of its area, is used"
+    return replace(part, core=part.core.largest_piece(), remarks=(*part.remarks, remark))
+
+
+def _part(of: _Part, core: _core.Surface, step: Step, told: list[str]) -> _Part:
+    whole = of if of.whole is None else of.whole
+    return replace(of, core=core, whole=whole, steps=(*of.steps, step), remarks=(*of.remarks, *told))
+
+
+def _region(of: _Part, faces: NDArray[np.bool_], step: Step, region: object) -> _Part:
+    if not faces.any():
+        raise InputError(f"the patch holds no triangle of the surface ({len(of)} vertices): does it belong to it?")
+    told = check_region(of, region) if isinstance(region, str | os.PathLike) and not is_medial_wall(region) else []
+    return _part(of, of.core.part_of_faces(faces), step, told)
+
+
+def _all_corners(chosen: NDArray[np.bool_], faces: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    return np.asarray(np.asarray(chosen[faces]).all(axis=1))
+
+
+def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
+    """Return which triangles another mesh of the same vertices has, if that is what was given."""
+    if isinstance(keep, str | os.PathLike):
+        if not os.path.exists(keep):
+            return None
+        if is_patch(keep):
+            keep = read_patch(keep)
+        elif not holds_mesh(keep):
+            return None
+    if isinstance(keep, Patch):
+        return whole.in_patch(keep)
+    mesh = as_mesh(keep)
+    if mesh is None:
+        return None
+    if len(mesh.points) != whole.metadata["vertices"]:
+        raise InputError(
+            f"the surface to keep has {len(mesh.points)} vertices, the surface {whole.metadata['vertices']}; they must "
+            "correspond one by one"
+        )
+    found = whole.has_triangles(mesh.faces)
+    if found is None:
+        raise InputError("the surface to keep has triangles that the surface does not have: is it of this one?")
+    return found
+
+
+def _vertices(whole: Manifold, region: object, verb: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_] | None]:
+    """Return which vertices lie in a region, and of volumes the region as a mask of voxels."""
+    name = f"the region to {verb}"
+    if isinstance(region, str | os.PathLike) and not os.path.exists(region):
+        raise InputError(f"{name}: there is no file {os.fspath(region)}")
+    if whole.is_voxels:
+        shape = tuple(whole.metadata["shape"])
+        if _is_vertex_list(region):
+            found = whole.find(array_of(region, name), name)
+            mask = np.zeros(shape, dtype=np.bool_)
+            mask[tuple(whole.ids[found].T)] = True
+        else:
+            place = Volume(np.empty(shape, dtype=np.bool_), np.asarray(whole.metadata["affine"]), is_placed=True)
+            mask = keep_mask(region, place)
+        return mask[tuple(whole.ids.T)], mask
+    count = whole.metadata["vertices"]
+    if isinstance(region, str | os.PathLike):
+        chosen = read_region(region, count, structure=whole.metadata.get("structure"))
+    else:
+        chosen = _as_mask(array_of(region, name), count, name)
+    chosen = chosen.copy()
+    np.logical_or.at(chosen, whole.merged[:, 1], chosen[whole.merged[:, 0]])
+    return np.asarray(chosen[whole.vertices]), None
+
+
+def _is_vertex_list(region: object) -> bool:
+    return isinstance(region, np.ndarray | list) and array_of(region, "region's entries").ndim == 2
+
+
+def _as_mask(region: NDArray[Any], count: int, name: str) -> NDArray[np.bool_]:
+    """Take a mask of the vertices, or their numbers, as a mask."""
+    if region.shape == (count,) and (region.dtype.kind == "b" or not region.any() or region.max() <= 1):
+        return np.asarray(region != 0)
+    if region.ndim != 1 or region.dtype.kind not in "ui":
+        raise InputError(
+            f"{name} is {region.dtype} of shape {region.shape}; give a mask of shape ({count},), "
+            "vertex numbers, or a file"
+        )
+    bad = region[(region < 0) | (region >= count)]
+    if len(bad):
+        raise InputError(f"{name} names vertex {bad[0]}, but the mesh has {count} vertices, counted from 0")
+    chosen = np.zeros(count, dtype=np.bool_)
+    chosen[region] = True
+    return chosen
+
+
+def _seed(part: Manifold, seed_point: Sequence[int] | int) -> tuple[int, list[str]]:
+    """Return the vertex that a seed point stands for, and a remark if it lies elsewhere."""
+    if not part.is_voxels:
+        place = array_of(seed_point, "indices of the seed point")
+        if place.ndim != 0 or place.dtype.kind not in "ui":
+            raise InputError(f"the seed point is {shown(seed_point)}; for a mesh give the number of a vertex")
+        return int(part.find(place[None], "the seed point")[0]), []
+    wanted = seed_voxel(seed_point)
+    vertex, distance = part.nearest(wanted)
+    voxel = part.ids[vertex].tolist()
+    size = float(np.linalg.norm(np.asarray(part.metadata["affine"])[:3, :3], axis=0).max())
+    return vertex, found_seed(wanted, voxel, distance, size)

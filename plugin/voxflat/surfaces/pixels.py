@@ -1,0 +1,48 @@
+"""The pixels of a range image, of which its surface was made."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.errors import InputError
+from voxflat.surfaces.manifold import Manifold
+
+__all__ = ["pixels_of"]
+
+
+def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
+    """Find the pixels that the vertices of a range image are.
+
+    Parameters
+    ----------
+    part : Manifold
+        A range image, or a part of one.
+
+    Returns
+    -------
+    pixels : ndarray of uint32, shape (N, 2)
+        Row and column.
+    spacing : list of 2 floats
+        Distance of rows and of columns, mm.
+
+    Raises
+    ------
+    InputError
+        If it is none, or if a pixel belongs to two vertices.
+    """
+    grid = part.metadata.get("range_image")
+    if grid is None:
+        raise InputError(
+            "sampling is 'grid', but the surface is no range image; make one by voxflat.range_image, or give "
+            "sampling='decimation'"
+        )
+    ids = part.ids
+    unique, counts = np.unique(ids, return_counts=True)
+    if len(unique) < len(ids):
+        row, column = (int(i) for i in np.unravel_index(unique[counts > 1][0], grid["shape"]))
+        raise InputError(
+            f"sampling is 'grid', but the surface is cut: pixel ({row}, {column}) lies on both sides, and a grid knows "
+            "one; give sampling='decimation'"
+        )
+    return np.stack(np.unravel_index(ids, grid["shape"]), axis=1).astype(np.uint32), list(grid["spacing"])
