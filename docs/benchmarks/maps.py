@@ -1,11 +1,11 @@
 """Judge flat maps: the default method beside its peers on the same cuts, by exact distances from the same sources.
 
     make bench-flatten
-    python docs/benchmarks/maps.py --only fsaverage5,pareto
+    python docs/benchmarks/maps.py --only fsaverage5,growth
 
 Every map is made in a process of its own; wall and CPU time, s, are without reading input. Compare ratios, machines
 differ. Peers: the flat maps that fsaverage5 and SUIT's cerebellum come with, ARAP and SLIM (libigl), `autoflatten
-flatten`, and in `texture` Floater's shape-preserving map.
+flatten`.
 """
 
 import argparse
@@ -14,14 +14,9 @@ from pathlib import Path
 import anatomy
 import distances_tables
 import maps_growth
-import maps_hard
-import maps_known
 import maps_makers
-import maps_pareto
 import maps_peers
 import maps_published
-import maps_sampling
-import maps_texture
 
 SECTIONS = {
     "published": maps_published.published,
@@ -30,14 +25,7 @@ SECTIONS = {
     "mni152": maps_peers.mni152,
     "growth": maps_growth.growth,
     "sheets": maps_growth.sheets,
-    "pareto": maps_pareto.pareto,
-    "sampling": maps_sampling.sampling,
-    "developable": maps_known.developable,
-    "hemisphere": maps_known.hemisphere,
-    "texture": maps_texture.texture,
-    "adversarial": maps_hard.adversarial,
 }
-PICTURES = Path(__file__).resolve().parents[1] / "pictures"
 
 
 def main():
@@ -60,12 +48,10 @@ def main():
     sheets = [30_000, 300_000, 900_000, 3_000_000]
     parser.add_argument("--sheets", nargs="+", type=int, default=sheets, help="vertices of bent sheets")
     parser.add_argument("--spacings", nargs="+", type=float, default=[1.35, 0.7, 0.6, 0.25], help="of growth, mm")
-    parser.add_argument("--weightings", type=int, default=9, help="from local to global")
     parser.add_argument("--limit", type=float, default=7200, help="seconds that a map may take")
     parser.add_argument(
         "--keep", type=Path, help="directory where maps are kept; those that are there are not made anew"
     )
-    parser.add_argument("--pictures", type=Path, default=PICTURES, help="directory of pictures")
     distances_tables.run(SECTIONS, parser)
 
 

@@ -5,7 +5,7 @@
 makes a map in this process. `make` starts such a process, so that time and memory are of one map alone. A job holds a
 surface: the points and faces of a disk, or labels with their affine for voxflat to cut open, and voxflat's options.
 Peers start as their users do: ARAP and SLIM (libigl) from the harmonic map to a disk, or where that folds from the one
-with equal springs; 100 iterations. Floater's map (1997), which we wrote ourselves, has its border on the same circle.
+with equal springs; 100 iterations.
 `autoflatten flatten` has its defaults; it is the command as it is, so that its times contain its start and compilation.
 """
 
@@ -170,14 +170,6 @@ def slim(job, options):
     return np.asarray(igl.slim_solve(data, ITERATIONS))[:, :2], points, faces, {}
 
 
-def floater(job, options):
-    """Return the shape-preserving map to a disk (Floater 1997)."""
-    import floater1997
-
-    points, faces = job["points"], job["faces"]
-    return floater1997.shape_preserving(points, faces, *on_circle(points, faces)), points, faces, {}
-
-
 def on_circle(points, faces):
     """Return the border of a disk, and its places on a circle of the surface's area, by the lengths of its edges."""
     import igl
@@ -238,16 +230,15 @@ def autoflatten(job, options):
     return places, points, faces, {}
 
 
-MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten, "Floater": floater}
+MAKERS = {"voxflat": voxflat_map, "ARAP": arap, "SLIM": slim, "autoflatten": autoflatten}
 USUAL = ("voxflat", "ARAP", "SLIM", "autoflatten")
-"""Makers of every section; Floater's are of `texture` alone."""
+"""Makers of every section."""
 
 IMPORTS = {
     "voxflat": ("voxflat",),
     "ARAP": ("igl",),
     "SLIM": ("igl",),
     "autoflatten": ("voxflat",),
-    "Floater": ("igl", "floater1997"),
 }
 
 

@@ -22,8 +22,7 @@ from typing import Any
 import napari
 import numpy as np
 import psutil
-from napari_stalls import live, sheet
-from qtpy.QtCore import QThreadPool
+from qtpy.QtCore import QEvent, QThreadPool
 from qtpy.QtWidgets import QApplication
 
 import voxflat
@@ -136,6 +135,27 @@ def maps(times: int, points: int) -> None:
         )
     print(f"  layers: {len(viewer.layers)}, widgets: {len(QApplication.allWidgets())}")
     viewer.close()
+
+
+def live(seconds: float) -> None:
+    """Let the window live."""
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        QApplication.processEvents()
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # which only a loop of Qt's own does
+        time.sleep(0.001)
+
+
+def sheet(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a bumpy sheet of about so many points, 1 mm apart, with values."""
+    size = round(points**0.5)
+    i, j = np.mgrid[:size, :size]
+    height = 4 * np.sin(i / 6) * np.cos(j / 8)
+    corner = (i[:-1, :-1] * size + j[:-1, :-1]).ravel()
+    lower = np.stack([corner, corner + size, corner + 1], axis=1)
+    upper = np.stack([corner + 1, corner + size, corner + size + 1], axis=1)
+    vertices = np.stack([1.0 * i, 1.0 * j, height], axis=-1).reshape(-1, 3)
+    return vertices, np.concatenate([lower, upper]), height.ravel()
 
 
 def main() -> None:

@@ -19,9 +19,6 @@ cut. `map_page` shows a map beside its surface in a notebook or a browser.
 True
 """
 
-from voxflat import _interrupt  # noqa: F401  (first: Ctrl-C while the program starts)
-
-# isort: split
 from typing import TYPE_CHECKING
 
 from voxflat import methods

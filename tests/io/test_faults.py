@@ -91,54 +91,6 @@ def test_signals_while_saving_leave_nothing(folder, number):
     assert names(folder) == ["v.nii.gz", "v.npy"]
 
 
-@pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
-def test_ctrl_c_while_the_program_starts_shows_no_traceback(tmp_path, after):
-    """From when the package is begun to be imported: what Python does before is its own."""
-    (tmp_path / "sitecustomize.py").write_text(
-        "import sys\n"
-        "class Told:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'voxflat._core': print('begun', flush=True)\n"
-        "sys.meta_path.insert(0, Told())\n"
-    )
-    paths = os.pathsep.join([str(tmp_path), *sys.path])
-    process = subprocess.Popen(
-        [sys.executable, "-m", "voxflat.cli", "--help"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": paths},
-    )
-    assert process.stdout.readline() == "begun\n"
-    time.sleep(after)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert "Traceback" not in told
-    assert process.returncode in (-signal.SIGINT, 130, 0)
-
-
-def test_ctrl_c_before_anything_else_is_imported_shows_no_traceback(tmp_path):
-    """Python starts with few modules here (-S); the first that the package asks for beside `_interrupt` ends it."""
-    program = tmp_path / "voxflat"
-    program.write_text(
-        "import os, sys\n"
-        "class Pressing:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name not in ('voxflat', 'voxflat._interrupt'): os.kill(os.getpid(), 2)\n"
-        "sys.meta_path.insert(0, Pressing())\n"
-        "from voxflat.cli import main\n"
-        "main()\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-S", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
-
-
 def test_scripts_keep_their_ctrl_c():
     code = "import signal, voxflat; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
     subprocess.run([sys.executable, "-c", code], check=True)

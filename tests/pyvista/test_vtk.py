@@ -12,7 +12,7 @@ pytest.importorskip("pyvista")
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "tests" / "helpers" / "vtk_pipeline.py"
-DEBIAN = ROOT / ".tools" / "debian-vtk" / "bin" / "python"  # made by `make debian-vtk`
+DEBIAN = ROOT / ".tools" / "debian-vtk" / "bin" / "python"  # made by `make test`
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 def facts(request):
     python = sys.executable if request.param == "PyPI" else DEBIAN
     if not Path(python).exists():
-        pytest.skip("Debian's VTK is not set up: make debian-vtk")
+        pytest.skip("Debian's VTK is not set up: make test does it, as root")
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "plugin")}
     done = subprocess.run([python, PROGRAM], capture_output=True, text=True, timeout=300, env=environment)
     assert done.returncode == 0, done.stderr

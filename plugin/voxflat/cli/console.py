@@ -18,7 +18,6 @@ import click
 import cloup
 from tqdm import tqdm
 
-from voxflat._interrupt import take_over
 from voxflat.arguments import Progress, log
 from voxflat.errors import Cancelled, told
 
@@ -47,7 +46,6 @@ class Program(cloup.Group):
     def _status(self, arguments: list[str], *further: Any, **more: Any) -> int:
         more["standalone_mode"] = False  # errors are shown here
         _hold_standard_files()
-        take_over()
         try:
             with _terminable():
                 status = super().main(arguments, *further, **more)
