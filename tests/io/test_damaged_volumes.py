@@ -8,7 +8,8 @@ from volume_files import BOTH, NIFTI, hide, oblique, save, values
 
 from voxflat.errors import InputError, VoxflatError
 from voxflat.io import readers as _readers
-from voxflat.io.volumes import as_volume, read_volume, write_volume
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 

@@ -12,7 +12,7 @@ from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, grid, needs_workbench
 
 from voxflat.errors import InputError
 from voxflat.io import gifti as _gifti
-from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, suspicious_units, write_mesh
+from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 
 
@@ -167,9 +167,9 @@ def test_bad_data():
 
 
 def test_suspicious_units(tmp_path):
-    assert suspicious_units(sphere().points) is None
+    assert Mesh(sphere().points, sphere().faces).unit_remark is None
     remark = "is 0.17 units across; coordinates are taken as mm: are they metres? multiply by 1000"
-    assert suspicious_units(sphere().points * 0.0017) == remark
+    assert Mesh(sphere().points * 0.0017, sphere().faces).unit_remark == remark
     write_mesh(tmp_path / "s.ply", Mesh(sphere().points * 0.0017, sphere().faces))
     assert read_mesh(tmp_path / "s.ply").remarks == (remark,)
 

@@ -8,7 +8,8 @@ from volume_files import BOTH, NIFTI, SHAPE, hide, oblique, rotation, same_as_ni
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine
-from voxflat.io.volumes import Volume, as_volume, read_volume, write_volume
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")

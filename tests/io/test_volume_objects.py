@@ -8,7 +8,8 @@ from volume_files import SHAPE, agrees_with_itk, change, itk_image, oblique, phy
 
 from voxflat.errors import InputError
 from voxflat.io.grid import check_affine, voxel_size
-from voxflat.io.volumes import Volume, as_volume, read_volume
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume, read_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")

@@ -11,7 +11,8 @@ from volume_files import BOTH, NIFTI, SHAPE, change, hide, oblique, physical, va
 
 from voxflat.errors import InputError
 from voxflat.io.files import atomic_path
-from voxflat.io.volumes import Volume, as_volume, read_volume, write_volume
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume, read_volume, write_volume
 
 itk = pytest.importorskip("itk")
 nib = pytest.importorskip("nibabel")

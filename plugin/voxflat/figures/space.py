@@ -22,7 +22,7 @@ from voxflat.arguments import checked_kind, checked_pixels, numbers_of, shown
 from voxflat.atlases.pieces import FlatPieces
 from voxflat.errors import InputError
 from voxflat.figures.colours import ERROR_LABEL, ERRORS, patch_colours, top_error
-from voxflat.io.volumes import as_volume
+from voxflat.io.sources import as_volume
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import surface
 from voxflat.surfaces.foreground import foreground

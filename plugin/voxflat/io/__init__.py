@@ -10,8 +10,9 @@ from voxflat.io.files import atomic_path
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 from voxflat.io.patches import Patch, patch_border, patch_faces, read_patch, write_patch
+from voxflat.io.sources import as_volume
 from voxflat.io.spaces import Space, VolumeGeometry
-from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, read_volume, write_volume
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, read_volume, write_volume
 
 __all__ = [
     "VOLUME_ENDINGS",

@@ -25,7 +25,7 @@ from voxflat.io.structures import named_structure
 from voxflat.io.triangles import as_float32, check_faces
 from voxflat.io.volumes import VOLUME_ENDINGS
 
-__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "suspicious_units", "write_mesh"]
+__all__ = ["Mesh", "holds_mesh", "in_tkras", "is_mesh_name", "parsed", "read_mesh", "write_mesh"]
 
 
 _WITHOUT_UNIT = (formats.VTK, formats.VTP, formats.PLY, formats.STL, formats.OBJ)
@@ -71,7 +71,15 @@ class Mesh:
     def has_unknown_unit(self) -> bool:
         """Whether it may not be in mm: only GIFTI and FreeSurfer say so, or it is smaller than anything in mm."""
         by_name = None if self.path is None else formats.by_name(self.path)
-        return by_name in _WITHOUT_UNIT or suspicious_units(self.points) is not None
+        return by_name in _WITHOUT_UNIT or self.unit_remark is not None
+
+    @property
+    def unit_remark(self) -> str | None:
+        """A remark on a surface that seems not to be in mm: the longest side of its box is below 1."""
+        across = float(np.ptp(self.points, axis=0).max())
+        if across >= 1:
+            return None
+        return f"is {across:.2g} units across; coordinates are taken as mm: are they metres? multiply by 1000"
 
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path.name}"
@@ -103,25 +111,6 @@ class Mesh:
                 own = len(array) if np.ndim(array) else 0
                 if own != count:
                     raise InputError(f"{kind} data {name!r} has {own} values; the surface has {count} {kind}s")
-
-
-def suspicious_units(points: NDArray[np.float64]) -> str | None:
-    """Remark on a surface that seems not to be in mm.
-
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        Its points.
-
-    Returns
-    -------
-    str or None
-        A remark if the longest side of its bounding box is below 1.
-    """
-    across = float(np.ptp(points, axis=0).max())
-    if across >= 1:
-        return None
-    return f"is {across:.2g} units across; coordinates are taken as mm: are they metres? multiply by 1000"
 
 
 # ------------------------------------------------------------------------------------------ reading
@@ -217,8 +206,7 @@ def parsed(path: Path, data: bytes) -> Mesh:
     """Return the surface that a file holds, with what its name and its size tell."""
     with np.errstate(all="ignore"):
         mesh = Mesh(path=path, **READERS[_format(path, data)](path, data))
-    remark = suspicious_units(mesh.points)
-    remarks = mesh.remarks + ((remark,) if remark else ())
+    remarks = mesh.remarks + ((mesh.unit_remark,) if mesh.unit_remark else ())
     return replace(mesh, structure=mesh.structure or named_structure(path), remarks=remarks)
 
 

@@ -1,13 +1,13 @@
 """Volumes in and out: voxels in the order (i, j, k) and an affine to RAS+ mm.
 
-`as_volume` takes whatever holds voxels (an array, a path, an image object), `read_volume` a file, `write_volume` writes
-one. All of them end in a `Volume`, which is checked once, where it is made.
+`read_volume` reads a file, `write_volume` writes one; `voxflat.io.sources` takes objects as well. All of them end in a
+`Volume`, which is checked once, where it is made.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,11 @@ from voxflat.arguments import array_of, checked_path
 from voxflat.errors import InputError
 from voxflat.io.chunks import Chunked, is_chunked
 from voxflat.io.files import REMEDY, atomic_path, by_ending, naming, require, save_array
-from voxflat.io.grid import Affine, check_affine, given_affine, volume_shape
+from voxflat.io.grid import Affine, check_affine, volume_shape
 from voxflat.io.provenance import Record, as_text
-from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, as_array, from_itk, from_nibabel, read
+from voxflat.io.readers import ITK_TYPES, LPS_TO_RAS, READERS, read
 
-__all__ = ["VOLUME_ENDINGS", "Volume", "as_volume", "read_volume", "write_volume"]
+__all__ = ["VOLUME_ENDINGS", "Volume", "read_volume", "write_volume"]
 
 VOLUME_ENDINGS = tuple(READERS)
 """How the names of files end that hold volumes."""
@@ -58,6 +58,11 @@ class Volume:
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", _check_data(self.data))
         object.__setattr__(self, "affine", check_affine(self.affine))
+
+    @classmethod
+    def placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> Volume:
+        """Return voxels that lie where their affine says, or with the identity where there is none."""
+        return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
 
     @property
     def spacing(self) -> Affine:
@@ -99,41 +104,14 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     FileNotFoundError, PermissionError
         The file cannot be opened.
     """
-    return as_volume(checked_path(path))
+    path = checked_path(path)
+    with naming(path, REMEDY):
+        return volume_of_file(path)
 
 
-def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
-    """Take anything that holds voxels as a `Volume`, without a copy where possible.
-
-    Parameters
-    ----------
-    obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
-        The voxels, in the order (i, j, k) if it is an array.
-    spacing : sequence of 3 floats, optional
-        Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
-    affine : array_like, shape (4, 4), optional
-        Voxel index to RAS+ mm. Neither this nor `spacing` may be given for something with an affine of
-        its own. Without any, the identity.
-
-    Returns
-    -------
-    Volume
-        The same voxels with their affine.
-
-    Raises
-    ------
-    InputError
-        The object is no volume, or its place is given twice.
-    """
-    given = given_affine(spacing, affine)
-    is_file = isinstance(obj, str | os.PathLike)
-    remedy = REMEDY if is_file else "give an array, a path or an image"
-    with naming(obj if is_file else type(obj).__name__, remedy):
-        data, own, path = _parts(obj)
-        if given is not None and own is not None:
-            raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
-        placed = own if given is None else given
-        return Volume(data, np.eye(4) if placed is None else placed, path, is_placed=placed is not None)
+def volume_of_file(path: str | os.PathLike[str]) -> Volume:
+    """Read a volume; errors do not name the file."""
+    return Volume.placed(*read(Path(path)), Path(path))
 
 
 def write_volume(
@@ -182,21 +160,6 @@ def _check_data(data: NDArray[Any]) -> NDArray[Any]:
     shape = volume_shape(data.shape, data.dtype)
     data = data if data.shape == shape else data.reshape(shape)
     return data.astype(data.dtype.newbyteorder("="), copy=False)
-
-
-def _parts(obj: object) -> tuple[NDArray[Any], NDArray[Any] | None, Path | None]:
-    """Return the voxels of anything, its own affine or None, and its file or None."""
-    if isinstance(obj, Volume):
-        return as_array(obj.data), obj.affine if obj.is_placed else None, obj.path
-    if isinstance(obj, str | os.PathLike):
-        return *read(Path(obj)), Path(obj)
-    if hasattr(obj, "dataobj") and hasattr(obj, "affine"):
-        return *from_nibabel(obj), None
-    if hasattr(obj, "GetBufferedRegion") and hasattr(obj, "TransformIndexToPhysicalPoint"):
-        return *from_itk(obj), None
-    if isinstance(obj, np.ma.MaskedArray):
-        raise InputError("has a mask, which would be lost: fill it first, say with .filled(0)")
-    return as_array(obj), None, None
 
 
 # ------------------------------------------------------------------------------------------- writing

@@ -23,8 +23,9 @@ from voxflat.io.gifti import label_bytes
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.readers import read_array
 from voxflat.io.reading import check_room, note, reading
+from voxflat.io.sources import as_volume
 from voxflat.io.svg import Outline, read_outlines
-from voxflat.io.volumes import VOLUME_ENDINGS, Volume, as_volume, write_volume
+from voxflat.io.volumes import VOLUME_ENDINGS, Volume, write_volume
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import Depths
 from voxflat.maps.lines import ellipse

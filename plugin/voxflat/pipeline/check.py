@@ -12,14 +12,14 @@ from voxflat.arguments import Progress, checked_threads, shown
 from voxflat.errors import InputError
 from voxflat.io.meshes import Mesh
 from voxflat.io.reading import reading
-from voxflat.io.volumes import Volume, as_volume
+from voxflat.io.sources import as_mesh, as_volume
+from voxflat.io.volumes import Volume
 from voxflat.pipeline.surface import Surface
 from voxflat.pipeline.surface import surface as _surface
 from voxflat.surfaces.cutting import Where
 from voxflat.surfaces.findings import Check, check_surface, extended
 from voxflat.surfaces.foreground import check_scalar, foreground, labels_in
 from voxflat.surfaces.manifold import size_and_space
-from voxflat.surfaces.of_mesh import as_mesh
 
 __all__ = ["check"]
 

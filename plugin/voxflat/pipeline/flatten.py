@@ -9,8 +9,8 @@ from voxflat.errors import InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method
 from voxflat.methods.method import Rows
+from voxflat.pipeline import surface as making
 from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.pipeline.surface import surface as _surface
 
 __all__ = ["flatten"]
 
@@ -67,4 +67,4 @@ def flatten(
         if any(value is not None for value in where.values()):
             raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
         return surface.flatten(method, mirror=mirror, rows=rows, seed=seed, **limits)
-    return _surface(surface, **limits).flatten(method, **where, mirror=mirror, rows=rows, seed=seed, **limits)
+    return making.surface(surface, **limits).flatten(method, **where, mirror=mirror, rows=rows, seed=seed, **limits)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 from numpy.typing import ArrayLike
 
@@ -23,17 +23,19 @@ from voxflat.distances.path import Path
 from voxflat.distances.path import path as _path
 from voxflat.distances.rows import DistanceRows
 from voxflat.errors import InputError
+from voxflat.io.meshes import Mesh
 from voxflat.io.provenance import telling
 from voxflat.io.reading import reading
+from voxflat.io.sources import taken
 from voxflat.maps.flat_map import FlatMap
 from voxflat.methods import Method, flattened, method_of
 from voxflat.methods.method import How, Rows
 from voxflat.pipeline.cut_surface import CutSurface
-from voxflat.surfaces.cutting import Where, cut_open
+from voxflat.surfaces.cutting import Where, cut_handles, cut_open
 from voxflat.surfaces.findings import Check, check_surface
 from voxflat.surfaces.foreground import foreground_of
 from voxflat.surfaces.manifold import Manifold, size_and_space
-from voxflat.surfaces.of_mesh import as_mesh, of_mesh
+from voxflat.surfaces.of_mesh import of_mesh
 from voxflat.surfaces.of_volume import of_volume
 from voxflat.surfaces.parts import disk, dropped, kept, polygon
 from voxflat.surfaces.standard.registration import Registration, register
@@ -721,32 +723,23 @@ def surface(
         _refuse_options("a Surface", label=label, threshold=threshold, spacing=spacing, affine=affine, pial=pial)
         _refuse_options("a Surface", probability=probability, sheet=sheet, repair=repair)
         return source
-    if (mesh := as_mesh(source)) is not None:
+    given = taken(source, spacing=spacing, affine=affine)
+    if isinstance(given, Mesh):
         _refuse_options("a mesh", label=label, threshold=threshold, spacing=spacing, affine=affine)
         _refuse_options("a mesh", probability=probability, sheet=sheet)
         if repair == "voxels":
             raise InputError("repair is 'voxels', but a mesh has no voxels; give 'cuts' or 'none', or leave it out")
-        made = of_mesh(mesh, pial, mend=repair != "none")
+        made = of_mesh(given, pial, mend=repair != "none")
     else:
         _refuse_options("a volume", pial=pial)
-        given = foreground_of(
-            source, label=label, threshold=threshold, spacing=spacing, affine=affine, memory_limit=memory_limit
+        inside = foreground_of(given, label=label, threshold=threshold, memory_limit=memory_limit)
+        made = of_volume(
+            inside, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress
         )
-        made = of_volume(given, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress)
-    return Surface.of(_cut_handles(made, threads, progress) if repair == "cuts" else made)
+    return Surface.of(cut_handles(made, threads, progress) if repair == "cuts" else made)
 
 
 def _refuse_options(what: str, **options: object) -> None:
     for name, value in options.items():
         if value is not None:
             raise InputError(f"{name} is given, but the input is {what}, for which it means nothing; leave it out")
-
-
-def _cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
-    core, handles = whole.core.cut_handles(threads, progress)
-    if not handles:
-        return whole
-    lengths = [handle["length"] for handle in handles]
-    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
-    metadata = {**whole.metadata, "handles_cut": handles}
-    return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

@@ -319,3 +319,14 @@ def _told_of_standard(cut: Cutout, error: float) -> str:
         f"{what} ({names}; {length:.0f} mm) by {by}, the same for every brain{sketch}; cuts='automatic' finds those "
         "that suit this surface best, and voxflat check says how well"
     )
+
+
+def cut_handles(whole: Manifold, threads: int | None, progress: Progress | None) -> Manifold:
+    """Cut all handles open along short loops, and say so."""
+    core, handles = whole.core.cut_handles(threads, progress)
+    if not handles:
+        return whole
+    lengths = [handle["length"] for handle in handles]
+    remark = f"{len(handles)} handle(s) were cut open along loops of {min(lengths):.1f} to {max(lengths):.1f} mm"
+    metadata = {**whole.metadata, "handles_cut": handles}
+    return replace(whole, core=core, metadata=metadata, remarks=(*whole.remarks, remark))

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from voxflat.arguments import check_memory, is_whole, optional_number, shown
 from voxflat.errors import InputError
+from voxflat.io.sources import as_volume
 from voxflat.io.spaces import UNKNOWN, Space
-from voxflat.io.volumes import Volume, as_volume
+from voxflat.io.volumes import Volume
 
 _SHOWN = 20  # labels named in a message
 _WIDEST = 2**16  # range of integers that are counted one by one
@@ -61,34 +61,16 @@ class PackedMask:
 
 
 def foreground_of(
-    source: object,
-    *,
-    label: int | None = None,
-    threshold: float | None = None,
-    spacing: Sequence[float] | None = None,
-    affine: ArrayLike | None = None,
-    memory_limit: int | None = None,
+    volume: Volume, *, label: int | None = None, threshold: float | None = None, memory_limit: int | None = None
 ) -> Foreground:
-    """Take whatever holds voxels, check it, and choose its foreground: where every way from a volume begins.
+    """Choose the foreground of a volume: where every way from one begins.
 
-    Parameters
-    ----------
-    source, label, threshold, spacing, affine, memory_limit
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    Foreground
-
-    Raises
-    ------
-    InputError
-        If it is no volume of one value a voxel, its foreground is ambiguous or empty, or there is not enough memory.
+    A volume of more than one value a voxel, a foreground that is ambiguous or empty, or too little memory is an
+    `InputError`.
     """
     threshold = optional_number(threshold, "threshold")
     if label is not None and not is_whole(label):
         raise InputError(f"the label is {shown(label)}; give a whole number, or a threshold for intensities")
-    volume = as_volume(source, spacing=spacing, affine=affine)
     check_scalar(volume)
     check_memory(_BYTES_PER_VOXEL * volume.data.size, memory_limit, "crop or downsample the volume")
     mask = foreground(volume.data, label=label, threshold=threshold)

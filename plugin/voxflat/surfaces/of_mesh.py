@@ -3,59 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from voxflat import _core
-from voxflat.arguments import array_of
-from voxflat.errors import InputError
-from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh, suspicious_units
+from voxflat.io.meshes import Mesh
 from voxflat.io.reading import check_room
-from voxflat.io.vtk import polydata_triangles
 from voxflat.surfaces.manifold import Manifold
-from voxflat.surfaces.partners import check_pial, in_space_of
+from voxflat.surfaces.partners import pial_of
 
-__all__ = ["as_mesh", "of_mesh"]
+__all__ = ["of_mesh"]
 
 _A_TRIANGLE, _A_POINT = 200, 100
 """Bytes that they take until the surface is made: 160 to 190 a triangle, with half a point, were measured."""
-
-
-def as_mesh(source: object) -> Mesh | None:
-    """Take what is a mesh as a `Mesh`; None for everything else.
-
-    Parameters
-    ----------
-    source : object
-        A path, (points, faces), a Mesh or a pyvista.PolyData.
-
-    Returns
-    -------
-    Mesh or None
-
-    Raises
-    ------
-    InputError
-        If it is a mesh, but a damaged one.
-    """
-    if isinstance(source, Mesh):
-        return source
-    if isinstance(source, str | os.PathLike):
-        return read_mesh(source) if is_mesh_name(Path(source)) else None
-    if isinstance(source, tuple) and len(source) == 2:
-        points, faces = (array_of(part, "points and faces") for part in source)
-        return Mesh(points, faces)
-    if type(source).__name__ == "PolyData" and hasattr(source, "regular_faces"):
-        return _of_polydata(source)
-    return None
-
-
-def _of_polydata(mesh: Any) -> Mesh:
-    faces, remarks = polydata_triangles(mesh)
-    return Mesh(np.asarray(mesh.points), faces, remarks=remarks)
 
 
 def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Manifold:
@@ -84,26 +45,12 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         If it is no manifold, or the pial surface does not correspond to it.
     """
     measured_on = "the given surface"
-    white, places, of_pial = None, None, []
+    white, places, of_pial = None, None, list[str]()
     need = _A_TRIANGLE * len(mesh.faces) + _A_POINT * len(mesh.points)
     check_room(need, "take a part of the mesh or simplify it, or give it more memory")
     core, told = _core.Surface.from_triangles(mesh.points, mesh.faces, mend)
     if pial is not None:
-        other = as_mesh(pial)
-        if other is None and isinstance(pial, str | os.PathLike):
-            is_there = Path(pial).exists()
-            raise InputError(
-                f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file"
-            )
-        if other is None:
-            raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
-        if len(other.points) != len(mesh.points):
-            raise InputError(
-                f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
-                "one subject and correspond vertex by vertex"
-            )
-        places = in_space_of(mesh, other)
-        of_pial = check_pial(core, mesh, other, places)
+        places, of_pial = pial_of(core, mesh, pial)
         white = np.asarray(mesh.points, dtype=np.float64)
         midway = (white + places) / 2
         if len(told["merged"]):  # midway they may lie apart
@@ -112,9 +59,6 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
             core = core.moved(midway[core.ids])
         measured_on = "midthickness: halfway to the pial surface"
     remarks = [*mesh.remarks, *_remarks(told, len(mesh.faces), len(mesh.points))]
-    suspicion = suspicious_units(mesh.points)
-    if suspicion and suspicion not in remarks:
-        remarks.append(f"the surface {suspicion}")
     remarks += of_pial
     digest = hashlib.sha256(np.ascontiguousarray(core.points).tobytes() + mesh.faces.tobytes())
     metadata: dict[str, Any] = {

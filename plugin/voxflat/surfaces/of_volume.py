@@ -11,7 +11,8 @@ from voxflat import _core
 from voxflat.arguments import Progress, checked_switch
 from voxflat.errors import InputError
 from voxflat.io.reading import check_room
-from voxflat.io.volumes import Volume, as_volume
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import Foreground, PackedMask
 from voxflat.surfaces.manifold import Manifold
 

@@ -16,62 +16,51 @@ from voxflat import _core
 from voxflat.errors import InputError
 from voxflat.io.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
+from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space
 from voxflat.io.structures import refuse_other_side
 from voxflat.surfaces.manifold import Manifold
 from voxflat.surfaces.medial_wall import is_medial_wall
 
-__all__ = ["check_pial", "check_region", "in_space_of"]
+__all__ = ["check_region", "pial_of"]
 
 _OUTWARD = (0.4, 0.7)  # of the way to the pial surface: 0.94 on fsaverage; other sides, inflated: -0.3 to 0.3
 _BESIDE = 10.0  # mm from a label's points to the surface's vertices; white to pial are 3
 _SIDE = 5.0  # mm from the middle that a side is sure
 
 
-def in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
-    """Return the points of another mesh in the space of one, where both are known.
+def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the points of a pial surface in the space of the white one, shape (N, 3), and what the user should know.
 
-    Parameters
-    ----------
-    mesh, other : Mesh
-        Of one brain.
-
-    Returns
-    -------
-    ndarray of float64, shape (N, 3)
-        As they are where the spaces are the same, or one is not known.
+    It must lie outside, vertex by vertex: of the way from vertex to vertex the share that leads outwards, the sum of
+    the parts along the normals over the sum of the lengths, needs no unit and no usual thickness. Another structure,
+    another number of vertices, or a surface that lies elsewhere is an `InputError`.
     """
+    other = as_mesh(pial)
+    if other is None and isinstance(pial, str | os.PathLike):
+        is_there = Path(pial).exists()
+        raise InputError(f"{pial} is no mesh; give a pial surface" if is_there else f"{pial}: there is no such file")
+    if other is None:
+        raise InputError(f"pial is {type(pial).__name__}; give a mesh: a path, (points, faces), or a PolyData")
+    if len(other.points) != len(mesh.points):
+        raise InputError(
+            f"the pial surface has {len(other.points)} vertices, the given one {len(mesh.points)}; they must be of "
+            "one subject and correspond vertex by vertex"
+        )
+    places = _in_space_of(mesh, other)
+    return places, _check_pial(core, mesh, other, places)
+
+
+def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
+    """Return the points of another mesh in the space of one, as they are where a space is not known."""
     is_same = mesh.space.described()["to_scanner"] == other.space.described()["to_scanner"]
     if is_same or not (mesh.space.is_known and other.space.is_known):
         return other.points
     return mesh.space.from_scanner(other.space.to_scanner(other.points))
 
 
-def check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
-    """Check that a pial surface lies outside a white one, vertex by vertex.
-
-    From vertex to vertex the way leads along the surface's normals. Its share outwards, the sum of the parts along the
-    normals over the sum of the lengths, needs no unit and no usual thickness.
-
-    Parameters
-    ----------
-    core : _core.Surface
-        The white surface, whose triangles face outside.
-    mesh, pial : Mesh
-        What was given, with as many vertices.
-    places : ndarray, shape (N, 3)
-        The pial surface's points in the space of the white one's.
-
-    Returns
-    -------
-    list of str
-        What the user should know.
-
-    Raises
-    ------
-    InputError
-        If they are of different structures, or the pial surface does not lie outside.
-    """
+def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.float64]) -> list[str]:
+    """Check that a pial surface lies outside a white one, whose triangles face outside."""
     if mesh.structure and pial.structure and mesh.structure != pial.structure:
         raise InputError(f"the surface is of {mesh.structure}, the pial one of {pial.structure}: give both of one side")
     way = (places - mesh.points)[core.ids]

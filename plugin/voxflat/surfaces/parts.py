@@ -16,11 +16,11 @@ from voxflat.errors import InputError
 from voxflat.io.meshes import holds_mesh
 from voxflat.io.overlays import read_region
 from voxflat.io.patches import Patch, is_patch, read_patch
+from voxflat.io.sources import as_mesh
 from voxflat.io.volumes import Volume
 from voxflat.surfaces.foreground import keep_mask
 from voxflat.surfaces.manifold import Manifold, Step
 from voxflat.surfaces.medial_wall import is_medial_wall, medial_wall_of
-from voxflat.surfaces.of_mesh import as_mesh
 from voxflat.surfaces.partners import check_region
 from voxflat.surfaces.seed import found_seed, seed_voxel
 

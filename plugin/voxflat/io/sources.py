@@ -1,0 +1,125 @@
+"""What is handed over, a file or an object of some package, as a `Mesh` or a `Volume`.
+
+Two tables list the kinds: what tells one, and what makes a mesh or a volume of it. The first that fits counts.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from voxflat.arguments import array_of
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, naming
+from voxflat.io.grid import given_affine
+from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
+from voxflat.io.readers import as_array, from_itk, from_nibabel
+from voxflat.io.volumes import Volume, volume_of_file
+from voxflat.io.vtk import polydata_triangles
+
+__all__ = ["as_mesh", "as_volume", "taken"]
+
+
+def taken(source: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Mesh | Volume:
+    """Take a mesh as a `Mesh`, and all else as a `Volume`, of which spacing or affine may be told (`as_volume`)."""
+    mesh = as_mesh(source)
+    if mesh is None:
+        return as_volume(source, spacing=spacing, affine=affine)
+    if mesh.path is not None or mesh.unit_remark is None:  # of files it is told where they are read
+        return mesh
+    return replace(mesh, remarks=(*mesh.remarks, f"the surface {mesh.unit_remark}"))
+
+
+def as_mesh(source: object) -> Mesh | None:
+    """Take a path, (points, faces), a Mesh or a pyvista.PolyData as a `Mesh`; None for everything else.
+
+    A damaged mesh is an `InputError`.
+    """
+    return next((of(source) for is_one, of in _MESHES if is_one(source)), None)
+
+
+def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: ArrayLike | None = None) -> Volume:
+    """Take anything that holds voxels as a `Volume`, without a copy where possible.
+
+    Parameters
+    ----------
+    obj : Volume, path, ndarray, nibabel image, itk image, or object with ``__array__``
+        The voxels, in the order (i, j, k) if it is an array.
+    spacing : sequence of 3 floats, optional
+        Voxel size along i, j, k in mm; the centre of voxel (0, 0, 0) is the origin.
+    affine : array_like, shape (4, 4), optional
+        Voxel index to RAS+ mm. Neither this nor `spacing` may be given for something with an affine of
+        its own. Without any, the identity.
+
+    Returns
+    -------
+    Volume
+        The same voxels with their affine.
+
+    Raises
+    ------
+    InputError
+        The object is no volume, or its place is given twice.
+    """
+    given = given_affine(spacing, affine)
+    is_file = isinstance(obj, str | os.PathLike)
+    with naming(obj if is_file else type(obj).__name__, REMEDY if is_file else "give an array, a path or an image"):
+        volume = next(of(obj) for is_one, of in _VOLUMES if is_one(obj))
+        if given is None:
+            return volume
+        if volume.is_placed:
+            raise InputError("has its own affine: leave out spacing= and affine=, or pass the bare array")
+        return replace(volume, affine=given, is_placed=True)
+
+
+def _is_path(source: object) -> bool:
+    return isinstance(source, str | os.PathLike)
+
+
+def _of_pair(pair: tuple[Any, Any]) -> Mesh:
+    points, faces = (array_of(part, "points and faces") for part in pair)
+    return Mesh(points, faces)
+
+
+def _of_polydata(mesh: Any) -> Mesh:
+    faces, remarks = polydata_triangles(mesh)
+    return Mesh(np.asarray(mesh.points), faces, remarks=remarks)
+
+
+def _of_image(read: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], Volume]:
+    def of(image: Any) -> Volume:
+        return Volume.placed(*read(image))
+
+    return of
+
+
+def _of_masked(_: Any) -> Volume:
+    raise InputError("has a mask, which would be lost: fill it first, say with .filled(0)")
+
+
+T = TypeVar("T")
+_Kinds: TypeAlias = tuple[tuple[Callable[[Any], bool], Callable[[Any], T]], ...]
+
+_MESHES: _Kinds[Mesh] = (
+    (lambda given: isinstance(given, Mesh), lambda mesh: mesh),
+    (lambda given: _is_path(given) and is_mesh_name(given), read_mesh),
+    (lambda given: isinstance(given, tuple) and len(given) == 2, _of_pair),
+    (lambda given: type(given).__name__ == "PolyData" and hasattr(given, "regular_faces"), _of_polydata),
+)
+
+_VOLUMES: _Kinds[Volume] = (
+    (lambda given: isinstance(given, Volume), lambda volume: volume),
+    (_is_path, volume_of_file),
+    (lambda given: hasattr(given, "dataobj") and hasattr(given, "affine"), _of_image(from_nibabel)),
+    (
+        lambda given: hasattr(given, "GetBufferedRegion") and hasattr(given, "TransformIndexToPhysicalPoint"),
+        _of_image(from_itk),
+    ),
+    (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
+    (lambda _: True, lambda given: Volume.placed(as_array(given), None)),
+)
