@@ -68,19 +68,11 @@ def write(path, volume, affine):
 def fsaverage5(side):
     """Load a hemisphere of fsaverage5: 10,242 vertices, the same in all surfaces.
 
-    Parameters
-    ----------
-    side : {"left", "right"}
-        Hemisphere.
-
-    Returns
-    -------
-    dict
-        ``white``, ``pial`` and ``mid`` (halfway between them): ndarrays of float64, shape (10242, 3), mm, RAS.
-        ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0, outward.
-        ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above). The
-        points of vertices that the map leaves out (the medial wall and the cuts) are NaN.
-        ``sulc``: sulcal depth, ndarray of float64, shape (10242,).
+    `side`, {"left", "right"}: hemisphere. Returns: ``white``, ``pial`` and ``mid`` (halfway between them): ndarrays of
+    float64, shape (10242, 3), mm, RAS. ``faces``: ndarray of int64, shape (20480, 3), closed, of genus 0, outward.
+    ``flat``: FreeSurfer's flat map, a pair of points (10242, 3), mm, at z = 0, and faces (fewer than above). The points
+    of vertices that the map leaves out (the medial wall and the cuts) are NaN. ``sulc``: sulcal depth, ndarray of
+    float64, shape (10242,).
     """
     check_side(side)
     import nibabel
@@ -109,20 +101,10 @@ def fsaverage5(side):
 def mni152_white_matter(side):
     """Load a hemisphere's white matter from the MNI152 template, as `voxflat.demo.hemisphere` takes it out.
 
-    Parameters
-    ----------
-    side : {"left", "right"}
-        Hemisphere.
-
-    Returns
-    -------
-    labels : ndarray of uint8, shape (197, 233, 189)
-        1 in white matter: one component under face adjacency.
-    affine : ndarray of float, shape (4, 4)
-        Voxel indices to mm, RAS; voxels are 1 mm.
-    probability : ndarray of float32
-        The template, and 0 where it is above the threshold but not in `labels`, so that
-        ``labels == (probability > threshold)``.
+    `side`, {"left", "right"}: hemisphere. Returns: `labels`, uint8 (197, 233, 189), 1 in white matter: one component
+    under face adjacency; `affine`, float (4, 4), voxel indices to mm, RAS; voxels are 1 mm; `probability`, ndarray of
+    float32, the template, and 0 where it is above the threshold but not in `labels`, so that ``labels == (probability >
+    threshold)``.
     """
     check_side(side)
     white_matter, _, _ = demo.demo_cortex()
@@ -134,17 +116,8 @@ def mni152_white_matter(side):
 def mni152_marching_cubes(side):
     """Repair the white matter of a hemisphere of the MNI152 template, and make its surface by marching cubes.
 
-    Parameters
-    ----------
-    side : {"left", "right"}
-        Hemisphere.
-
-    Returns
-    -------
-    points : ndarray, shape (N, 3)
-        About 145,000 vertices, mm, RAS+; the steps between voxels are smoothed.
-    faces : ndarray of int64, shape (F, 3)
-        A sphere.
+    `side`, {"left", "right"}: hemisphere. Returns: `points`, (N, 3), about 145,000 vertices, mm, RAS+; the steps
+    between voxels are smoothed; `faces`, int64 (F, 3), a sphere.
     """
     import pyvista as pv
 
@@ -170,28 +143,11 @@ def voxelise(points, faces, spacing, pad=4, columns=5):
     inside out takes away. Faces may all be outward or all inward. Winding numbers come from the faces that lines along
     the third axis pass through, `columns`² lines a voxel.
 
-    Parameters
-    ----------
-    points : array_like, shape (N, 3)
-        Vertices, mm.
-    faces : array_like of int, shape (F, 3)
-        Triangles.
-    spacing : float or sequence of three
-        Of the voxels, mm.
-    pad : int, optional
-        Voxels around the mesh.
-    columns : int, optional
-        Lines a voxel along the first and the second axis; odd, so that one passes through the centre.
-
-    Returns
-    -------
-    labels : ndarray of uint8, shape (I, J, K)
-        1 where the voxel's centre is inside, of that the largest component under face adjacency.
-    affine : ndarray of float, shape (4, 4)
-        Voxel indices to mm.
-    fraction : ndarray of float32, shape (I, J, K)
-        Part of each voxel's volume that is inside: exact along the third axis, sampled along the other two. All
-        components.
+    `points` (N, 3): vertices, mm. `faces` int (F, 3): triangles. `spacing`, float or sequence of three: of the voxels,
+    mm. `pad`: voxels around the mesh. `columns`: lines a voxel along the first and the second axis; odd, so that one
+    passes through the centre. Returns: `labels`, uint8 (I, J, K), 1 where the voxel's centre is inside, of that the
+    largest component under face adjacency; `affine`, float (4, 4), voxel indices to mm; `fraction`, float32 (I, J, K),
+    part of each voxel's volume that is inside: exact along the third axis, sampled along the other two. All components.
     """
     points, faces = np.asarray(points, dtype=float), np.asarray(faces, dtype=np.int64)
     spacing = np.broadcast_to(np.asarray(spacing, dtype=float), 3)
@@ -232,14 +188,8 @@ def crossings(points, faces):
     The side of an edge on which a line lies is computed from the edge's ends in the order of their coordinates, so in
     the same way for both its triangles: a line near an edge passes through exactly one of them, whatever the rounding.
 
-    Returns
-    -------
-    i, j : ndarrays of int
-        The line.
-    height : ndarray of float
-        Third coordinate.
-    sign : ndarray of int
-        1 where the line, upward, enters a solid with outward faces; -1 where it leaves.
+    Returns: `i, j`, the line; `height`, ndarray of float, third coordinate; `sign`, ndarray of int, 1 where the line,
+    upward, enters a solid with outward faces; -1 where it leaves.
     """
     points, rank = np.unique(points, axis=0, return_inverse=True)
     faces = rank.reshape(-1)[faces]

@@ -120,20 +120,8 @@ def true_rows(mesh, places, sources):
 def with_places(points, faces, face, places):
     """Divide faces so that places in them are vertices.
 
-    Parameters
-    ----------
-    points, faces : ndarrays
-        A mesh.
-    face : ndarray of int, shape (m,)
-        The face of each place.
-    places : ndarray, shape (m, 3)
-
-    Returns
-    -------
-    points, faces : ndarrays
-        The same surface with more vertices.
-    numbers : ndarray of int, shape (m,)
-        The vertex that each place is.
+    `points`, `faces`: a mesh. `face` int (m,): the face of each place. `places`: (m, 3). Returns: `points, faces`, the
+    same surface with more vertices; `numbers`, int (m,), the vertex that each place is.
     """
     a, b, c = points[faces[face]].swapaxes(0, 1)
     # barycentric coordinates by least squares; kept off the edges

@@ -165,11 +165,7 @@ def known_rows(points, faces, sources):
 def sphere(count, radius=50.0):
     """Make an irregular mesh of a sphere: a spiral of points, shaken.
 
-    Returns
-    -------
-    points, faces : ndarrays
-    truth : callable
-        Distances on the sphere from a vertex to all.
+    Returns: `truth`, distances on the sphere from a vertex to all.
     """
     rng = np.random.default_rng(3)
     height = 1 - (2 * np.arange(count) + 1) / count

@@ -29,19 +29,8 @@ def table(title, columns, rows, note=""):
 def judged(value, shown, limit, what, least=False):
     """Put a figure beside its target, and note it if the target is missed.
 
-    Parameters
-    ----------
-    value : float
-    shown : str
-        How a number is formatted.
-    limit : float or None
-        The most that `value` may be, or with `least` the least. Without a limit the figure is only shown.
-    what : str
-        Says in the list of misses what this is.
-
-    Returns
-    -------
-    str
+    `shown`: how a number is formatted. `limit`: the most that `value` may be, or with `least` the least. Without a
+    limit the figure is only shown. `what`: says in the list of misses what this is.
     """
     text = format(value, shown)
     if limit is None:

@@ -52,10 +52,7 @@ ODD += [np.ma.masked_array([1.0, 2.0], [True, False]), np.arange(4), np.ones((2,
 def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[Any]]]:
     """Return what is called, by its name, and right values of its parameters, by theirs.
 
-    Parameters
-    ----------
-    folder : Path
-        For files that calls read.
+    `folder`: for files that calls read.
     """
     surface = voxflat.surface(sheet())
     mesh = (grid().points, grid().faces)
@@ -189,19 +186,8 @@ def _values(folder: Path, made: dict[str, Any], mesh: Any) -> dict[str, list[Any
 def arguments(one: Callable[..., Any], values: dict[str, list[Any]], chance: random.Random) -> dict[str, Any]:
     """Choose what a function is given.
 
-    Parameters
-    ----------
-    one : callable
-        The function.
-    values : dict
-        Right values of parameters, by their names.
-    chance : Random
-        Chooses.
-
-    Returns
-    -------
-    dict
-        By the parameters' names.
+    `one`: the function. `values`: right values of parameters, by their names. `chance`: chooses. Returns: by the
+    parameters' names.
     """
     given: dict[str, Any] = {}
     for name, parameter in inspect.signature(one).parameters.items():
@@ -241,16 +227,7 @@ def _spoiled(value: Any, chance: random.Random) -> Any:
 def told(label: str, given: dict[str, Any]) -> str:
     """Return a call as text.
 
-    Parameters
-    ----------
-    label : str
-        What is called.
-    given : dict
-        With what.
-
-    Returns
-    -------
-    str
+    `label`: what is called. `given`: with what.
     """
     shown = ", ".join(f"{name}={' '.join(repr(value).split())[:90]}" for name, value in given.items())
     return f"{label}({shown})".encode("ascii", "backslashreplace").decode()

@@ -167,16 +167,7 @@ class Entry:
 def corpus(folder: Path, endings: tuple[str, ...] = ("",)) -> list[Entry]:
     """Write a small file of every format.
 
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    endings : tuple of str, optional
-        Only of files whose names end so.
-
-    Returns
-    -------
-    list of Entry
+    `folder`: where. `endings`: only of files whose names end so.
     """
     entries: list[Entry] = []
 
@@ -383,18 +374,7 @@ _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 def damage(data: bytes, chance: random.Random, other: Callable[[], bytes]) -> bytes:
     """Damage the bytes of a file.
 
-    Parameters
-    ----------
-    data : bytes
-        All of it.
-    chance : Random
-        Says how.
-    other : callable
-        Returns the bytes of another file.
-
-    Returns
-    -------
-    bytes
+    `data`: all of it. `chance`: says how. `other`: returns the bytes of another file.
     """
     if chance.random() < 0.6:
         inside = _inside(data, chance, other)
@@ -468,16 +448,7 @@ def _in_array(data: bytes, chance: random.Random) -> bytes:
 def odd_array(array: Any, chance: random.Random) -> Any:
     """Return an array like another, but wrong somewhere.
 
-    Parameters
-    ----------
-    array : ndarray
-        The right one.
-    chance : Random
-        Says how.
-
-    Returns
-    -------
-    ndarray
+    `array`: the right one. `chance`: says how.
     """
     array = np.array(array)
     with np.errstate(all="ignore"):
@@ -631,23 +602,8 @@ _WAYS = (_numbers, _numbers, _words, _words, _lines, _flipped, _replaced, _cut, 
 def damaged(entry: Entry, entries: list[Entry], to: Path, chance: random.Random) -> tuple[Path, str]:
     """Copy an entry of the corpus and damage one of its files.
 
-    Parameters
-    ----------
-    entry : Entry
-        What is copied.
-    entries : list of Entry
-        All of them.
-    to : Path
-        Where; it is emptied first.
-    chance : Random
-        Says how.
-
-    Returns
-    -------
-    path : Path
-        What is to be opened.
-    opener : str
-        By what.
+    `entry`: what is copied. `entries`: all of them. `to`: where; it is emptied first. `chance`: says how. Returns:
+    `path`, what is to be opened; `opener`, by what.
     """
     shutil.rmtree(to, ignore_errors=True)
     shutil.copytree(entry.folder, to)

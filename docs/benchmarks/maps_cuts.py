@@ -55,12 +55,8 @@ def main():
 def shipped_cuts(points, faces, flat):
     """Tell the medial wall from the cuts, which are strips, by what a flat map leaves out.
 
-    Returns
-    -------
-    wall : ndarray of bool, shape (V,)
-        Left-out vertices among left-out ones, and their left-out neighbours.
-    length : float
-        Of the cuts, mm: half of what they add to the boundary.
+    Returns: `wall`, bool (V,), left-out vertices among left-out ones, and their left-out neighbours; `length`, of the
+    cuts, mm: half of what they add to the boundary.
     """
     left_out = np.ones(len(points), dtype=bool)
     left_out[flat] = False

@@ -54,15 +54,8 @@ def powers(sizes, costs):
 def grown(title, kind, first, surfaces, options):
     """Flatten surfaces from small to large, and say what that takes.
 
-    Parameters
-    ----------
-    title, kind : str
-        Of the table; what a surface is called where it misses a target.
-    first : str
-        Names the first column.
-    surfaces : iterable of tuple
-        Of each surface the first cell, the job, and what the map's error is beside the true places, or None.
-    options : argparse.Namespace
+    `title`, `kind`: of the table; what a surface is called where it misses a target. `first`: names the first column.
+    `surfaces`: of each surface the first cell, the job, and what the map's error is beside the true places, or None.
     """
     rows, sizes, costs = [], [], []
     for cell, job, error in surfaces:

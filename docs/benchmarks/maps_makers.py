@@ -70,24 +70,9 @@ class Made:
 def make(maker, job, limit=3600.0, keep=None):
     """Make a map in a process of its own.
 
-    Parameters
-    ----------
-    maker : str
-        One of `MAKERS`.
-    job : dict
-        ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of `voxflat.flatten`.
-    limit : float, optional
-        Seconds after which there is no map.
-    keep : path, optional
-        Where maps are kept; one of the same job is taken from there, with the times of when it was made.
-
-    Returns
-    -------
-    Made
-
-    Raises
-    ------
-    NoMapError
+    `maker`: one of `MAKERS`. `job`: ``points`` and ``faces``, or ``labels`` and ``affine``; and ``options`` of
+    `voxflat.flatten`. `limit`: seconds after which there is no map. `keep`: where maps are kept; one of the same job is
+    taken from there, with the times of when it was made. Raises NoMapError.
     """
     with tempfile.TemporaryDirectory() as directory:
         made = Path(directory, "made.npz")

@@ -52,19 +52,7 @@ def made_by(names, job, options):
 def compared(points, faces, made, sources, **more):
     """Judge maps of a disk by exact distances over its triangles.
 
-    Parameters
-    ----------
-    points, faces : ndarray
-        The disk.
-    made : dict of str to Made
-        Maps by their makers' names.
-    sources : int
-    **more : ndarray
-        More places, by a name.
-
-    Returns
-    -------
-    voxflat.Comparison
+    `points`, `faces`: the disk. `made`: maps by their makers' names. `**more`: more places, by a name.
     """
     maps = {name: one.places for name, one in made.items()} | more
     return voxflat.compare((points, faces), maps, sources=sources, reference="exact")

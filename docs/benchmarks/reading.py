@@ -32,15 +32,7 @@ ROUNDS = 5
 def files(folder: Path) -> dict[Path, Callable[[Path], Any]]:
     """Write files of 100 MB, as far as they are not packed.
 
-    Parameters
-    ----------
-    folder : Path
-        Where.
-
-    Returns
-    -------
-    dict
-        What reads each.
+    `folder`: where. Returns: what reads each.
     """
     smooth = np.arange(370**3, dtype=np.int32).reshape(370, 370, 370) // 7
     found: dict[Path, Callable[[Path], Any]] = {}

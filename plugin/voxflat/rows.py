@@ -30,14 +30,7 @@ class Distinct(NamedTuple):
 def distinct(rows: NDArray[Any]) -> Distinct:
     """Find the different rows of an array.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (N, C) or (N,)
-        Numbers, none of them NaN; of one dimension each is a row.
-
-    Returns
-    -------
-    Distinct
+    `rows` (N, C) or (N,): numbers, none of them NaN; of one dimension each is a row.
     """
     columns = rows[:, None] if rows.ndim == 1 else rows
     order = np.lexsort(columns.T[::-1])  # stable, so that the first of equal ones is first
@@ -52,15 +45,8 @@ def distinct(rows: NDArray[Any]) -> Distinct:
 def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
     """Give rows of several arrays numbers, the same to those that are the same.
 
-    Parameters
-    ----------
-    *parts : ndarray, shape (N_i, C) or (N_i,)
-        Numbers, none of them NaN.
-
-    Returns
-    -------
-    tuple of ndarray of int64, shape (N_i,)
-        From 0, in the order of the rows.
+    `*parts` (N_i, C) or (N_i,): numbers, none of them NaN. Returns: tuple of ndarray of int64, shape (N_i,), from 0, in
+    the order of the rows.
     """
     which = distinct(np.concatenate(parts)).which
     return tuple(np.split(which, np.cumsum([len(part) for part in parts[:-1]])))
@@ -69,16 +55,7 @@ def numbered(*parts: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
 def in_rows(rows: NDArray[Any], of: NDArray[Any]) -> NDArray[np.bool_]:
     """Say which rows are among others.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (N, C) or (N,)
-        Numbers, none of them NaN.
-    of : ndarray, shape (M, C) or (M,)
-        The others.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
+    `rows` (N, C) or (N,): numbers, none of them NaN. `of` (M, C) or (M,): the others. Returns: bool (N,).
     """
     own, others = numbered(rows, of)
     return np.isin(own, others)

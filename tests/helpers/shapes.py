@@ -25,21 +25,10 @@ def ball(radius=10):
 def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=False):
     """Curl a rectangular sheet of paper into an open cylinder and digitise it (Grossmann et al. 2002, figures 4 and 7).
 
-    Parameters
-    ----------
-    length, width : float
-        Of the sheet, voxels; it curls along its length.
-    turns : float
-        How far it curls.
-    rotation : Rotation, optional
-        Its orientation in space.
-    traversed : bool
-        Every voxel that the sheet passes is set. Otherwise only those whose centre lies within half a voxel of it,
-        measured along the axis nearest to its normal: one voxel in each column.
-
-    Returns
-    -------
-    ndarray of bool
+    `length`, `width`: of the sheet, voxels; it curls along its length. `turns`: how far it curls. `rotation`: its
+    orientation in space. `traversed`: every voxel that the sheet passes is set. Otherwise only those whose centre lies
+    within half a voxel of it, measured along the axis nearest to its normal: one voxel in each column. Returns: ndarray
+    of bool.
     """
     rotation = Rotation.identity() if rotation is None else rotation
     fine = 16  # samples a voxel
@@ -66,14 +55,7 @@ def curled_sheet(length=88.0, width=44.0, turns=0.9, rotation=None, traversed=Fa
 def depth_surface(depth):
     """Return the voxels that a depth image passes: in each pixel from its depth down to just above its neighbours'.
 
-    Parameters
-    ----------
-    depth : ndarray of int, shape (H, W)
-        Depth in pixels, 0 where there is nothing.
-
-    Returns
-    -------
-    ndarray of bool, shape (H + 2, W + 2, D)
+    `depth` int (H, W): depth in pixels, 0 where there is nothing. Returns: bool (H + 2, W + 2, D).
     """
     depth = np.pad(np.asarray(depth, dtype=int), 1)
     low = depth.copy()
@@ -95,12 +77,7 @@ def line_links(direction, rng, lines=400, links=150):
     A line is cut by the planes of voxel centres across the axis along which it advances fastest; the other two
     coordinates are rounded.
 
-    Returns
-    -------
-    counts : ndarray, shape (4,)
-        Mean numbers of links that step along 0 to 3 axes.
-    length : float
-        Length of the lines, voxels.
+    Returns: `counts`, (4,), mean numbers of links that step along 0 to 3 axes; `length`, length of the lines, voxels.
     """
     step = 1 / np.abs(direction).max()
     start = rng.uniform(-0.5, 0.5, size=(lines, 1, 3))

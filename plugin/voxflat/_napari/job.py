@@ -75,19 +75,7 @@ class Job:
     def run(self, progress: Progress) -> FlatLayers:
         """Flatten.
 
-        Parameters
-        ----------
-        progress : callable
-            As in `voxflat.flatten`.
-
-        Returns
-        -------
-        FlatLayers
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `voxflat.flatten`.
+        `progress`: as in `voxflat.flatten`. Raises InputError, Cancelled: as in `voxflat.flatten`.
         """
         _tell(progress, "reading the layer")
         flat_map = self._flatten(progress)
@@ -117,14 +105,8 @@ class Job:
     def split(self) -> tuple[Method, NDArray[Any] | None, dict[str, Any]]:
         """Split the options.
 
-        Returns
-        -------
-        method : Method
-            With its own options.
-        drop : ndarray or None
-            What is left out, where cuts were drawn.
-        how : dict
-            The other keywords of `Surface.flatten`.
+        Returns: `method`, with its own options; `drop`, what is left out, where cuts were drawn; `how`, the other
+        keywords of `Surface.flatten`.
         """
         kind = METHODS[self.method]
         own = {name: value for name, value in self.options.items() if name in kind.__dataclass_fields__}
@@ -165,19 +147,7 @@ class PatchesJob:
     def run(self, progress: Progress) -> FlatLayers:
         """Flatten in patches.
 
-        Parameters
-        ----------
-        progress : callable
-            As in `Surface.patches`.
-
-        Returns
-        -------
-        FlatLayers
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `Surface.patches`.
+        `progress`: as in `Surface.patches`. Raises InputError, Cancelled: as in `Surface.patches`.
         """
         _tell(progress, "reading the layer")
         foreground: dict[str, Any] = {"label": self.label, "threshold": self.threshold}

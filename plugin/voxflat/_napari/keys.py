@@ -18,14 +18,7 @@ if TYPE_CHECKING:
 def key_text(key: int) -> str:
     """Return how a key is called on this system, such as Ctrl+Z.
 
-    Parameters
-    ----------
-    key : int
-        Of app-model's `KeyMod` and `KeyCode`.
-
-    Returns
-    -------
-    str
+    `key`: of app-model's `KeyMod` and `KeyCode`.
     """
     return str(_sequence(key).toString(QKeySequence.SequenceFormat.NativeText))
 

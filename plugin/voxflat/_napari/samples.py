@@ -34,11 +34,8 @@ _SAMPLE = ("voxflat", "demo_cortex")
 def demo_cortex() -> list[LayerData]:
     """Open the MNI152 template: a seed point on the left central cortex at once, T1 and white matter as they are read.
 
-    Returns
-    -------
-    list of LayerData
-        In mm, RAS+: the seed point, which is shown in the next turn of the event loop, and to which another thread adds
-        the rest; without a viewer all.
+    Returns: in mm, RAS+: the seed point, which is shown in the next turn of the event loop, and to which another thread
+    adds the rest; without a viewer all.
     """
     from napari import current_viewer
 
@@ -58,14 +55,7 @@ class _Cortex:
     def run(self, progress: Progress) -> list[LayerData]:
         """Return T1 and white matter in its parts.
 
-        Parameters
-        ----------
-        progress : callable
-            As in `voxflat.flatten`.
-
-        Returns
-        -------
-        list of LayerData
+        `progress`: as in `voxflat.flatten`.
         """
         from voxflat.demo import THRESHOLD, demo_cortex, hemisphere
 

@@ -54,52 +54,21 @@ class Recipe:
     def run(self, progress: Progress) -> FlatLayers:
         """Do the job, and remember what its data were.
 
-        Parameters
-        ----------
-        progress : callable
-            As in `voxflat.flatten`.
-
-        Returns
-        -------
-        FlatLayers
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `voxflat.flatten`.
+        `progress`: as in `voxflat.flatten`. Raises InputError, Cancelled: as in `voxflat.flatten`.
         """
         result = self._job.run(progress)
         self._prints = _prints(self._job)
         return result
 
     def needs_folder(self) -> bool:
-        """Say whether data lie in no file, so that they must be saved beside the script.
-
-        Returns
-        -------
-        bool
-        """
+        """Say whether data lie in no file, so that they must be saved beside the script."""
         return bool(_Script(self._job, None).unsaved)
 
     def script(self, folder: Path | None = None) -> str:
         """Write the script.
 
-        Parameters
-        ----------
-        folder : Path, optional
-            Where data are saved that lie in no file.
-
-        Returns
-        -------
-        str
-            It gives the same bits as the run.
-
-        Raises
-        ------
-        InputError
-            If layers were changed since.
-        OSError
-            If data cannot be saved.
+        `folder`: where data are saved that lie in no file. Returns: it gives the same bits as the run. Raises
+        InputError if layers were changed since; OSError if data cannot be saved.
         """
         if _prints(self._job) != self._prints:
             raise InputError("layers of this run were changed since: flatten again, then copy")

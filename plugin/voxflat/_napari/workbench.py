@@ -73,17 +73,7 @@ class Workbench:
 
     @classmethod
     def of(cls, viewer: Viewer) -> Workbench:
-        """Return the workbench of a viewer, for as long as the viewer lives.
-
-        Parameters
-        ----------
-        viewer : Viewer
-            The viewer.
-
-        Returns
-        -------
-        Workbench
-        """
+        """Return the workbench of a viewer, for as long as the viewer lives."""
         viewer = getattr(viewer, "__wrapped__", viewer)  # napari gives each widget another wrapper around it
         key = id(viewer)  # viewers have no hash
         if key not in cls._of:
@@ -111,13 +101,8 @@ class Workbench:
     def add(self, run: Run, *, keep: bool | None = None) -> None:
         """Make a new run the current one, and list its layers.
 
-        Parameters
-        ----------
-        run : Run
-            The new run.
-        keep : bool, optional
-            Whether the earlier ones stay; else the new one takes their place, and their layers. By default as
-            `keeps_earlier` says.
+        `run`: the new run. `keep`: whether the earlier ones stay; else the new one takes their place, and their layers.
+        By default as `keeps_earlier` says.
         """
         viewer = self._viewer()
         assert viewer is not None
@@ -133,10 +118,7 @@ class Workbench:
     def choose(self, run: Run) -> None:
         """Show a run.
 
-        Parameters
-        ----------
-        run : Run
-            One of `runs`.
+        `run`: one of `runs`.
         """
         if run in self._runs and run is not self._current:
             self._current = run
@@ -145,10 +127,7 @@ class Workbench:
     def remove(self, run: Run) -> None:
         """Forget a run, and take its layers out of the list.
 
-        Parameters
-        ----------
-        run : Run
-            One of `runs`; others are forgotten already.
+        `run`: one of `runs`; others are forgotten already.
         """
         if run not in self._runs:
             return
@@ -180,15 +159,8 @@ class Workbench:
     def map_of(self, layer: Layer | None) -> FlatMap | None:
         """Return the map that the docks show, if it may be one of a layer's surface.
 
-        Parameters
-        ----------
-        layer : Layer or None
-            Image, Labels or Surface.
-
-        Returns
-        -------
-        FlatMap or None
-            Of a mesh its vertices are as many; of a volume it is a map of voxels.
+        `layer`: image, Labels or Surface. Returns: of a mesh its vertices are as many; of a volume it is a map of
+        voxels.
         """
         flat_map = None if self._current is None else self._current.flat_map
         if layer is None or not isinstance(flat_map, FlatMap):
@@ -201,12 +173,7 @@ class Workbench:
     def set_cuts(self, layer: Layer, cuts: DrawnCuts) -> None:
         """Keep cuts that were drawn on a layer's surface.
 
-        Parameters
-        ----------
-        layer : Layer
-            What is to be cut so.
-        cuts : DrawnCuts
-            The cuts.
+        `layer`: what is to be cut so. `cuts`: the cuts.
         """
         self._cuts[layer] = cuts
         self.cuts_drawn.emit()
@@ -214,14 +181,6 @@ class Workbench:
     def cuts_of(self, layer: Layer | None) -> DrawnCuts | None:
         """Return the cuts that were drawn on a layer's surface.
 
-        Parameters
-        ----------
-        layer : Layer or None
-            The layer.
-
-        Returns
-        -------
-        DrawnCuts or None
-            None if nobody did.
+        Returns: none if nobody did.
         """
         return None if layer is None else self._cuts.get(layer)

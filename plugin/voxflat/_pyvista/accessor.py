@@ -77,26 +77,11 @@ class VoxflatAccessor:
     ) -> pv.PolyData:
         """Flatten the mesh, or a surface of the image, into the plane z = 0.
 
-        Parameters
-        ----------
-        scalars : str, optional
-            For images the name of the array; by default the active one, or the only one.
-        progress_bar : bool
-            Show how far it is.
-        **options
-            ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in `flatten`.
-
-        Returns
-        -------
-        pyvista.PolyData
-            As from `to_polydata`; of a mesh, the arrays of its points, its cells and its field are carried over, and
-            ``vertex_ids`` are numbers of its points. An array whose name the map has for its own gets ``mesh_`` before
-            it, with a warning.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `flatten`.
+        `scalars`: for images the name of the array; by default the active one, or the only one. `progress_bar`: show
+        how far it is. `**options`: ``label``, ``threshold``, ``keep``, ``seed_point``, ``radius`` and all others as in
+        `flatten`. Returns: as from `to_polydata`; of a mesh, the arrays of its points, its cells and its field are
+        carried over, and ``vertex_ids`` are numbers of its points. An array whose name the map has for its own gets
+        ``mesh_`` before it, with a warning. Raises InputError, Cancelled: as in `flatten`.
         """
         if self._is_image:
             return to_polydata(self.flatten(scalars, progress_bar=progress_bar, **options))

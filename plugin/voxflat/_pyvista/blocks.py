@@ -61,20 +61,9 @@ class BlocksAccessor:
     ) -> pv.MultiBlock:
         """Flatten each block into the plane z = 0.
 
-        Parameters
-        ----------
-        scalars, progress_bar, **options
-            As of `VoxflatAccessor`.
-
-        Returns
-        -------
-        pyvista.MultiBlock
-            A map for each block, by its name; blocks that are empty stay so.
-
-        Raises
-        ------
-        InputError, Cancelled
-            As in `VoxflatAccessor`; the message names the block.
+        `scalars`, `progress_bar`, `**options`: as of `VoxflatAccessor`. Returns: a map for each block, by its name;
+        blocks that are empty stay so. Raises InputError, Cancelled: as in `VoxflatAccessor`; the message names the
+        block.
         """
         return self._made(lambda of, _: of(scalars, progress_bar=progress_bar, **options))
 

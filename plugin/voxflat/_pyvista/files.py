@@ -60,20 +60,9 @@ def read(path: str, *, surface: object | None = None) -> pv.PolyData:
 def write(dataset: pv.DataSet, path: str) -> None:
     """Write a mesh as ``.surf.gii``, as ``mesh.save`` does with its files.
 
-    Parameters
-    ----------
-    dataset : pyvista.PolyData
-        Of triangles. Of a map of a mesh the file has the mesh's own vertex numbers, as of `FlatMap.save`: where a cut
-        doubles a vertex, only one side of it is kept.
-    path : str
-        The file.
-
-    Raises
-    ------
-    InputError
-        If it is no surface of triangles, or no ``.surf.gii``.
-    OSError
-        If it cannot be written.
+    `dataset`: of triangles. Of a map of a mesh the file has the mesh's own vertex numbers, as of `FlatMap.save`: where
+    a cut doubles a vertex, only one side of it is kept. Raises InputError if it is no surface of triangles, or no
+    ``.surf.gii``; OSError if it cannot be written.
     """
     with naming(path, "can this format hold it?"):
         if not isinstance(dataset, pv.PolyData) or not dataset.is_all_triangles:

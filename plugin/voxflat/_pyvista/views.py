@@ -192,23 +192,8 @@ def side_by_side(
 ) -> pv.Plotter:
     """Return a plotter with the surface on the left and the map on the right.
 
-    Parameters
-    ----------
-    flat : pyvista.PolyData
-        A map or a page; it stays as it is.
-    scalars, cmap, clim
-        As in `Shown.of`.
-    **how
-        For `pyvista.Plotter`.
-
-    Returns
-    -------
-    pyvista.Plotter
-
-    Raises
-    ------
-    InputError
-        As in `Shown.of`.
+    `flat`: a map or a page; it stays as it is. `scalars`, `cmap`, `clim`: as in `Shown.of`. `**how`: for
+    `pyvista.Plotter`. Raises InputError: as in `Shown.of`.
     """
     what = Shown.of(flat, scalars, cmap, clim)
     surface, plane = (np.array(of, dtype=np.float64) for of in (flat.point_data["surface_points"], flat.points))

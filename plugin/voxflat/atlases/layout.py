@@ -21,15 +21,7 @@ _TEXELS = 4  # of xatlas to a gap: more make the page no smaller, but take long
 def usual_gap(uv: NDArray[np.float64], starts: NDArray[np.int64]) -> float:
     """Return the gap that suits pieces, mm.
 
-    Parameters
-    ----------
-    uv, starts
-        As in `lay_out`.
-
-    Returns
-    -------
-    float
-        The smaller the pieces are, the smaller.
+    `uv`, `starts`: as in `lay_out`. Returns: the smaller the pieces are, the smaller.
     """
     boxes = _sizes(_turned(uv, starts), starts).prod(axis=1)
     return _GAP * float(np.sqrt(boxes.mean()))
@@ -40,29 +32,12 @@ def lay_out(
 ) -> NDArray[np.float64]:
     """Lay pieces out on a page.
 
-    Parameters
-    ----------
-    uv : ndarray, shape (P, 2)
-        Places of all pieces, one piece after another, each in a plane of its own, mm.
-    starts : ndarray of int64, shape (pieces + 1,)
-        Where each piece's begin.
-    faces : ndarray of int64, shape (F, 3)
-        Triangles, as rows of `uv`.
-    gap : float
-        Between them, mm; "boxes": between their boxes.
-    packing : {"boxes", "shapes"}
-        "boxes": each piece turned into its smallest rectangle, in rows from the highest to the lowest. "shapes": into
-        each other's bays, by xatlas.
-
-    Returns
-    -------
-    ndarray, shape (P, 2)
-        For each row of `uv` its place, mm. Pieces are turned and moved, not mirrored; the lowest corner is (0, 0).
-
-    Raises
-    ------
-    InputError
-        If the gap or the packing does not fit, or xatlas is missing.
+    `uv` (P, 2): places of all pieces, one piece after another, each in a plane of its own, mm. `starts` int64 (pieces +
+    1,): where each piece's begin. `faces` int64 (F, 3): triangles, as rows of `uv`. `gap`: between them, mm; "boxes":
+    between their boxes. `packing`, {"boxes", "shapes"}: "boxes": each piece turned into its smallest rectangle, in rows
+    from the highest to the lowest. "shapes": into each other's bays, by xatlas. Returns: (P, 2), for each row of `uv`
+    its place, mm. Pieces are turned and moved, not mirrored; the lowest corner is (0, 0). Raises InputError if the gap
+    or the packing does not fit, or xatlas is missing.
     """
     if not (np.isfinite(gap) and gap >= 0) or (gap == 0 and packing == "shapes"):
         raise InputError(f"the gap is {gap} mm; give a positive number")

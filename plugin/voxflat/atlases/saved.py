@@ -13,15 +13,7 @@ __all__ = ["saved_kind"]
 def saved_kind(path: str | os.PathLike[str]) -> Literal["map", "atlas"] | None:
     """Say what a file holds.
 
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    {"map", "atlas"} or None
-        What `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read.
+    Returns: {"map", "atlas"} or None, what `FlatMap.save` or an atlas wrote; None if it is neither or cannot be read.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

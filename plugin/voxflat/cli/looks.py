@@ -117,16 +117,7 @@ _OF_OVERLAY += ("label", "time_step")
 def overlay_of(data: Path | None, given: dict[str, Any]) -> Overlay | None:
     """Take the options of an overlay out of what a command was given; those that nobody gave are taken out, too.
 
-    Parameters
-    ----------
-    data : Path or None
-        The overlay's file.
-    given : dict
-        All options of the command.
-
-    Returns
-    -------
-    Overlay or None
+    `data`: the overlay's file. `given`: all options of the command.
     """
     from voxflat.figures import Overlay  # brings in matplotlib
 

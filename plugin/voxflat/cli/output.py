@@ -38,18 +38,9 @@ def check_output(
     No file that is written may be one that is read, by any name, or another that is written. What the user named may
     replace a file; what is written beside it only what voxflat wrote, or with ``--overwrite``.
 
-    Parameters
-    ----------
-    path : Path
-        The result.
-    endings : sequence of str
-        How its name may end; any way by default.
-    beside : sequence of Path
-        What is written beside it.
-    sidecar : bool
-        Whether its record is, too.
-    overwrite : bool
-        Whether files beside it may replace others.
+    `path`: the result. `endings`, sequence of str: how its name may end; any way by default. `beside`, sequence of
+    Path: what is written beside it. `sidecar`: whether its record is, too. `overwrite`: whether files beside it may
+    replace others.
     """
     if endings and not path.name.lower().endswith(tuple(endings)):
         raise InputError(f"cannot write {path}: its name must end in {' or '.join(endings)}")

@@ -36,18 +36,7 @@ def _texts(of: Callable[..., Any]) -> dict[str, str]:
 def text_of(of: Callable[..., Any], name: str, sentences: int = 1) -> str:
     """Return the first sentences on a parameter, as its docstring has them.
 
-    Parameters
-    ----------
-    of : callable
-        A function, or a class of options.
-    name : str
-        Of the parameter.
-    sentences : int
-        How many.
-
-    Returns
-    -------
-    str
+    `of`: a function, or a class of options. `name`: of the parameter. `sentences`: how many.
     """
     found = re.split(r"(?<=[.])\s+(?=[A-Z\"`])", _texts(of).get(name, ""))
     return " ".join(found[:sentences]).replace("`", "").replace("  ", " ")
@@ -66,23 +55,9 @@ def option_of(
 ) -> Callable[[_Command], _Command]:
     """Return the option for a parameter, with its help and default.
 
-    Parameters
-    ----------
-    of : callable
-        The function, or class of options, that it goes to.
-    name : str
-        Of the parameter; the option is called the same.
-    sentences : int
-        How much of the parameter's text is its help.
-    default : str, optional
-        The default in words, where Python has None.
-    **more
-        As of `click.option`.
-
-    Returns
-    -------
-    callable
-        A decorator.
+    `of`: the function, or class of options, that it goes to. `name`: of the parameter; the option is called the same.
+    `sentences`: how much of the parameter's text is its help. `default`: the default in words, where Python has None.
+    `**more`: as of `click.option`. Returns: a decorator.
     """
     usual = default_of(of, name)
     told = default if default is not None else None if usual is None or isinstance(usual, bool) else str(usual)

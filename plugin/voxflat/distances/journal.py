@@ -43,19 +43,7 @@ class Journal:
 def read_journal(store: Path) -> Journal:
     """Read the journal of a store; lines that cannot be read say nothing, and their rows are not finished.
 
-    Parameters
-    ----------
-    store : Path
-        The directory.
-
-    Returns
-    -------
-    Journal
-
-    Raises
-    ------
-    InputError
-        If there is none, or its header cannot be read.
+    `store`: the directory. Raises InputError if there is none, or its header cannot be read.
     """
     path = store / "journal.jsonl"
     try:

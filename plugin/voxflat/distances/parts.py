@@ -88,35 +88,10 @@ def rows_by_workers(
 
     Neighbours are joined by workers alone: what takes memory and time is theirs.
 
-    Parameters
-    ----------
-    part : Manifold
-        What distances are measured over.
-    choice : SourceChoice
-        The sources.
-    store : path
-        The directory.
-    dask : str
-        The cluster, as in `connected`.
-    geodesic
-        As in `voxflat.geodesic`.
-    threads : int, optional
-        Of each worker.
-    memory_limit : int, optional
-        Bytes that rows in the making may take in each worker.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    DistanceRows
-
-    Raises
-    ------
-    InputError, OSError
-        If a part cannot be computed. What is finished, of this and others, is kept.
-    Cancelled
-        If `progress` returned False. Workers stop.
+    `part`: what distances are measured over. `choice`: the sources. `store`: the directory. `dask`: the cluster, as in
+    `connected`. `geodesic`: as in `voxflat.geodesic`. `threads`: of each worker. `memory_limit`: bytes that rows in the
+    making may take in each worker. `progress`: as in `voxflat.flatten`. Raises InputError, OSError if a part cannot be
+    computed. What is finished, of this and others, is kept; Cancelled if `progress` returned False. Workers stop.
     """
     path = store_path(store)
     beside = temporary_beside(path)  # until there is a store

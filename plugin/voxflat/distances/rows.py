@@ -194,22 +194,8 @@ def _checksums(path: Path, shape: tuple[int, int]) -> list[int]:
 def damaged_rows(store: Path, checksums: Mapping[int, int]) -> list[int]:
     """Read rows of a store.
 
-    Parameters
-    ----------
-    store : Path
-        The directory.
-    checksums : dict of int to int
-        The CRC-32 of each row that is read, as a journal has it.
-
-    Returns
-    -------
-    list of int
-        Those that do not agree with it.
-
-    Raises
-    ------
-    InputError
-        If the table is damaged or was cut short.
+    `store`: the directory. `checksums`: the CRC-32 of each row that is read, as a journal has it. Returns: those that
+    do not agree with it. Raises InputError if the table is damaged or was cut short.
     """
     shape = Table.open(store / "rows.npy").shape
     if len(shape) != 2:

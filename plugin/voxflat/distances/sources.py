@@ -63,25 +63,9 @@ def source_choice(
 ) -> SourceChoice:
     """Return how many sources there will be, and what chooses them.
 
-    Parameters
-    ----------
-    part : Manifold or VoxelGraph
-        What distances are measured over.
-    sources, sampling, seed
-        As in `voxflat.flatten`.
-    fewest : int
-        As few as the caller can use.
-    at_most_all : bool
-        Take all points where more sources are asked for than there are points; otherwise that is refused.
-
-    Returns
-    -------
-    SourceChoice
-
-    Raises
-    ------
-    InputError
-        If they are too few or too many, given twice, or not on the surface.
+    `part`: what distances are measured over. `sources`, `sampling`, `seed`: as in `voxflat.flatten`. `fewest`: as few
+    as the caller can use. `at_most_all`: take all points where more sources are asked for than there are points;
+    otherwise that is refused. Raises InputError if they are too few or too many, given twice, or not on the surface.
     """
     sampling = checked_text(sampling, "sampling")
     if is_whole(sources):

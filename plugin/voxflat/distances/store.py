@@ -68,31 +68,10 @@ def prepare_store(
 ) -> Store:
     """Make a store of a new or empty directory, or find that an old one is of the same rows.
 
-    Parameters
-    ----------
-    path : path
-        The directory.
-    core : _core.Surface or _core.VoxelSurface
-        The surface.
-    ids : ndarray of int64
-        What its points are in the input.
-    chosen : ndarray of uint32, shape (m,)
-        The sources, as numbers into the points.
-    geodesic, link_lengths
-        As in `voxflat.geodesic`.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    Store
-
-    Raises
-    ------
-    InputError
-        If it is a store of other rows, or holds other files.
-    OSError
-        If it cannot be written, or there is no room on the disk.
+    `path`: the directory. `ids`, ndarray of int64: what its points are in the input. `chosen` uint32 (m,): the sources,
+    as numbers into the points. `geodesic`, `link_lengths`: as in `voxflat.geodesic`. `progress`: as in
+    `voxflat.flatten`. Raises InputError if it is a store of other rows, or holds other files; OSError if it cannot be
+    written, or there is no room on the disk.
     """
     path = store_path(path)
     arrays = {"points": core.points, "ids": ids, "sources": chosen.astype(np.int64)}

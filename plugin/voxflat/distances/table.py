@@ -49,19 +49,7 @@ class Table:
     def open(cls, path: Path) -> Table:
         """Open a file without reading its values.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-
-        Returns
-        -------
-        Table
-
-        Raises
-        ------
-        InputError
-            It is damaged, or shorter than its header says.
+        Raises InputError: it is damaged, or shorter than its header says.
         """
         try:
             with path.open("rb") as file:

@@ -29,21 +29,9 @@ def measure_arrays(
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
     """Return what a map did to each point and each triangle.
 
-    Parameters
-    ----------
-    distortion : Distortion
-        Of the map.
-    points : ndarray, shape (N, 3)
-        On the surface.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-    uv : ndarray, shape (N, 2)
-        In the plane.
-
-    Returns
-    -------
-    of_points, of_triangles : dict
-        By the names above; where the map's triangles are not the surface's, `distance_error` alone.
+    `distortion`: of the map. `points` (N, 3): on the surface. `faces` int (F, 3): triangles. `uv` (N, 2): in the plane.
+    Returns: `of_points, of_triangles`, by the names above; where the map's triangles are not the surface's,
+    `distance_error` alone.
     """
     of_points = {"distance_error": distortion.per_point}
     if distortion.triangles is None:
@@ -60,15 +48,8 @@ def measure_arrays(
 def stretches(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how much the map stretches each triangle in its two principal directions.
 
-    Parameters
-    ----------
-    points, faces, uv
-        As in `measure_arrays`.
-
-    Returns
-    -------
-    ndarray of float64, shape (F, 2)
-        σ1 ≥ σ2 ≥ 0; NaN where a triangle has no area on the surface.
+    `points`, `faces`, `uv`: as in `measure_arrays`. Returns: float64 (F, 2), σ1 ≥ σ2 ≥ 0; NaN where a triangle has no
+    area on the surface.
     """
     a, b = (points[faces[:, corner]] - points[faces[:, 0]] for corner in (1, 2))
     base = np.linalg.norm(a, axis=1)
@@ -103,15 +84,7 @@ def quasi_conformal(stretch: NDArray[np.float64]) -> NDArray[np.float64]:
 def angle_changes(points: NDArray[np.float64], faces: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return by how much the angles of the triangles around each point change on the map, in the mean.
 
-    Parameters
-    ----------
-    points, faces, uv
-        As in `measure_arrays`.
-
-    Returns
-    -------
-    ndarray of float64, shape (N,)
-        Degrees; NaN where there is no triangle.
+    `points`, `faces`, `uv`: as in `measure_arrays`. Returns: float64 (N,), degrees; NaN where there is no triangle.
     """
     corners = faces.astype(np.int64)
     change = np.abs(_corner_angles(uv[corners]) - _corner_angles(points[corners]))

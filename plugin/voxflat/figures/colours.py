@@ -64,14 +64,7 @@ class Look:
     def limits(self, values: NDArray[np.float64]) -> tuple[float, float]:
         """Return what the ends of the colours stand for, with the 99th percentile as the upper one.
 
-        Parameters
-        ----------
-        values : ndarray
-            As they are shown; NaN where there is none.
-
-        Returns
-        -------
-        tuple of 2 floats
+        `values`: as they are shown; NaN where there is none.
         """
         if self.least is None:
             most = top(np.abs(values))

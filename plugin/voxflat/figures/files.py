@@ -124,15 +124,7 @@ class Pictures(Protocol):
 def check_movie(path: str | os.PathLike[str]) -> None:
     """Refuse a name that no movie can be written to, before the long work.
 
-    Parameters
-    ----------
-    path : path
-        As of `save_movie`.
-
-    Raises
-    ------
-    InputError
-        If the ending is another, or what writes it is missing.
+    `path`: as of `save_movie`. Raises InputError if the ending is another, or what writes it is missing.
     """
     name = Path(path)
     if name.suffix.lower() not in MOVIE_ENDINGS:

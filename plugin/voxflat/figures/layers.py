@@ -36,12 +36,7 @@ def name_layers(path: Path, drawn: Figure) -> None:
 
     The root tells where the map lies, so that regions that are drawn into the file find their way back.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a figure without such artists stays as it is.
-    drawn : matplotlib.figure.Figure
-        What it shows.
+    `path`: the file; a figure without such artists stays as it is. `drawn`: what it shows.
     """
     text = path.read_text(encoding="utf-8")
     if not any(f'id="{name}"' in text for name in LAYERS):

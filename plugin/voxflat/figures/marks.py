@@ -43,15 +43,8 @@ def directions(flat_map: FlatMap) -> list[Direction]:
     To the points around the middle each of their coordinates is fitted linearly in (u, v); its gradient points where it
     grows most.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        A flat map.
-
-    Returns
-    -------
-    list of Direction
-        Two at most, those of the greatest R²; none where the space of the points is unknown.
+    `flat_map`: a flat map. Returns: two at most, those of the greatest R²; none where the space of the points is
+    unknown.
     """
     is_known = flat_map.space.name != "unknown" or flat_map.metadata.get("structure") in _SIDES
     if not is_known:
@@ -89,15 +82,8 @@ def side(flat_map: FlatMap) -> str | None:
 def cut_names(flat_map: FlatMap) -> list[tuple[str, float, float]]:
     """Find where the names of cuts belong: between the lips, where they are farthest apart.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        A flat map; ``metadata["cut_names"]`` has a name, or None, for each of ``metadata["cuts"]``.
-
-    Returns
-    -------
-    list of (name, u, v)
-        Places in mm.
+    `flat_map`: a flat map; ``metadata["cut_names"]`` has a name, or None, for each of ``metadata["cuts"]``. Returns:
+    places in mm.
     """
     names = flat_map.metadata.get("cut_names") or []
     paths = flat_map.metadata.get("cuts") or []

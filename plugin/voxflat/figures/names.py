@@ -55,21 +55,9 @@ class PlacedName:
 def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) -> tuple[list[PlacedName], list[str]]:
     """Find a place for each name whose box lies in its region, as far from the region's border as can be.
 
-    Parameters
-    ----------
-    labels : ndarray of int64, shape (H, W)
-        The label of each pixel.
-    names : dict
-        Label: name.
-    pixel : float
-        Side of a pixel on paper, mm.
-
-    Returns
-    -------
-    placed : list of PlacedName
-        In the largest size, in one line or several, level or upright, in which they fit.
-    left_out : list of str
-        Names that fit in no size.
+    `labels` int64 (H, W): the label of each pixel. `names`: label: name. `pixel`: side of a pixel on paper, mm.
+    Returns: `placed`, in the largest size, in one line or several, level or upright, in which they fit; `left_out`,
+    names that fit in no size.
     """
     placed, left_out = [], []
     for label, name in names.items():
@@ -87,12 +75,7 @@ def place_names(labels: NDArray[np.int64], names: dict[int, str], pixel: float) 
 def text_size(text: str, size: float) -> tuple[float, float]:
     """Return width and height of a text on paper, mm.
 
-    Parameters
-    ----------
-    text : str
-        In lines.
-    size : float
-        Of the font, points.
+    `text`: in lines. `size`: of the font, points.
     """
     lines = text.split("\n")
     return max(map(_width, lines)) * size * _POINT, _LINE * size * _POINT * len(lines)

@@ -111,29 +111,9 @@ def painted(
 ) -> NDArray[np.uint8]:
     """Return values as colours, transparent where they do not pass the thresholds.
 
-    Parameters
-    ----------
-    data : ndarray of float, shape (...)
-        Values; NaN is transparent.
-    colour_map : str
-        Of matplotlib.
-    limits : tuple of 2 floats
-        The ends of the colours.
-    above, below : float, optional
-        As in `Overlay`.
-    by : ndarray of float, shape (...), optional
-        What has to pass the thresholds; by default `data`.
-    opacity : float
-        From 0 to 1.
-
-    Returns
-    -------
-    ndarray of uint8, shape (..., 4)
-
-    Raises
-    ------
-    InputError
-        If there is no such colour map.
+    `data` float (...): values; NaN is transparent. `colour_map`: of matplotlib. `limits`: the ends of the colours.
+    `above`, `below`: as in `Overlay`. `by` float (...): what has to pass the thresholds; by default `data`. `opacity`:
+    from 0 to 1. Returns: uint8 (..., 4). Raises InputError if there is no such colour map.
     """
     if not isinstance(colour_map, str) or colour_map not in colormaps:
         raise InputError(f"matplotlib has no colour map {shown(colour_map)}")
@@ -183,25 +163,8 @@ class OverlayColours:
     ) -> OverlayColours:
         """Choose what is not given, by what an image shows.
 
-        Parameters
-        ----------
-        image : FlatImage
-            The overlay on the map.
-        overlay : Overlay
-            How it is to be shown.
-        opacity : float
-            From 0 to 1.
-        strength : FlatImage, optional
-            What has to pass the thresholds, on the map.
-
-        Returns
-        -------
-        OverlayColours
-
-        Raises
-        ------
-        InputError
-            If something does not fit the image.
+        `image`: the overlay on the map. `overlay`: how it is to be shown. `opacity`: from 0 to 1. `strength`: what has
+        to pass the thresholds, on the map. Raises InputError if something does not fit the image.
         """
         above = optional_number(overlay.above, "threshold above")
         below = optional_number(overlay.below, "threshold below")
@@ -237,16 +200,8 @@ class OverlayColours:
     def paint(self, data: NDArray[Any], by: NDArray[Any] | None = None) -> NDArray[np.uint8]:
         """Return pixels.
 
-        Parameters
-        ----------
-        data : ndarray, shape (H, W), or (H, W, 4) of uint8 for colours
-            What the overlay shows.
-        by : ndarray, shape (H, W), optional
-            Its strength, which has to pass the thresholds.
-
-        Returns
-        -------
-        ndarray of uint8, shape (H, W, 4)
+        `data` (H, W), or (H, W, 4) of uint8 for colours: what the overlay shows. `by` (H, W): its strength, which has
+        to pass the thresholds. Returns: uint8 (H, W, 4).
         """
         if self.colour_map is not None:
             shown = data % self.limits[1] if self.is_cyclic else data

@@ -139,21 +139,10 @@ def drawn_from_both_sides(
 ) -> NDArray[np.uint8]:
     """Draw meshes of a map's surface from outside and, beside that, from the other side.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        What is looked at.
-    meshes : sequence of (pyvista.PolyData, dict)
-        With the options of `Plotter.add_mesh`.
-    names : sequence of (point, str)
-        Written where they are seen; in brackets, on the side where they lie, if they are hidden from both. The first
-        mesh is what may hide them.
-    size : tuple of 2 ints
-        Width and height in pixels.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
+    `flat_map`: what is looked at. `meshes`, sequence of (pyvista.PolyData, dict): with the options of
+    `Plotter.add_mesh`. `names`, sequence of (point, str): written where they are seen; in brackets, on the side where
+    they lie, if they are hidden from both. The first mesh is what may hide them. `size`: width and height in pixels.
+    Returns: uint8 (height, width, 3).
     """
     pyvista = load_pyvista()
     width, height = size

@@ -91,19 +91,8 @@ class Channels:
     def find(self, channel: int | str | None) -> int:
         """Find a channel.
 
-        Parameters
-        ----------
-        channel : int, str or None
-            Its number, from 0, or negative from the end; its name; or None for the only one.
-
-        Returns
-        -------
-        int
-
-        Raises
-        ------
-        InputError
-            If there is none such, or there are several and none is chosen.
+        `channel`: its number, from 0, or negative from the end; its name; or None for the only one. Raises InputError
+        if there is none such, or there are several and none is chosen.
         """
         count = len(self)
         if channel is None:
@@ -128,28 +117,14 @@ class Channels:
     def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Channels:
         """Return the same channels, each changed when it is read.
 
-        Parameters
-        ----------
-        change : callable
-            Takes and returns the array of a channel.
-
-        Returns
-        -------
-        Channels
+        `change`: takes and returns the array of a channel.
         """
         return Channels(self.names, lambda n: change(self.read(n)), self.timing)
 
     def of_file(self, path: Path | None) -> Channels:
         """Return the same channels, of which errors name the file, as they come long after it was opened.
 
-        Parameters
-        ----------
-        path : Path or None
-            The file, if they are of one.
-
-        Returns
-        -------
-        Channels
+        `path`: the file, if they are of one.
         """
         if path is None:
             return self
@@ -164,16 +139,7 @@ class Channels:
     def of_array(cls, values: NDArray[Any], names: Sequence[str] | None = None) -> Channels:
         """Take the last axis of an array as channels; one of shape (N,) is a single one.
 
-        Parameters
-        ----------
-        values : ndarray, shape (N,) or (N, K)
-            Values at points.
-        names : sequence of str, optional
-            One a channel.
-
-        Returns
-        -------
-        Channels
+        `values` (N,) or (N, K): values at points. `names`, sequence of str: one a channel.
         """
         columns = values[:, None] if values.ndim == 1 else values
         return cls(tuple(names or [""] * columns.shape[1]), lambda n: columns[:, n])
@@ -182,23 +148,9 @@ class Channels:
 def series_of(obj: object) -> tuple[Channels, Affine] | None:
     """Take a series of volumes (I, J, K, T) as channels.
 
-    Parameters
-    ----------
-    obj : path, nibabel image, or anything else
-        ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``.
-
-    Returns
-    -------
-    channels : Channels
-        Arrays of shape (I, J, K).
-    affine : ndarray of float64, shape (4, 4)
-        Voxel index to RAS+ mm.
-        None instead of both if it is no series: a single volume, colours, or nothing that nibabel reads.
-
-    Raises
-    ------
-    InputError
-        If the file is cut short, sheared, or not in mm.
+    `obj`: ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``. Returns: `channels`, arrays of shape (I, J, K); `affine`, float64
+    (4, 4), voxel index to RAS+ mm. None instead of both if it is no series: a single volume, colours, or nothing that
+    nibabel reads. Raises InputError if the file is cut short, sheared, or not in mm.
     """
     image, path = opened(obj)
     if image is None or is_cifti(image):
@@ -225,24 +177,10 @@ def series_of(obj: object) -> tuple[Channels, Affine] | None:
 def points_of_nibabel(obj: object, points: int, structure: str | None) -> Channels | None:
     """Take values at the points of a surface that lie in a file of volumes: (N, 1, 1), (N, 1, 1, T), or CIFTI.
 
-    Parameters
-    ----------
-    obj : path, nibabel image, or anything else
-        ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``; of CIFTI ``.dscalar.nii``, ``.dtseries.nii``, ``.dlabel.nii``.
-    points : int
-        How many the surface has.
-    structure : str or None
-        What the surface is, as GIFTI says it, such as "CortexLeft": which part of a CIFTI file is meant.
-
-    Returns
-    -------
-    Channels or None
-        Arrays of shape (N,); of CIFTI, NaN where it has no value, of labels 0. None if it holds volumes.
-
-    Raises
-    ------
-    InputError
-        If the file is cut short, has no such part, or another number of values.
+    `obj`: ``.nii``, ``.nii.gz``, ``.mgh``, ``.mgz``; of CIFTI ``.dscalar.nii``, ``.dtseries.nii``, ``.dlabel.nii``.
+    `points`: how many the surface has. `structure`: what the surface is, as GIFTI says it, such as "CortexLeft": which
+    part of a CIFTI file is meant. Returns: arrays of shape (N,); of CIFTI, NaN where it has no value, of labels 0. None
+    if it holds volumes. Raises InputError if the file is cut short, has no such part, or another number of values.
     """
     image, path = opened(obj)
     if image is None:

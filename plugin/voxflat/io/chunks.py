@@ -115,19 +115,8 @@ class Chunked:
     def block(self, spans: list[tuple[int, int]]) -> NDArray[Any]:
         """Read a box of voxels.
 
-        Parameters
-        ----------
-        spans : list of 3 tuples
-            First and behind the last index along i, j and k.
-
-        Returns
-        -------
-        ndarray
-
-        Raises
-        ------
-        InputError
-            If it cannot be read: a chunk is damaged, or what a dask array is computed from fails.
+        `spans`: first and behind the last index along i, j and k. Raises InputError if it cannot be read: a chunk is
+        damaged, or what a dask array is computed from fails.
         """
         at: list[Any] = [slice(None)] * len(self.array.shape)
         for axis, span in zip(self.axes, spans, strict=True):
@@ -181,18 +170,8 @@ def is_zarr_path(obj: object) -> bool:
 def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.integer[Any]]) -> NDArray[Any]:
     """Return the values of voxels; of an array in chunks, by reading each chunk that holds one of them once.
 
-    Parameters
-    ----------
-    data : ndarray or Chunked, shape (I, J, K)
-        Voxels.
-    low : ndarray of int, shape (P, 3)
-        Indices of voxels.
-    offsets : ndarray of int, shape (K, 3)
-        What is added to each; indices beyond the last voxel mean that.
-
-    Returns
-    -------
-    ndarray, shape (P, K)
+    `data`, ndarray or Chunked, shape (I, J, K): voxels. `low` int (P, 3): indices of voxels. `offsets` int (K, 3): what
+    is added to each; indices beyond the last voxel mean that. Returns: (P, K).
     """
     last = np.asarray(data.shape[:3], dtype=low.dtype) - 1
     found = np.empty((len(low), len(offsets)), dtype=data.dtype)
@@ -228,25 +207,9 @@ def voxels_at(data: Any, low: NDArray[np.integer[Any]], offsets: NDArray[np.inte
 def chunked_of(obj: object) -> tuple[Channels, Affine | None, Path | None] | None:
     """Take an array in chunks, or a path of OME-Zarr, as channels of volumes.
 
-    Parameters
-    ----------
-    obj : object
-        A dask or zarr array, (I, J, K) or (I, J, K, C); a path of a zarr directory; or anything else.
-
-    Returns
-    -------
-    channels : Channels
-        Of `Chunked`.
-    affine : ndarray, shape (4, 4), or None
-        Voxel index to RAS+ mm, where it is known.
-    path : Path or None
-        The file.
-        None instead of all three if it is none of these.
-
-    Raises
-    ------
-    InputError
-        If it has another shape or type, or no place.
+    `obj`: a dask or zarr array, (I, J, K) or (I, J, K, C); a path of a zarr directory; or anything else. Returns:
+    `channels`, of `Chunked`; `affine`, (4, 4), or None, voxel index to RAS+ mm, where it is known; `path`, the file.
+    None instead of all three if it is none of these. Raises InputError if it has another shape or type, or no place.
     """
     if is_zarr_path(obj):
         return _ome_zarr(Path(str(obj)))

@@ -321,22 +321,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a directory beside its place, and move it there once it is complete; what is there is never replaced.
 
-    Parameters
-    ----------
-    path : path
-        The directory to make.
-
-    Yields
-    ------
-    Path
-        A new empty directory beside it. It takes its place when the block ends, and is deleted when the block raises.
-
-    Raises
-    ------
-    InputError
-        Something of that name is there already.
-    OSError
-        Nothing can be written there.
+    `path`: the directory to make. Yields: a new empty directory beside it. It takes its place when the block ends, and
+    is deleted when the block raises. Raises InputError: something of that name is there already; OSError: nothing can
+    be written there.
     """
     path = checked_path(path)
     check_new(path)

@@ -163,17 +163,8 @@ def read_label(data: bytes, n: int) -> NDArray[np.bool_]:
 def read_label_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Read the points that a label file names, and where they lay on the surface that it was drawn on.
 
-    Parameters
-    ----------
-    path : path
-        A ``.label`` file that `read_region` has read: its points are those of a surface.
-
-    Returns
-    -------
-    vertices : ndarray of int64, shape (k,)
-        Numbers of points.
-    points : ndarray of float64, shape (k, 3)
-        tkRAS, mm; some programs write 0.
+    `path`: a ``.label`` file that `read_region` has read: its points are those of a surface. Returns: `vertices`, int64
+    (k,), numbers of points; `points`, float64 (k, 3), tkRAS, mm; some programs write 0.
     """
     path = checked_path(path)
     with naming(path, _REMEDY):

@@ -27,14 +27,7 @@ SMALLEST = _core.SMALLEST
 def voxel_size(affine: ArrayLike) -> float:
     """Return the geometric mean of the voxels' three spacings, mm; of cubes the spacing itself, on every machine.
 
-    Parameters
-    ----------
-    affine : array_like, shape (4, 4)
-        Voxel index to RAS+ mm.
-
-    Returns
-    -------
-    float
+    `affine` (4, 4): voxel index to RAS+ mm.
     """
     spacing = np.linalg.norm(np.asarray(affine, dtype=np.float64)[:3, :3], axis=0)
     largest = spacing.max()
@@ -45,21 +38,9 @@ def voxel_size(affine: ArrayLike) -> float:
 def check_affine(affine: ArrayLike) -> Affine:
     """Check that an affine maps a grid of boxes to mm: finite, and not sheared.
 
-    Parameters
-    ----------
-    affine : array_like, shape (4, 4)
-        Voxel index to RAS+ mm.
-
-    Returns
-    -------
-    ndarray, shape (4, 4), float64
-        The affine.
-
-    Raises
-    ------
-    InputError
-        It has another shape, values that are not finite or beyond 1e9 mm, a voxel size of 0 or below 1e-9 mm, or axes
-        that are not orthogonal (the cosine between two of them exceeds 1e-3).
+    `affine` (4, 4): voxel index to RAS+ mm. Returns: (4, 4), float64, the affine. Raises InputError: it has another
+    shape, values that are not finite or beyond 1e9 mm, a voxel size of 0 or below 1e-9 mm, or axes that are not
+    orthogonal (the cosine between two of them exceeds 1e-3).
     """
     try:
         matrix = numbers_of(affine, "affine")

@@ -49,22 +49,9 @@ class LabelTable:
 def read_table(path: str | os.PathLike[str]) -> LabelTable:
     """Read a lookup table.
 
-    Parameters
-    ----------
-    path : path
-        Lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt; or ``.tsv`` with the columns ``index``,
-        ``name`` and perhaps ``color`` (``#rrggbb``), as BIDS has them beside a dseg.
-
-    Returns
-    -------
-    LabelTable
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    FileNotFoundError, PermissionError
-        If it cannot be opened.
+    `path`: lines of label, name, red, green, blue, as in FreeSurferColorLUT.txt; or ``.tsv`` with the columns
+    ``index``, ``name`` and perhaps ``color`` (``#rrggbb``), as BIDS has them beside a dseg. Raises InputError if it is
+    neither; FileNotFoundError, PermissionError if it cannot be opened.
     """
     path = checked_path(path)
     with naming(path, "give a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS"):
@@ -78,24 +65,9 @@ def read_table(path: str | os.PathLike[str]) -> LabelTable:
 def own_table(path: str | os.PathLike[str], channel: int = 0) -> LabelTable | None:
     """Read the names and colours that a file of labels holds itself.
 
-    Parameters
-    ----------
-    path : path
-        ``.annot``, ``.label.gii`` or ``.dlabel.nii``.
-    channel : int
-        The map that is meant, where they differ between maps (CIFTI).
-
-    Returns
-    -------
-    LabelTable or None
-        None for files without.
-
-    Raises
-    ------
-    InputError
-        If it is damaged.
-    FileNotFoundError, PermissionError
-        If it cannot be opened.
+    `path`: ``.annot``, ``.label.gii`` or ``.dlabel.nii``. `channel`: the map that is meant, where they differ between
+    maps (CIFTI). Returns: none for files without. Raises InputError if it is damaged; FileNotFoundError,
+    PermissionError if it cannot be opened.
     """
     path = checked_path(path)
     name = path.name.lower()

@@ -143,17 +143,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def is_mesh_name(path: str | os.PathLike[str]) -> bool:
-    """Say whether a file is to be read as a mesh, by its ending, or by its first bytes where it has none that is known.
-
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    bool
-    """
+    """Say whether a file is a mesh by its ending, or, where it has none that is known, by its first bytes."""
     path = checked_path(path)
     name = path.name.lower()
     if name.endswith(tuple(formats.ENDINGS)):
@@ -167,21 +157,7 @@ def is_mesh_name(path: str | os.PathLike[str]) -> bool:
 def holds_mesh(path: str | os.PathLike[str]) -> bool:
     """Say whether a file holds triangles, and not values at the points of a mesh, or a patch.
 
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    InputError
-        The file is damaged.
-    FileNotFoundError, PermissionError
-        The file cannot be opened.
+    Raises InputError: the file is damaged; FileNotFoundError, PermissionError: the file cannot be opened.
     """
     path = checked_path(path)
     with naming(path, REMEDY):
@@ -289,19 +265,9 @@ def _writer(path: Path) -> _Write:
 def in_tkras(points: NDArray[np.float64], space: Space) -> tuple[NDArray[np.float64], VolumeGeometry | None]:
     """Carry points to where FreeSurfer's own surfaces lie.
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (N, 3)
-        mm, in `space`; those of an unknown one are left as they are.
-    space : Space
-        Where it is scanner RAS and its volume is not known, a conformed one in its middle is taken.
-
-    Returns
-    -------
-    points : ndarray of float64, shape (N, 3)
-        tkRAS, mm.
-    volume : VolumeGeometry or None
-        The volume of this tkRAS.
+    `points` float64 (N, 3): mm, in `space`; those of an unknown one are left as they are. `space`: where it is scanner
+    RAS and its volume is not known, a conformed one in its middle is taken. Returns: `points`, float64 (N, 3), tkRAS,
+    mm; `volume`, the volume of this tkRAS.
     """
     if space.name != "scanner":
         return points, space.volume

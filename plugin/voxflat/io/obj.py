@@ -30,13 +30,8 @@ def read_obj(path: Path, data: bytes) -> dict[str, Any]:
 def read_obj_texture(data: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, set[str]]]:
     """Read the texture coordinates of each corner of an OBJ file's faces.
 
-    Returns
-    -------
-    faces : ndarray, shape (F, 3)
-    coordinates : ndarray, shape (F, 3, 2)
-        NaN where there are none.
-    names : dict
-        Of each of mtllib and usemtl what follows it.
+    Returns: `faces`, (F, 3); `coordinates`, (F, 3, 2), NaN where there are none; `names`, of each of mtllib and usemtl
+    what follows it.
     """
     rows, faces, used, _ = _tables(data)
     check_faces(faces, len(rows["v"]))

@@ -65,20 +65,8 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
 def read_channels(path: str | os.PathLike[str], points: int, *, structure: str | None = None) -> Channels:
     """Read values at the points of a surface map by map.
 
-    Parameters
-    ----------
-    path, points, structure
-        As in `read_overlay`.
-
-    Returns
-    -------
-    Channels
-        Arrays of shape (points,). Those of NIfTI and CIFTI files are read when they are asked for.
-
-    Raises
-    ------
-    InputError, FileNotFoundError, PermissionError
-        As `read_overlay`.
+    `path`, `points`, `structure`: as in `read_overlay`. Returns: arrays of shape (points,). Those of NIfTI and CIFTI
+    files are read when they are asked for. Raises InputError, FileNotFoundError, PermissionError: as `read_overlay`.
     """
     path = checked_path(path)
     with naming(path, REMEDY):
@@ -99,19 +87,7 @@ def _channels(path: Path, points: int, structure: str | None) -> Channels:
 def holds_volume(path: str | os.PathLike[str]) -> bool:
     """Say whether a file is one of voxels, by its ending; and not of values at points that have the same ending.
 
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    PermissionError
-        The file cannot be opened.
+    Raises PermissionError: the file cannot be opened.
     """
     name = checked_path(path).name.lower()
     if not name.endswith(VOLUME_ENDINGS):

@@ -115,19 +115,7 @@ def parse_patch(path: Path, data: bytes) -> Patch:
 def is_patch(path: str | os.PathLike[str]) -> bool:
     """Say whether a file is a FreeSurfer patch.
 
-    Parameters
-    ----------
-    path : path
-        A file.
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    InputError
-        If it cannot be a name.
+    Raises InputError if it cannot be a name.
     """
     path = checked_path(path)
     if path.exists() and not path.is_file():  # such as a pipe, which would be waited for
@@ -167,23 +155,9 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
 def in_patch(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bool_]:
     """Find the faces of a patch: those of the surface whose three corners are all listed.
 
-    Parameters
-    ----------
-    faces : array_like of int, shape (F, 3)
-        The surface's triangles.
-    vertices : array_like of int, shape (k,)
-        The patch's points, as numbers of the surface's.
-    n : int
-        Number of the surface's points.
-
-    Returns
-    -------
-    ndarray of bool, shape (F,)
-
-    Raises
-    ------
-    InputError
-        A vertex or a face names a point that the surface does not have.
+    `faces` int (F, 3): the surface's triangles. `vertices` int (k,): the patch's points, as numbers of the surface's.
+    `n`: number of the surface's points. Returns: bool (F,). Raises InputError: a vertex or a face names a point that
+    the surface does not have.
     """
     triangles, rows = _rows(faces, vertices, n)
     return np.asarray((rows[triangles] >= 0).all(axis=1))

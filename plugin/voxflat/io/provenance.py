@@ -62,16 +62,9 @@ def telling(
 ) -> Callable[[Callable[_Given, _Made]], Callable[_Given, _Made]]:
     """Let the result of a function say what made it.
 
-    Parameters
-    ----------
-    **told_as : callable
-        What a parameter of this name is told as, where that is not the value which was given.
-
-    Returns
-    -------
-    callable
-        A decorator: the record is handed to the result's ``with_provenance``, whose result is returned. A function's
-        ``memory_limit``, if it has one, holds for reading files, too.
+    `**told_as`: what a parameter of this name is told as, where that is not the value which was given. Returns: a
+    decorator: the record is handed to the result's ``with_provenance``, whose result is returned. A function's
+    ``memory_limit``, if it has one, holds for reading files, too.
     """
 
     def decorate(function: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
@@ -109,16 +102,7 @@ def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any
 def resolved(record: Record, used: dict[str, Any]) -> Record:
     """Return a record that says what was used for parameters that were not given.
 
-    Parameters
-    ----------
-    record : dict
-        A record.
-    used : dict
-        By their names; others are passed over.
-
-    Returns
-    -------
-    dict
+    `record`: a record. `used`: by their names; others are passed over.
     """
     parameters: dict[str, Any] = copy.deepcopy(record["parameters"])
     method = parameters.get("method")
@@ -132,15 +116,8 @@ def resolved(record: Record, used: dict[str, Any]) -> Record:
 def described(value: object) -> Any:
     """Return what JSON can hold of a parameter.
 
-    Parameters
-    ----------
-    value : object
-        Numbers, text, paths, lists and short arrays stay what they are. Of a result its record is told, of longer
-        arrays the SHA-256 of their values, of others the type.
-
-    Returns
-    -------
-    None, bool, int, float, str, list or dict
+    `value`: numbers, text, paths, lists and short arrays stay what they are. Of a result its record is told, of longer
+    arrays the SHA-256 of their values, of others the type.
     """
     if value is None or isinstance(value, str | bool | np.bool_):
         return bool(value) if isinstance(value, np.bool_) else value
@@ -195,17 +172,8 @@ def _files(record: object) -> Iterator[str]:
 def check_not_read(path: Path, record: Record) -> None:
     """Refuse to write over a file that a result was made of.
 
-    Parameters
-    ----------
-    path : Path
-        Where it is to be written.
-    record : dict
-        The result's.
-
-    Raises
-    ------
-    InputError
-        If it is one of its files, by this name or another.
+    `path`: where it is to be written. `record`: the result's. Raises InputError if it is one of its files, by this name
+    or another.
     """
     if path.exists():
         for name in _files(record):
@@ -216,19 +184,8 @@ def check_not_read(path: Path, record: Record) -> None:
 def check_beside(path: Path, beside: Path, *, overwrite: bool = False) -> None:
     """Refuse to replace what lies beside a result, unless voxflat wrote it.
 
-    Parameters
-    ----------
-    path : Path
-        The result's file.
-    beside : Path
-        What is written with it, whose name nobody gave.
-    overwrite : bool
-        Replace it nevertheless.
-
-    Raises
-    ------
-    InputError
-        If it is there already, and does not say that it is ours.
+    `path`: the result's file. `beside`: what is written with it, whose name nobody gave. `overwrite`: replace it
+    nevertheless. Raises InputError if it is there already, and does not say that it is ours.
     """
     if checked_switch(overwrite, "overwrite") or not beside.exists():
         return
@@ -255,28 +212,10 @@ def saving(
 ) -> Iterator[Path]:
     """Write a result, but not over a file that it was made of, and its record beside it where that is asked for.
 
-    Parameters
-    ----------
-    path : path
-        The result's file, which the block writes.
-    record : dict
-        Its record.
-    sidecar : bool
-        Write the record to ``<path>.json``, too, for formats that hold none.
-    overwrite : bool
-        Replace a file of that name that voxflat did not write.
-
-    Yields
-    ------
-    Path
-        The result's file.
-
-    Raises
-    ------
-    InputError
-        If either file is one that was read, or the one beside is there already and not of voxflat.
-    OSError
-        If the record cannot be written.
+    `path`: the result's file, which the block writes. `record`: its record. `sidecar`: write the record to
+    ``<path>.json``, too, for formats that hold none. `overwrite`: replace a file of that name that voxflat did not
+    write. Yields: the result's file. Raises InputError if either file is one that was read, or the one beside is there
+    already and not of voxflat; OSError if the record cannot be written.
     """
     path = checked_path(path)
     checked_switch(overwrite, "overwrite")

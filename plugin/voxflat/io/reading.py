@@ -31,15 +31,8 @@ _now: ContextVar[_Reading | None] = ContextVar("voxflat_reading", default=None)
 def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
     """Note which files are read, and hold readers to a memory limit.
 
-    Parameters
-    ----------
-    memory_limit : int, optional
-        Bytes that what is read may take; by default as many as the call around may, or what is free.
-
-    Yields
-    ------
-    dict
-        The SHA-256 of each file that is read until the block ends, by its path as it was given.
+    `memory_limit`: bytes that what is read may take; by default as many as the call around may, or what is free.
+    Yields: the SHA-256 of each file that is read until the block ends, by its path as it was given.
     """
     around = _now.get()
     checked_limit(memory_limit)
@@ -57,10 +50,7 @@ def reading(memory_limit: int | None = None) -> Iterator[dict[str, str]]:
 def note(path: str | os.PathLike[str]) -> None:
     """Note that a file is read, if anybody wants to know.
 
-    Parameters
-    ----------
-    path : path
-        A file that is there.
+    `path`: a file that is there.
     """
     now = _now.get()
     if now is not None:
@@ -89,17 +79,7 @@ def allowed_memory() -> int:
 def check_room(need: int, remedy: str = "crop or downsample it, or give it more memory") -> None:
     """Refuse to read what needs more memory than there is.
 
-    Parameters
-    ----------
-    need : int
-        Bytes, by the file's header.
-    remedy : str
-        What to do, for the error.
-
-    Raises
-    ------
-    InputError
-        If they are not there.
+    `need`: bytes, by the file's header. `remedy`: what to do, for the error. Raises InputError if they are not there.
     """
     now = _now.get()
     check_memory(need, None if now is None else now.limit, remedy)

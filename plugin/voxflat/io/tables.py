@@ -43,12 +43,8 @@ class PointTable:
     def save(self, path: str | os.PathLike[str], more: dict[str, NDArray[np.float64]]) -> None:
         """Write the table with further columns, all of it or nothing.
 
-        Parameters
-        ----------
-        path : path
-            ``.csv``, ``.tsv`` or ``.txt``; a missing number is ``n/a``.
-        more : dict
-            Numbers for each point by the columns' names.
+        `path`: ``.csv``, ``.tsv`` or ``.txt``; a missing number is ``n/a``. `more`: numbers for each point by the
+        columns' names.
         """
         path = checked_path(path)
         delimiter = {".csv": ",", ".tsv": "\t"}.get(path.suffix.lower(), " ")
@@ -66,22 +62,9 @@ class PointTable:
 def read_points(path: str | os.PathLike[str]) -> PointTable:
     """Read points from a table.
 
-    Parameters
-    ----------
-    path : path
-        ``.csv``, ``.tsv`` or ``.txt``. With a header the columns x, y and z are taken, else the first three; a missing
-        number is empty, ``n/a`` or ``nan``.
-
-    Returns
-    -------
-    PointTable
-
-    Raises
-    ------
-    InputError
-        If it is no such table.
-    FileNotFoundError, PermissionError
-        If it cannot be opened.
+    `path`: ``.csv``, ``.tsv`` or ``.txt``. With a header the columns x, y and z are taken, else the first three; a
+    missing number is empty, ``n/a`` or ``nan``. Raises InputError if it is no such table; FileNotFoundError,
+    PermissionError if it cannot be opened.
     """
     path = checked_path(path)
     with naming(path, "give columns x, y and z in mm"):

@@ -23,21 +23,9 @@ def triangulated(
     Quadrilaterals are cut along the shorter diagonal that lies inside, other polygons ear by ear, the one with the
     shortest diagonal first.
 
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        Finite or not.
-    corners : ndarray of int64, shape (C,)
-        The polygons' corners, one polygon after the other.
-    counts : ndarray of int64, shape (F,)
-        How many corners each has.
-
-    Returns
-    -------
-    triangles : ndarray of int64, shape (T, 3)
-        Places in `corners`, polygon by polygon, which they run around as the polygon does.
-    remarks : tuple of str
-        What was cut.
+    `points` (N, 3): finite or not. `corners` int64 (C,): the polygons' corners, one polygon after the other. `counts`
+    int64 (F,): how many corners each has. Returns: `triangles`, int64 (T, 3), places in `corners`, polygon by polygon,
+    which they run around as the polygon does; `remarks`, what was cut.
     """
     odd = np.flatnonzero((counts < 3) | (counts > _MOST_CORNERS))
     if len(odd):

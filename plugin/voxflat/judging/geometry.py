@@ -40,17 +40,7 @@ class Geometry:
     def check(self, name: str, matched: Matched) -> None:
         """Refuse a map with vertices of which it is not known where they lie.
 
-        Parameters
-        ----------
-        name : str
-            Of the map.
-        matched : Matched
-            The map on `surface`.
-
-        Raises
-        ------
-        InputError
-            If it has one.
+        `name`: of the map. `matched`: the map on `surface`. Raises InputError if it has one.
         """
         if self.known is None:
             return
@@ -66,22 +56,9 @@ class Geometry:
 def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
     """Return the surface on which maps are judged: the given one, unless maps of voxflat were made on another geometry.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The given surface.
-    maps : dict of str to map
-        Of which those that are a `FlatMap` of a mesh know where their points lie.
-
-    Returns
-    -------
-    Geometry
-        If it is another than the given one, that is logged.
-
-    Raises
-    ------
-    InputError
-        If two maps were made on different geometries.
+    `whole`: the given surface. `maps`: of which those that are a `FlatMap` of a mesh know where their points lie.
+    Returns: if it is another than the given one, that is logged. Raises InputError if two maps were made on different
+    geometries.
     """
     ours = {name: flat for name, flat in maps.items() if isinstance(flat, FlatMap) and not flat.is_voxels}
     places = {name: vertices_of(whole, flat) for name, flat in ours.items()}

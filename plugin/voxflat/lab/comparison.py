@@ -125,15 +125,7 @@ class Sums:
 def outliers(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Say which values stand out: those whose modified z score is beyond 3.5, by median and absolute deviation from it.
 
-    Parameters
-    ----------
-    values : ndarray of float64, shape (k,)
-        NaN where there is none.
-
-    Returns
-    -------
-    ndarray of bool, shape (k,)
-        None of fewer than five.
+    `values` float64 (k,): NaN where there is none. Returns: bool (k,), none of fewer than five.
     """
     defined = values[np.isfinite(values)]
     if len(defined) < _LEAST:

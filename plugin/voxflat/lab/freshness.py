@@ -30,21 +30,8 @@ Request = dict[str, Any]
 def request(hemisphere: Hemisphere, parameters: Parameters) -> Request:
     """Return what results are made of: they are up to date as long as it is the same.
 
-    Parameters
-    ----------
-    hemisphere : Hemisphere
-        Its files are read, for their SHA-256.
-    parameters : Parameters
-        What is made of it.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
+    `hemisphere`: its files are read, for their SHA-256. `parameters`: what is made of it. Raises OSError if a file
+    cannot be read.
     """
     inputs = {name: {"path": os.fspath(path), "sha256": _sha256(path)} for name, path in hemisphere.everything.items()}
     told = {**asdict(parameters), "overlays": list(parameters.overlays), "hemi": hemisphere.letter}
@@ -62,18 +49,8 @@ def _sha256(path: Path) -> str:
 def state(results: Results, wanted: Request) -> tuple[str, str]:
     """Say whether results are there and up to date.
 
-    Parameters
-    ----------
-    results : Results
-        Where they are.
-    wanted : dict
-        What they are to be made of.
-
-    Returns
-    -------
-    state : {"missing", "stale", "done"}
-    reason : str
-        Why they are not done.
+    `results`: where they are. `wanted`: what they are to be made of. Returns: `state`, {"missing", "stale", "done"};
+    `reason`, why they are not done.
     """
     if not results.record.is_file():
         return "missing", "there is no result"
@@ -105,17 +82,8 @@ def state(results: Results, wanted: Request) -> tuple[str, str]:
 def page_key(records: Sequence[Mapping[str, Any]], failures: Mapping[str, str]) -> str:
     """Return what a page is made of, in short: it stands at its beginning.
 
-    Parameters
-    ----------
-    records : sequence of dict
-        Of the results that it shows.
-    failures : dict of str to str
-        What it says of those that there are none of.
-
-    Returns
-    -------
-    str
-        SHA-256, in hexadecimal digits.
+    `records`, sequence of dict: of the results that it shows. `failures`: what it says of those that there are none of.
+    Returns: SHA-256, in hexadecimal digits.
     """
     made_of = [{key: record[key] for key in ("voxflat", "format", "parameters", "inputs")} for record in records]
     return hashlib.sha256(json.dumps([made_of, dict(failures)], sort_keys=True).encode()).hexdigest()

@@ -27,28 +27,12 @@ _STEM = "group_desc-voxflat"
 def group(source: Path, out: Path, labels: Sequence[str] = ()) -> dict[str, Any]:
     """Compare the participants of a study.
 
-    Parameters
-    ----------
-    source : Path
-        As in `participants`: those without results are listed, too.
-    out : Path
-        What `study` has written; gets ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images
-        of means and standard deviations (``.nii.gz``) and the page ``group.html``.
-    labels : sequence of str
-        Participants; all by default.
-
-    Returns
-    -------
-    dict
-        ``maps``, ``missing`` (why, by participant and hemisphere), ``outliers`` likewise, ``written``: names of files;
-        none where everything was up to date.
-
-    Raises
-    ------
-    InputError
-        If there are no results.
-    OSError
-        If something cannot be read or written.
+    `source`: as in `participants`: those without results are listed, too. `out`: what `study` has written; gets
+    ``group_desc-voxflat_measures.tsv`` (with a ``.json`` that explains it), images of means and standard deviations
+    (``.nii.gz``) and the page ``group.html``. `labels`, sequence of str: participants; all by default. Returns:
+    ``maps``, ``missing`` (why, by participant and hemisphere), ``outliers`` likewise, ``written``: names of files; none
+    where everything was up to date. Raises InputError if there are no results; OSError if something cannot be read or
+    written.
     """
     rows = _with_outliers(list(_rows(source, out, labels)))
     there = [row for row in rows if row.record is not None]

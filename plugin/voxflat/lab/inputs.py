@@ -120,23 +120,9 @@ class Participant:
 def found_in(folder: Path, hemi: str, parameters: Parameters) -> Hemisphere:
     """Find the files of a hemisphere.
 
-    Parameters
-    ----------
-    folder : Path
-        FreeSurfer's directory of a subject, or a folder of derivatives such as ``sub-01/anat``.
-    hemi : {"lh", "rh"}
-        Which one.
-    parameters : Parameters
-        What is to be made of it.
-
-    Returns
-    -------
-    Hemisphere
-
-    Raises
-    ------
-    InputError
-        If something is missing, or there are several; the message names it and says what to do.
+    `folder`: FreeSurfer's directory of a subject, or a folder of derivatives such as ``sub-01/anat``. `hemi`, {"lh",
+    "rh"}: which one. `parameters`: what is to be made of it. Raises InputError if something is missing, or there are
+    several; the message names it and says what to do.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory; name one that recon-all or sMRIPrep has written")
@@ -271,24 +257,11 @@ class _Bids:
 def participants(folder: Path, labels: Sequence[str] = ()) -> list[Participant]:
     """Find the participants of a study.
 
-    Parameters
-    ----------
-    folder : Path
-        FreeSurfer's directory of subjects, derivatives, or a data set of BIDS with either in ``derivatives`` or
-        ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer.
-    labels : sequence of str
-        Those that are wanted, with or without ``sub-``; all by default.
-
-    Returns
-    -------
-    list of Participant
-        By their names. One that was asked for, or that the data set has, and for whom there are no files, has no
-        folder.
-
-    Raises
-    ------
-    InputError
-        If there are none.
+    `folder`: FreeSurfer's directory of subjects, derivatives, or a data set of BIDS with either in ``derivatives`` or
+    ``sourcedata/freesurfer``; what lies in it directly goes first, then sMRIPrep, fMRIPrep and FreeSurfer. `labels`,
+    sequence of str: those that are wanted, with or without ``sub-``; all by default. Returns: by their names. One that
+    was asked for, or that the data set has, and for whom there are no files, has no folder. Raises InputError if there
+    are none.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory")

@@ -78,14 +78,7 @@ class Layer:
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the colours of values.
 
-        Parameters
-        ----------
-        values : ndarray of float64, shape (n,)
-            Labels, or values between the limits.
-
-        Returns
-        -------
-        ndarray of uint8, shape (n, 3)
+        `values` float64 (n,): labels, or values between the limits. Returns: uint8 (n, 3).
         """
         if self.first_label is not None:
             return label_colours(values[:, None] + 1.0 - self.first_label)[:, 0, :3]
@@ -96,15 +89,8 @@ class Layer:
 def layers_of(maps: Sequence[Mapping[str, NDArray[np.float64]]]) -> list[list[Layer]]:
     """Return the layers of several maps, whose colours mean the same.
 
-    Parameters
-    ----------
-    maps : sequence of dict of str to ndarray of float64, shape (N,)
-        Measures (`subject.MEASURES`) and overlays by their names, of each map.
-
-    Returns
-    -------
-    list of list of Layer
-        Of each map, overlays first.
+    `maps`, sequence of dict of str to ndarray of float64, shape (N,): measures (`subject.MEASURES`) and overlays by
+    their names, of each map. Returns: of each map, overlays first.
     """
     names = list(dict.fromkeys(name for values in maps for name in values))
     known = ("curvature", "distanceerror", "areachange", "sulcaldepth")
@@ -149,20 +135,9 @@ def pictures(
 ) -> list[dict[str, Any]]:
     """Draw layers over the folds of a map.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        A flat map.
-    layers : sequence of Layer or None
-        What to show; None is the folds alone.
-    pixel_size : float, optional
-        Side of a pixel, mm; by default so that a picture is 620 pixels wide.
-
-    Returns
-    -------
-    list of dict
-        Of each ``source`` (a PNG as a data URI, transparent outside the map), ``width`` and ``height`` in pixels,
-        ``mm``, the width in mm.
+    `flat_map`: a flat map. `layers`, sequence of Layer or None: what to show; None is the folds alone. `pixel_size`:
+    side of a pixel, mm; by default so that a picture is 620 pixels wide. Returns: of each ``source`` (a PNG as a data
+    URI, transparent outside the map), ``width`` and ``height`` in pixels, ``mm``, the width in mm.
     """
     width = float(np.ptp(flat_map.uv[:, 0]))
     raster = flat_map.raster(width / _WIDTH if pixel_size is None else pixel_size)
@@ -239,28 +214,13 @@ def scene(
 ) -> str:
     """Return a map and its surface for the viewer of a page.
 
-    Parameters
-    ----------
-    flat_map : Laid
-        A flat map.
-    layers : sequence of Layer
-        What can be shown on it.
-    cuts : dict of str to ndarray of int64, shape (k,)
-        Points of the map along each cut.
-    target : ndarray of float64, shape (N, 3), optional
-        Where the slider leads the surface's points; by default to the surface without its folds.
-    view : tuple of 2 floats, optional
-        From where the surface is seen at first, radians: turned about z, seen along y if 0, and from how far above. By
-        default a hemisphere's medial side.
-    unit : str
-        Of places.
-
-    Returns
-    -------
-    str
-        JSON: numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in
-        base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole
-        numbers as they are.
+    `flat_map`: a flat map. `layers`, sequence of Layer: what can be shown on it. `cuts`, dict of str to ndarray of
+    int64, shape (k,): points of the map along each cut. `target` float64 (N, 3): where the slider leads the surface's
+    points; by default to the surface without its folds. `view`: from where the surface is seen at first, radians:
+    turned about z, seen along y if 0, and from how far above. By default a hemisphere's medial side. `unit`: of places.
+    Returns: JSON: numbers of points and triangles, ranges, and ``data``, all arrays one after the other, deflated, in
+    base64. Places have 16 bits in each direction, 0.005 mm; values 16 bits from the least to the greatest, whole
+    numbers as they are.
     """
     rows = distinct(flat_map.ids).which  # both sides of a cut have one
     chosen, faces = thinned(flat_map.uv, flat_map.faces[~flat_map.torn], rows)
@@ -338,23 +298,9 @@ def thinned(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Take fewer points of a map, for the eye: one in each cell of a grid over the plane, and all along cuts.
 
-    Parameters
-    ----------
-    uv : ndarray of float64, shape (N, 2)
-        Places, mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-    ids : ndarray of int64, shape (N,)
-        The vertex that each point is; the two sides of a cut share one.
-    most : int
-        About how many points are left.
-
-    Returns
-    -------
-    points : ndarray of int64, shape (k,)
-        Those that are left; at the border those of the border.
-    faces : ndarray of int64, shape (G, 3)
-        Triangles of them.
+    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. `ids` int64 (N,): the vertex that each point is; the
+    two sides of a cut share one. `most`: about how many points are left. Returns: `points`, int64 (k,), those that are
+    left; at the border those of the border; `faces`, int64 (G, 3), triangles of them.
     """
     used = np.unique(faces)
     if len(used) <= most:
@@ -424,17 +370,8 @@ def _without_repeats(points: NDArray[np.int64]) -> list[int]:
 def filled(template: str, **content: Any) -> str:
     """Fill in a template of the package.
 
-    Parameters
-    ----------
-    template : str
-        Its name, such as ``subject.html``.
-    **content
-        What it speaks of.
-
-    Returns
-    -------
-    str
-        A page that needs no other file.
+    `template`: its name, such as ``subject.html``. `**content`: what it speaks of. Returns: a page that needs no other
+    file.
     """
     return _environment().get_template(template).render(**content)
 

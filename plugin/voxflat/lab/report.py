@@ -39,19 +39,8 @@ REFERENCES: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
 def subject_page(name: str, shown: Mapping[str, Shown], failures: Mapping[str, str]) -> str:
     """Return the report on a subject.
 
-    Parameters
-    ----------
-    name : str
-        The subject's.
-    shown : dict of str to Shown
-        By hemisphere, "lh" and "rh".
-    failures : dict of str to str
-        Why a hemisphere has no map.
-
-    Returns
-    -------
-    str
-        HTML.
+    `name`: the subject's. `shown`: by hemisphere, "lh" and "rh". `failures`: why a hemisphere has no map. Returns:
+    HTML.
     """
     hemispheres = []
     together = layers_of([one.values for one in shown.values()])

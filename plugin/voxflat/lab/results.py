@@ -105,19 +105,7 @@ class Results:
 def read_record(path: Path) -> dict[str, Any]:
     """Read the record of a hemisphere's results.
 
-    Parameters
-    ----------
-    path : Path
-        `Results.record`.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    InputError
-        If it is damaged.
+    `path`: `Results.record`. Raises InputError if it is damaged.
     """
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -154,19 +142,7 @@ class Shown:
     def read(cls, results: Results) -> Shown:
         """Read results.
 
-        Parameters
-        ----------
-        results : Results
-            Where they are.
-
-        Returns
-        -------
-        Shown
-
-        Raises
-        ------
-        InputError, OSError
-            If they are damaged, or not there.
+        `results`: where they are. Raises InputError, OSError if they are damaged, or not there.
         """
         record, flat_map = read_record(results.record), load(results.map)
         names = [name for name in (*record["overlays"], *MEASURES) if results.values(name).name in record["outputs"]]

@@ -72,29 +72,10 @@ def freesurfer(
 ) -> list[Outcome]:
     """Flatten the hemispheres of a subject of FreeSurfer, into its own directory.
 
-    Parameters
-    ----------
-    folder : Path
-        FreeSurfer's directory of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``.
-    hemis : sequence of {"lh", "rh"}
-        Which.
-    parameters : Parameters
-        What is made of each.
-    tell : callable, optional
-        Takes the outcome of each.
-    **how
-        ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`.
-
-    Returns
-    -------
-    list of Outcome
-
-    Raises
-    ------
-    InputError
-        If there is no such directory.
-    Cancelled
-        If `progress` returned False.
+    `folder`: FreeSurfer's directory of the subject, which gets ``surf/?h.voxflat...`` and the report ``voxflat.html``.
+    `hemis`, sequence of {"lh", "rh"}: which. `parameters`: what is made of each. `tell`: takes the outcome of each.
+    `**how`: ``threads``, ``memory_limit``, ``progress``: as in `voxflat.flatten`. Raises InputError if there is no such
+    directory; Cancelled if `progress` returned False.
     """
     if not (folder / "surf").is_dir() and not (folder / "mri").is_dir():
         raise InputError(f"{folder}: there is no surf/ in it: give the directory that recon-all made for a subject")
@@ -119,32 +100,11 @@ def study(
 ) -> list[Outcome]:
     """Flatten the hemispheres of participants, into derivatives of BIDS.
 
-    Parameters
-    ----------
-    source : Path
-        As in `participants`.
-    out : Path
-        A directory; made if it is missing.
-    hemis, parameters, tell, **how
-        As in `freesurfer`.
-    labels : sequence of str
-        Participants; all by default.
-    dask : str, optional
-        A cluster, as in `connected`, whose workers take a participant each; they must see the same files. By default
-        this process takes one after the other.
-
-    Returns
-    -------
-    list of Outcome
-
-    Raises
-    ------
-    InputError
-        If there are no participants, or `out` is that of another program.
-    OSError
-        If nothing can be written to `out`.
-    Cancelled
-        If `progress` returned False.
+    `source`: as in `participants`. `out`: a directory; made if it is missing. `hemis`, `parameters`, `tell`, `**how`:
+    as in `freesurfer`. `labels`, sequence of str: participants; all by default. `dask`: a cluster, as in `connected`,
+    whose workers take a participant each; they must see the same files. By default this process takes one after the
+    other. Raises InputError if there are no participants, or `out` is that of another program; OSError if nothing can
+    be written to `out`; Cancelled if `progress` returned False.
     """
     everybody = participants(source, labels)
     describe(source, out)
@@ -200,15 +160,8 @@ def plan(
 ) -> Iterator[Outcome]:
     """Say what `study` would do: nothing is written.
 
-    Parameters
-    ----------
-    source, out, hemis, parameters, labels
-        As in `study`.
-
-    Yields
-    ------
-    Outcome
-        "done", "missing", "stale", or "failed" where files are not there.
+    `source`, `out`, `hemis`, `parameters`, `labels`: as in `study`. Yields: "done", "missing", "stale", or "failed"
+    where files are not there.
     """
     for one in participants(source, labels):
         for hemi in hemis:
@@ -237,17 +190,8 @@ def pages_of(one: Participant, out: Path) -> Path:
 def describe(source: Path, out: Path) -> None:
     """Write what BIDS asks for in a directory of derivatives.
 
-    Parameters
-    ----------
-    source : Path
-        What they are derived from.
-    out : Path
-        The directory; made if it is missing.
-
-    Raises
-    ------
-    InputError
-        If there is a description of another program's.
+    `source`: what they are derived from. `out`: the directory; made if it is missing. Raises InputError if there is a
+    description of another program's.
     """
     path = out / "dataset_description.json"
     if path.is_file() and '"voxflat"' not in path.read_text(encoding="utf-8", errors="replace"):

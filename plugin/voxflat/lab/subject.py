@@ -50,30 +50,10 @@ def make(
 ) -> dict[str, Any]:
     """Flatten a hemisphere and write the map, its measures and the record.
 
-    Parameters
-    ----------
-    hemisphere : Hemisphere
-        Its files.
-    parameters : Parameters
-        What to make of them.
-    results : Results
-        Where everything goes.
-    threads, memory_limit, progress
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    dict
-        The record, as it was written.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be used; the message names them and the remedy.
-    OSError
-        If something cannot be read or written.
-    Cancelled
-        If `progress` returned False.
+    `hemisphere`: its files. `parameters`: what to make of them. `results`: where everything goes. `threads`,
+    `memory_limit`, `progress`: as in `voxflat.flatten`. Returns: the record, as it was written. Raises InputError if
+    the files cannot be used; the message names them and the remedy; OSError if something cannot be read or written;
+    Cancelled if `progress` returned False.
     """
     clock = _Clock()
     with clock("reading and checksums"):

@@ -26,14 +26,7 @@ def are_labels(data: NDArray[Any]) -> bool:
 
     Labels form areas: most pixels have the value of those some way off. Intensities, such as a T1 image's, do not.
 
-    Parameters
-    ----------
-    data : ndarray, shape (H, W), or (H, W, 4) for colours
-        Pixels of any kind, NaN outside the map.
-
-    Returns
-    -------
-    bool
+    `data` (H, W), or (H, W, 4) for colours: pixels of any kind, NaN outside the map.
     """
     if data.ndim == 3 or not all_whole(data):
         return False
@@ -50,26 +43,11 @@ def coloured(
 ) -> NDArray[np.uint8]:
     """Return an image's pixels as colours.
 
-    Parameters
-    ----------
-    data : ndarray, shape (H, W), or (H, W, 4) of uint8 for colours
-        Scalars or labels, NaN outside the map, or colours.
-    colour_map : str, optional
-        A colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each.
-    limits : sequence of 2 floats, optional
-        The values at the ends of the colour map; by default the 1st and 99th percentile.
-    labels : bool
-        Whether they are labels.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W, 4)
-        Opacity 0 outside the map.
-
-    Raises
-    ------
-    InputError
-        If there is no such colour map.
+    `data` (H, W), or (H, W, 4) of uint8 for colours: scalars or labels, NaN outside the map, or colours. `colour_map`:
+    a colour map of matplotlib for scalars; by default as in a PNG: grey, and for labels a colour each. `limits`,
+    sequence of 2 floats: the values at the ends of the colour map; by default the 1st and 99th percentile. `labels`:
+    whether they are labels. Returns: uint8 (H, W, 4), opacity 0 outside the map. Raises InputError if there is no such
+    colour map.
     """
     if data.ndim == 3:
         return data
@@ -106,18 +84,9 @@ def levels(data: NDArray[Any], limits: Sequence[float] | None) -> tuple[NDArray[
 def passing(data: NDArray[Any], above: float | None = None, below: float | None = None) -> NDArray[np.bool_]:
     """Tell which values pass thresholds.
 
-    Parameters
-    ----------
-    data : ndarray
-        Values; NaN passes none.
-    above, below : float, optional
-        Greater and less than what values are. With both: where `below` is less than `above`, what is beyond either, as
-        of a statistic with two sides; else what is between them.
-
-    Returns
-    -------
-    ndarray of bool
-        Of the same shape.
+    `data`: values; NaN passes none. `above`, `below`: greater and less than what values are. With both: where `below`
+    is less than `above`, what is beyond either, as of a statistic with two sides; else what is between them. Returns:
+    ndarray of bool, of the same shape.
     """
     with np.errstate(invalid="ignore"):
         higher = data > above if above is not None else np.isfinite(data)

@@ -43,19 +43,7 @@ class Depths:
     ) -> Depths:
         """Check what was given for `FlatMap.image`.
 
-        Parameters
-        ----------
-        depth, fraction, layering
-            As there.
-
-        Returns
-        -------
-        Depths
-
-        Raises
-        ------
-        InputError
-            If both are given, or one does not fit.
+        `depth`, `fraction`, `layering`: as there. Raises InputError if both are given, or one does not fit.
         """
         checked_choice(layering, "layering", LAYERINGS)
         if fraction is None:
@@ -105,17 +93,7 @@ def _numbers(given: float | Sequence[float], name: str) -> tuple[float, ...]:
 def vertex_areas(points: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
     """Return the area around each vertex: a third of its triangles'.
 
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        mm².
+    `points` (N, 3): mm. `faces` int (F, 3): triangles. Returns: (N,), mm².
     """
     a, b, c = (points[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
@@ -129,17 +107,8 @@ def equivolume(fraction: float, inner: ArrayLike, outer: ArrayLike) -> NDArray[n
     linearly from one surface to the other: ρ = (√(α A₁² + (1 − α) A₀²) − A₀) / (A₁ − A₀), here in the form
     α (A₁ + A₀) / (√(α A₁² + (1 − α) A₀²) + A₀), which is the same and holds for equal areas, too.
 
-    Parameters
-    ----------
-    fraction : float
-        α, of the volume, from 0 inside to 1 outside.
-    inner, outer : array_like
-        A₀ and A₁, areas of corresponding pieces, in any unit.
-
-    Returns
-    -------
-    ndarray
-        ρ, a fraction of the way; α itself where both areas are 0.
+    `fraction`: α, of the volume, from 0 inside to 1 outside. `inner`, `outer`: A₀ and A₁, areas of corresponding
+    pieces, in any unit. Returns: ρ, a fraction of the way; α itself where both areas are 0.
     """
     inner, outer = np.asarray(inner, dtype=np.float64), np.asarray(outer, dtype=np.float64)
     below = np.sqrt(fraction * outer**2 + (1 - fraction) * inner**2) + inner

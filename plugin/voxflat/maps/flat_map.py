@@ -436,23 +436,10 @@ def mesh_of_vertices(
 ) -> Mesh:
     """Return a flat map as a mesh with the vertex numbers of the mesh that was flattened.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (N, 3)
-        In the plane.
-    ids : ndarray of int64, shape (N,)
-        The vertex that each is; where a cut doubles one, that side is kept which keeps more triangles.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of places.
-    count : int
-        How many vertices the mesh has; those that the map has not lie at 0.
-    structure : str or None
-        As of `Mesh`.
-
-    Returns
-    -------
-    Mesh
-        How many triangles are left out is logged.
+    `places` float64 (N, 3): in the plane. `ids` int64 (N,): the vertex that each is; where a cut doubles one, that side
+    is kept which keeps more triangles. `faces` int (F, 3): triangles of places. `count`: how many vertices the mesh
+    has; those that the map has not lie at 0. `structure`: as of `Mesh`. Returns: how many triangles are left out is
+    logged.
     """
     rows = one_point_a_vertex(ids, faces)
     is_kept = triangles_of(rows, faces)

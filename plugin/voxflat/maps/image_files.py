@@ -42,23 +42,9 @@ def write_image(
 ) -> None:
     """Write a flat image to a file, all of it or nothing; see `FlatImage.save`.
 
-    Parameters
-    ----------
-    path : path
-        Its ending says how.
-    data, affine, name
-        As in `FlatImage`.
-    labels : bool
-        Whether the values are labels.
-    record : dict, optional
-        What made it; ``.npy`` has no place for it.
-
-    Raises
-    ------
-    InputError
-        If the ending is another, or the values do not fit.
-    OSError
-        If the file cannot be written.
+    `path`: its ending says how. `data`, `affine`, `name`: as in `FlatImage`. `labels`: whether the values are labels.
+    `record`: what made it; ``.npy`` has no place for it. Raises InputError if the ending is another, or the values do
+    not fit; OSError if the file cannot be written.
     """
     path = checked_path(path)
     write = next((write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending)), None)
@@ -175,25 +161,10 @@ def write_stack(
 ) -> None:
     """Write images to one file, one after the other, all of them or nothing; see `FlatStack.save`.
 
-    Parameters
-    ----------
-    path : path
-        Its ending says how.
-    stack : Stack
-        Images of values; one at a time is in memory.
-    record : dict, optional
-        What made them; ``.npy`` has no place for it.
-    progress : callable, optional
-        As of `FlatStack.save`.
-
-    Raises
-    ------
-    InputError
-        If the ending is another, the values do not fit, or it is too large for the format.
-    Cancelled
-        If `progress` returned False.
-    OSError
-        If the file cannot be written.
+    `path`: its ending says how. `stack`: images of values; one at a time is in memory. `record`: what made them;
+    ``.npy`` has no place for it. `progress`: as of `FlatStack.save`. Raises InputError if the ending is another, the
+    values do not fit, or it is too large for the format; Cancelled if `progress` returned False; OSError if the file
+    cannot be written.
     """
     path = checked_path(path)
     write = next((write for ending, write in _STACK_WRITERS.items() if path.name.lower().endswith(ending)), None)

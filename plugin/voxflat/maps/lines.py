@@ -17,17 +17,8 @@ _AROUND = 256  # corners of the polygon that stands for an ellipse
 def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.float64]]:
     """Return the outline of a map: the edges that only one triangle has, as lines.
 
-    Parameters
-    ----------
-    uv : ndarray of float64, shape (N, 2)
-        Places, mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-
-    Returns
-    -------
-    list of ndarray of float64, shape (k, 2)
-        A closed line's first and last place are the same.
+    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. Returns: list of ndarray of float64, shape (k, 2), a
+    closed line's first and last place are the same.
     """
     return [uv[line] for line in rim(faces, len(uv))]
 
@@ -35,17 +26,8 @@ def outline(uv: NDArray[np.float64], faces: NDArray[Any]) -> list[NDArray[np.flo
 def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
     """Return the edges that only one triangle has, as lines.
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-    count : int
-        How many points there are.
-
-    Returns
-    -------
-    list of ndarray of int64, shape (k,)
-        Points; a closed line's first and last one are the same.
+    `faces` int (F, 3): triangles. `count`: how many points there are. Returns: list of ndarray of int64, shape (k,),
+    points; a closed line's first and last one are the same.
     """
     edges, _, counts = _edges(faces, count)
     return chains(edges[counts == 1])
@@ -54,14 +36,7 @@ def rim(faces: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
 def ellipse(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the ellipse that a parallelogram encloses, as a polygon.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (4, D)
-        Of the parallelogram, in order.
-
-    Returns
-    -------
-    ndarray, shape (256, D)
+    `corners` (4, D): of the parallelogram, in order. Returns: (256, D).
     """
     a, b, middle = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2, corners.mean(axis=0)
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
@@ -76,19 +51,8 @@ def borders(uv: NDArray[np.float64], faces: NDArray[Any], labels: NDArray[np.int
     a border lies within half an edge of where the labels change. Where three labels meet it goes through the triangle's
     centre, straight from its edges' middles.
 
-    Parameters
-    ----------
-    uv : ndarray of float64, shape (N, 2)
-        Places, mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles.
-    labels : ndarray of int64, shape (N,)
-        A label a point.
-
-    Returns
-    -------
-    list of ndarray of float64, shape (k, 2)
-        Lines, mm.
+    `uv` float64 (N, 2): places, mm. `faces` int (F, 3): triangles. `labels` int64 (N,): a label a point. Returns: list
+    of ndarray of float64, shape (k, 2), lines, mm.
     """
     edges, share, links, centres = _crossings(uv, faces, labels)
     places = uv[edges[:, 0]] + share[:, None] * (uv[edges[:, 1]] - uv[edges[:, 0]])
@@ -105,19 +69,8 @@ def region_corners(
 ) -> NDArray[np.int64]:
     """Tell on which corner's side of the borders places in triangles lie.
 
-    Parameters
-    ----------
-    uv, faces, labels
-        As in `borders`.
-    corners : ndarray of int, shape (M, 3)
-        The points of each place's triangle.
-    weights : ndarray of float, shape (M, 3)
-        Barycentric coordinates in it.
-
-    Returns
-    -------
-    ndarray of int64, shape (M,)
-        A point of the map that has the label of the place.
+    `uv`, `faces`, `labels`: as in `borders`. `corners` int (M, 3): the points of each place's triangle. `weights` float
+    (M, 3): barycentric coordinates in it. Returns: int64 (M,), a point of the map that has the label of the place.
     """
     corners = corners.astype(np.int64)
     own = labels[corners]
@@ -147,15 +100,8 @@ def region_corners(
 def chains(links: NDArray[Any]) -> list[NDArray[np.int64]]:
     """Join links to lines that end where not two of them meet.
 
-    Parameters
-    ----------
-    links : ndarray of int, shape (L, 2)
-        Pairs of numbers.
-
-    Returns
-    -------
-    list of ndarray of int64
-        Each line's numbers, in order; a closed line's first is its last, too. All links are in one line each.
+    `links` int (L, 2): pairs of numbers. Returns: list of ndarray of int64, each line's numbers, in order; a closed
+    line's first is its last, too. All links are in one line each.
     """
     points, first, ends = np.unique(links, return_index=True, return_inverse=True)
     order = np.argsort(ends, axis=None, kind="stable")

@@ -69,27 +69,9 @@ class TriangleFinder:
     ) -> Places:
         """Look up places.
 
-        Parameters
-        ----------
-        places : array_like, shape (..., 2)
-            (u, v), mm.
-        points : ndarray, shape (N, 3)
-            Places in space.
-        faces : ndarray of int, shape (F, 3)
-            Which of them are the triangles' corners.
-        torn : ndarray of bool, shape (F,), optional
-            Triangles that stand for their nearest corner.
-        piece_ids : ndarray of int64, shape (F,), optional
-            The piece of each triangle.
-
-        Returns
-        -------
-        Places
-
-        Raises
-        ------
-        InputError
-            If the places have another shape.
+        `places` (..., 2): (u, v), mm. `points` (N, 3): places in space. `faces` int (F, 3): which of them are the
+        triangles' corners. `torn` bool (F,): triangles that stand for their nearest corner. `piece_ids` int64 (F,): the
+        piece of each triangle. Raises InputError if the places have another shape.
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
@@ -108,16 +90,7 @@ class TriangleFinder:
     def find(self, places: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Find the triangle at each place.
 
-        Parameters
-        ----------
-        places : ndarray, shape (P, 2)
-            (u, v), mm; those that are not finite lie nowhere.
-
-        Returns
-        -------
-        triangles : ndarray of int64, shape (P,)
-            The first that holds the place; −1 for none.
-        weights : ndarray, shape (P, 3)
-            NaN for none.
+        `places` (P, 2): (u, v), mm; those that are not finite lie nowhere. Returns: `triangles`, int64 (P,), the first
+        that holds the place; −1 for none; `weights`, (P, 3), NaN for none.
         """
         return self._core.find(np.ascontiguousarray(places, dtype=np.float64))

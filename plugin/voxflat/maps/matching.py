@@ -46,14 +46,7 @@ class Matched:
     def correspondence(self, other: Matched) -> NDArray[np.int64] | None:
         """Find for each vertex the other's, if both have the same triangles and the same cuts.
 
-        Parameters
-        ----------
-        other : Matched
-            Another map of the same whole surface.
-
-        Returns
-        -------
-        ndarray of int64, shape (N,), or None
+        `other`: another map of the same whole surface. Returns: int64 (N,), or None.
         """
         corners, ids = _sorted_corners(self)
         others, other_ids = _sorted_corners(other)
@@ -77,14 +70,7 @@ def _sorted_corners(of: Matched) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def loaded(flat: object) -> object:
     """Load a map of voxflat, if that is what a path names; everything else is returned as it is.
 
-    Parameters
-    ----------
-    flat : object
-        A map, as in `match`.
-
-    Returns
-    -------
-    object
+    `flat`: a map, as in `match`.
     """
     is_ours = isinstance(flat, str | os.PathLike) and os.fspath(flat).lower().endswith(SAVED_ENDINGS)
     return load(flat) if is_ours else flat  # type: ignore[arg-type]
@@ -93,21 +79,8 @@ def loaded(flat: object) -> object:
 def match(whole: Manifold, flat: object) -> Matched:
     """Match a map to its surface.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface.
-    flat : path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3)
-        The map, as in `voxflat.measure`.
-
-    Returns
-    -------
-    Matched
-
-    Raises
-    ------
-    InputError
-        If the map does not belong to the surface, or is not flat.
+    `flat`, path, FlatMap, Mesh, (places, faces), (places, faces, vertices), or array_like of shape (V, 2) or (V, 3):
+    the map, as in `voxflat.measure`. Raises InputError if the map does not belong to the surface, or is not flat.
     """
     flat = loaded(flat)
     if isinstance(flat, str | os.PathLike) and is_patch(flat):
@@ -209,22 +182,8 @@ def _cut_as_it_is(
 def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
     """Find a map's points; where a voxel has several vertices, one for each side of a sheet, the nearest.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface.
-    flat : FlatMap
-        A map of it.
-
-    Returns
-    -------
-    ndarray of int64, shape (N,)
-        A vertex of the surface for each point of the map.
-
-    Raises
-    ------
-    InputError
-        If the surface does not have one.
+    `flat`: a map of it. Returns: int64 (N,), a vertex of the surface for each point of the map. Raises InputError if
+    the surface does not have one.
     """
     found = whole.find(flat.ids, "the map's points").astype(np.int64)
     _, _, kind, counts = distinct(whole.ids)

@@ -64,15 +64,7 @@ class Parcels:
     def raster(self, raster: Raster) -> NDArray[np.int64]:
         """Return the label of each pixel, parted by the same lines as `borders`.
 
-        Parameters
-        ----------
-        raster : Raster
-            Pixels of the map.
-
-        Returns
-        -------
-        ndarray of int64, shape (H, W)
-            −1 where there is no parcel, and outside the map.
+        `raster`: pixels of the map. Returns: int64 (H, W), −1 where there is no parcel, and outside the map.
         """
         inside = raster.inside
         found = np.full(raster.shape, _NONE)
@@ -84,14 +76,7 @@ class Parcels:
     def coloured(self, labels: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the colours of labels: RGBA, opacity 0 where there is no parcel.
 
-        Parameters
-        ----------
-        labels : ndarray of int64, shape (...)
-            Labels, as from `raster`.
-
-        Returns
-        -------
-        ndarray of uint8, shape (..., 4)
+        `labels` int64 (...): labels, as from `raster`. Returns: uint8 (..., 4).
         """
         known, which = np.unique(labels, return_inverse=True)
         rows = [(*self.colours[label], 255) if label in self.colours else (0, 0, 0, 0) for label in known.tolist()]
@@ -108,28 +93,11 @@ def parcels_of(
 ) -> Parcels:
     """Carry labels to a map.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        A flat map.
-    labels : path, ndarray, image object or Volume
-        Labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``, whole numbers of shape (V,)),
-        or a volume of labels, of which each point has the nearest voxel's.
-    table : path or LabelTable, optional
-        Names and colours, where the file has none: a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS.
-    channel : int or str, optional
-        Which map of the file, as in `FlatMap.image`.
-    depths : Depths
-        Where to sample a volume; of several depths each point has the label that most of the voxels around have.
-
-    Returns
-    -------
-    Parcels
-
-    Raises
-    ------
-    InputError
-        If they are no labels, or lie elsewhere.
+    `flat_map`: a flat map. `labels`: labels at the vertices of the mesh (``.annot``, ``.label.gii``, ``.dlabel.nii``,
+    whole numbers of shape (V,)), or a volume of labels, of which each point has the nearest voxel's. `table`: names and
+    colours, where the file has none: a table such as FreeSurferColorLUT.txt, or a dseg.tsv of BIDS. `channel`: which
+    map of the file, as in `FlatMap.image`. `depths`: where to sample a volume; of several depths each point has the
+    label that most of the voxels around have. Raises InputError if they are no labels, or lie elsewhere.
     """
     points = np.repeat(np.arange(len(flat_map), dtype=np.uint32), 3).reshape(-1, 1, 3)
     weights = np.broadcast_to(np.array([1, 0, 0], dtype=np.float32), points.shape)

@@ -69,15 +69,8 @@ class Raster:
     def interpolate(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Carry values of the map's points to the pixels, linearly within each triangle.
 
-        Parameters
-        ----------
-        values : ndarray, shape (N,) or (N, C)
-            One value, or one row, a point.
-
-        Returns
-        -------
-        ndarray of float64, shape (H, W) or (H, W, C)
-            NaN outside the map.
+        `values` (N,) or (N, C): one value, or one row, a point. Returns: float64 (H, W) or (H, W, C), NaN outside the
+        map.
         """
         values = numbers_of(values, "values")
         image = np.zeros((*self.shape, *values.shape[1:]))
@@ -413,19 +406,9 @@ def series_showing(
 ) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
     """Return how overlays that follow each other come to the pixels: what `show` does, with weights found once.
 
-    Parameters
-    ----------
-    raster : Raster
-        The pixels.
-    ids : ndarray of int64, shape (N,)
-        Of each of the raster's points the vertex, whose value it has.
-    interpolation : {"linear", "nearest", "majority"}, optional
-        As in `show`.
-
-    Returns
-    -------
-    callable
-        Takes values at the vertices; the same as `show`, within the rounding of sums.
+    `raster`: the pixels. `ids` int64 (N,): of each of the raster's points the vertex, whose value it has.
+    `interpolation`, {"linear", "nearest", "majority"}: as in `show`. Returns: takes values at the vertices; the same as
+    `show`, within the rounding of sums.
     """
     held: dict[str, Mixing] = {}
 
@@ -456,25 +439,9 @@ def _way(values: NDArray[Any], interpolation: str | None) -> str:
 def draw(uv: NDArray[np.float64], faces: NDArray[np.uint32], torn: NDArray[np.bool_], pixel_size: float) -> Raster:
     """Draw a flat map's faces.
 
-    Parameters
-    ----------
-    uv : ndarray, shape (N, 2)
-        Places in the plane, mm.
-    faces : ndarray of uint32, shape (F, 3)
-        Triangles of points.
-    torn : ndarray of bool, shape (F,)
-        Triangles without a surface in between: their pixels show the nearest corner.
-    pixel_size : float
-        Side of a pixel, mm.
-
-    Returns
-    -------
-    Raster
-
-    Raises
-    ------
-    InputError
-        If the pixel size is not positive, or so small that the image would be too large.
+    `uv` (N, 2): places in the plane, mm. `faces` uint32 (F, 3): triangles of points. `torn` bool (F,): triangles
+    without a surface in between: their pixels show the nearest corner. `pixel_size`: side of a pixel, mm. Raises
+    InputError if the pixel size is not positive, or so small that the image would be too large.
     """
     corners, weights, origin = _core.draw(uv, faces, torn, float(pixel_size))
     return Raster(corners, weights, (origin[0], origin[1]), float(pixel_size))

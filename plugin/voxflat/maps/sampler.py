@@ -40,19 +40,8 @@ _CURVED = 0.15  # correlation with the mean curvature: fsaverage5's curv has 0.9
 def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDArray[Any]) -> float:
     """Return the typical distance of neighbouring points, mm.
 
-    Parameters
-    ----------
-    metadata : dict
-        Of a map or an atlas.
-    uv : ndarray, shape (N, 2)
-        Places in the plane, mm.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of them.
-
-    Returns
-    -------
-    float
-        Of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
+    `metadata`: of a map or an atlas. `uv` (N, 2): places in the plane, mm. `faces` int (F, 3): triangles of them.
+    Returns: of voxels the geometric mean of the three spacings, of a mesh the median edge in the plane.
     """
     if metadata["kind"] == "voxels":
         return voxel_size(metadata["affine"])
@@ -63,17 +52,8 @@ def usual_spacing(metadata: dict[str, Any], uv: NDArray[np.float64], faces: NDAr
 def check_origin(metadata: Mapping[str, Any], ids: NDArray[np.int64]) -> None:
     """Check what a file says a map's surface was made of.
 
-    Parameters
-    ----------
-    metadata : dict
-        As of `Sampler`.
-    ids : ndarray of int64, shape (N, 3) or (N,)
-        Voxel indices, or vertex numbers in the mesh.
-
-    Raises
-    ------
-    InputError
-        If it says nothing that can be, or the ids do not fit.
+    `metadata`: as of `Sampler`. `ids` int64 (N, 3) or (N,): voxel indices, or vertex numbers in the mesh. Raises
+    InputError if it says nothing that can be, or the ids do not fit.
     """
     if not isinstance(metadata.get("provenance", {}), dict):
         raise InputError(f"its provenance is {metadata['provenance']!r:.80}: {AGAIN}")
@@ -155,15 +135,7 @@ class Sampler:
     def need_volume(self, what: str) -> None:
         """Refuse what only the map of a volume has.
 
-        Parameters
-        ----------
-        what : str
-            What the map of a mesh lacks.
-
-        Raises
-        ------
-        InputError
-            If the surface was made of a mesh.
+        `what`: what the map of a mesh lacks. Raises InputError if the surface was made of a mesh.
         """
         if not self.is_voxels:
             raise InputError(f"the map of a mesh {what}; give a volume with its own affine, or values at its vertices")
@@ -382,20 +354,9 @@ class Sampler:
     def at(self, depths: Depths) -> list[NDArray[np.float64]]:
         """Return the points at depths.
 
-        Parameters
-        ----------
-        depths : Depths
-            In mm, or as fractions of the cortex.
-
-        Returns
-        -------
-        list of ndarray of float64, shape (N, 3)
-            RAS+ mm in the space of the points, one array a depth.
-
-        Raises
-        ------
-        InputError
-            If the surface has no outside, or no pial surface is known.
+        `depths`: in mm, or as fractions of the cortex. Returns: list of ndarray of float64, shape (N, 3), RAS+ mm in
+        the space of the points, one array a depth. Raises InputError if the surface has no outside, or no pial surface
+        is known.
         """
         if depths.layering is None:
             return [self.points + (depth * self._outward(depth) if depth else 0) for depth in depths.values]
@@ -424,19 +385,8 @@ class Sampler:
     def placed(self, volume: object) -> Volume:
         """Return a volume with its place; without one of its own it lies where the flattened volume lies.
 
-        Parameters
-        ----------
-        volume : object
-            Whatever `as_volume` takes.
-
-        Returns
-        -------
-        Volume
-
-        Raises
-        ------
-        InputError
-            If it has neither a place nor the flattened volume's shape.
+        `volume`: whatever `as_volume` takes. Raises InputError if it has neither a place nor the flattened volume's
+        shape.
         """
         given = as_volume(volume)
         return given if given.is_placed else replace(given, affine=self._own_place(given.data.shape))

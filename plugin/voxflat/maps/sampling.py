@@ -38,26 +38,12 @@ _CANCELLED = 1e-6  # length of a mean of unit vectors that is none
 def sample(volume: Volume, points: NDArray[np.float64], interpolation: str | None = None) -> NDArray[Any]:
     """Sample a volume at places in the world.
 
-    Parameters
-    ----------
-    volume : Volume
-        Scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8.
-    points : ndarray, shape (..., 3)
-        RAS+ mm; NaN rows give NaN.
-    interpolation : {"linear", "nearest", "majority"}, optional
-        "majority" is of labels: that which has the greatest weight among the eight voxels around, weighted as "linear"
-        does. By default "nearest" for bool and integer volumes, which may be labels, and "linear" for floating-point
-        volumes and colours.
-
-    Returns
-    -------
-    ndarray, shape (...), float64; or (..., 4), uint8 for colours
-        NaN, or alpha 0, where a point lies outside the volume.
-
-    Raises
-    ------
-    InputError
-        If `interpolation` is unknown, or does not fit.
+    `volume`: scalars or labels (I, J, K), or colours (I, J, K, 3 or 4) of uint8. `points` (..., 3): RAS+ mm; NaN rows
+    give NaN. `interpolation`, {"linear", "nearest", "majority"}: "majority" is of labels: that which has the greatest
+    weight among the eight voxels around, weighted as "linear" does. By default "nearest" for bool and integer volumes,
+    which may be labels, and "linear" for floating-point volumes and colours. Returns: (...), float64; or (..., 4),
+    uint8 for colours, NaN, or alpha 0, where a point lies outside the volume. Raises InputError if `interpolation` is
+    unknown, or does not fit.
     """
     data = volume.data
     colour = data.ndim == 4
@@ -144,22 +130,8 @@ def _weights(at: NDArray[np.float64], low: NDArray[np.int32], data: Any) -> NDAr
 def majority(values: NDArray[Any], weights: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Return the label that has the greatest weight in each row.
 
-    Parameters
-    ----------
-    values : ndarray, shape (P, K)
-        Labels: whole numbers.
-    weights : ndarray, shape (P, K)
-        The weight of each.
-
-    Returns
-    -------
-    ndarray of float64, shape (P,)
-        Of equal weights the least label.
-
-    Raises
-    ------
-    InputError
-        If values are no whole numbers.
+    `values` (P, K): labels: whole numbers. `weights` (P, K): the weight of each. Returns: float64 (P,), of equal
+    weights the least label. Raises InputError if values are no whole numbers.
     """
     _check_labels(values)
     found = values[:, 0].astype(np.float64)
@@ -187,22 +159,8 @@ def sample_layers(
 ) -> NDArray[Any]:
     """Sample a volume at several depths.
 
-    Parameters
-    ----------
-    volume, interpolation
-        As in `sample`.
-    places : sequence of ndarray, shape (..., 3)
-        RAS+ mm, one array a depth.
-
-    Returns
-    -------
-    ndarray
-        As of `sample`; the first axis is the depth.
-
-    Raises
-    ------
-    InputError
-        As `sample`.
+    `volume`, `interpolation`: as in `sample`. `places`, sequence of ndarray, shape (..., 3): RAS+ mm, one array a
+    depth. Returns: as of `sample`; the first axis is the depth. Raises InputError: as `sample`.
     """
     if isinstance(volume.data, Chunked):  # all at once, so that each chunk is read once
         together = np.stack(places)
@@ -216,20 +174,8 @@ def sample_mean(
 ) -> NDArray[Any]:
     """Sample a volume at several depths, and return the mean; of labels that which has most weight over all depths.
 
-    Parameters
-    ----------
-    volume, places, interpolation
-        As in `sample_layers`.
-
-    Returns
-    -------
-    ndarray
-        As of `sample`; NaN, or alpha 0, where a point lies outside the volume at one of the depths.
-
-    Raises
-    ------
-    InputError
-        As `sample`, and if labels are to be averaged.
+    `volume`, `places`, `interpolation`: as in `sample_layers`. Returns: as of `sample`; NaN, or alpha 0, where a point
+    lies outside the volume at one of the depths. Raises InputError: as `sample`, and if labels are to be averaged.
     """
     way = _way(volume, interpolation)
     if len(places) > 1 and way == "nearest":
@@ -287,20 +233,9 @@ class Mixing:
     ) -> Mixing:
         """Take the numbers and weights of each place, block by block.
 
-        Parameters
-        ----------
-        inside : ndarray of bool
-            Places that have a value, P in all.
-        total : int
-            How many values there are.
-        count : int
-            Of how many each place is made at most.
-        block : callable
-            Takes a slice of the P places and returns the numbers and the weights of their values, shape (p, count).
-
-        Returns
-        -------
-        Mixing
+        `inside`, ndarray of bool: places that have a value, P in all. `total`: how many values there are. `count`: of
+        how many each place is made at most. `block`: takes a slice of the P places and returns the numbers and the
+        weights of their values, shape (p, count).
         """
         places = int(np.count_nonzero(inside))
         check_room(36 * places * count + 9 * total)
@@ -333,18 +268,9 @@ def series_sampling(
 ) -> Callable[[Volume], NDArray[Any]]:
     """Return how volumes are sampled that follow each other: weights are found once for all that share a grid.
 
-    Parameters
-    ----------
-    places, interpolation
-        As in `sample_layers`.
-    average : bool
-        Return the mean of the depths, as `sample_mean`, instead of each.
-
-    Returns
-    -------
-    callable
-        Takes a volume and returns what `sample_mean` or `sample_layers` does: bit for bit by nearest voxels, else
-        within the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
+    `places`, `interpolation`: as in `sample_layers`. `average`: return the mean of the depths, as `sample_mean`,
+    instead of each. Returns: takes a volume and returns what `sample_mean` or `sample_layers` does: bit for bit by
+    nearest voxels, else within the rounding of sums. Colours, chunks and majorities are sampled by these themselves.
     """
     held: dict[tuple[object, ...], list[Mixing]] = {}
 
@@ -370,20 +296,9 @@ def phases(
 ) -> Callable[[Any], NDArray[np.float64]]:
     """Return how phases are sampled: between two that are nearly a period apart lies no middle, but the seam.
 
-    Parameters
-    ----------
-    sampled : callable
-        How values are.
-    period : float
-        Of the phases.
-    interpolation : {"linear", "nearest"}
-        How.
-
-    Returns
-    -------
-    callable
-        Takes phases, in memory or in chunks, which are read twice, and returns those at the places, from 0 to the
-        period: of their directions' mean, NaN where they cancel each other.
+    `sampled`: how values are. `period`: of the phases. `interpolation`, {"linear", "nearest"}: how. Returns: takes
+    phases, in memory or in chunks, which are read twice, and returns those at the places, from 0 to the period: of
+    their directions' mean, NaN where they cancel each other.
     """
 
     def turned(values: Any, part: np.ufunc) -> Any:

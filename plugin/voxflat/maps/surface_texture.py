@@ -59,24 +59,11 @@ def are_colours(values: object, count: int) -> bool:
 def read_texture(path: Path, count: int) -> SurfaceTexture | NDArray[np.uint8]:
     """Read the texture of a surface.
 
-    Parameters
-    ----------
-    path : path
-        ``.obj`` with a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` with texture coordinates and a picture,
-        of the same name beside it or named in PLY's comment TextureFile, or with colours at the vertices.
-    count : int
-        How many vertices the surface has.
-
-    Returns
-    -------
-    SurfaceTexture, or ndarray of uint8, shape (count, 3) or (count, 4)
-
-    Raises
-    ------
-    InputError
-        If it has no texture or several, or another number of vertices.
-    FileNotFoundError, PermissionError
-        If the file, or what it names, cannot be opened.
+    `path`: ``.obj`` with a material whose map_Kd is a picture; ``.vtp`` or ``.ply`` with texture coordinates and a
+    picture, of the same name beside it or named in PLY's comment TextureFile, or with colours at the vertices. `count`:
+    how many vertices the surface has. Returns: SurfaceTexture, or ndarray of uint8, shape (count, 3) or (count, 4).
+    Raises InputError if it has no texture or several, or another number of vertices; FileNotFoundError, PermissionError
+    if the file, or what it names, cannot be opened.
     """
     with naming(path, REMEDY):
         mesh = meshes.read_mesh(path)
@@ -149,19 +136,9 @@ def _material_pictures(library: Path) -> dict[str, str]:
 def paint(texture: SurfaceTexture | NDArray[np.uint8], raster: Raster, ids: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Carry a surface's texture to the pixels of its flat map.
 
-    Parameters
-    ----------
-    texture : SurfaceTexture, or ndarray of uint8, shape (V, 3) or (V, 4)
-        A picture on the surface, or colours at its vertices.
-    raster : Raster
-        The map's pixels.
-    ids : ndarray of int64, shape (N,)
-        The vertex that each point of the map is.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W, 4)
-        Opacity 0 outside the map, and in triangles that have no texture.
+    `texture`, SurfaceTexture, or ndarray of uint8, shape (V, 3) or (V, 4): a picture on the surface, or colours at its
+    vertices. `raster`: the map's pixels. `ids` int64 (N,): the vertex that each point of the map is. Returns: uint8 (H,
+    W, 4), opacity 0 outside the map, and in triangles that have no texture.
     """
     values = raster.interpolate(texture[ids]) if isinstance(texture, np.ndarray) else _sampled(texture, raster, ids)
     seen = np.isfinite(values[..., 0])

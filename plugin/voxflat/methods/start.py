@@ -20,23 +20,8 @@ __all__ = ["cut_as", "places_of"]
 def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progress | None) -> Cutout:
     """Cut out what a map covers, along its own cuts.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface that the map is of.
-    start : Matched
-        The map.
-    threads, progress
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    Cutout
-
-    Raises
-    ------
-    InputError
-        If the map has triangles that the surface does not have.
+    `whole`: the surface that the map is of. `threads`, `progress`: as in `voxflat.flatten`. Raises InputError if the
+    map has triangles that the surface does not have.
     """
     kept = whole.has_triangles(start.vertices[start.core.faces])
     if kept is None:
@@ -50,21 +35,8 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
 def places_of(cut: Cutout, start: Matched) -> NDArray[np.float64]:
     """Find where a map puts the vertices of what is flattened.
 
-    Parameters
-    ----------
-    cut : Cutout
-        What is flattened. It may be cut where the map is not: the lips then share their places.
-    start : Matched
-        The map.
-
-    Returns
-    -------
-    ndarray of float64, shape (N, 2)
-
-    Raises
-    ------
-    InputError
-        If the map lacks triangles, or is cut where the surface is not.
+    `cut`: what is flattened. It may be cut where the map is not: the lips then share their places. Returns: float64 (N,
+    2). Raises InputError if the map lacks triangles, or is cut where the surface is not.
     """
     vertices = cut.part.vertices
     found, is_there = _at_corners(vertices, cut.faces, start)

@@ -60,17 +60,8 @@ _ASIDE = 1 / 3  # of the way from the middle of a surface to its end: what lies 
 def whereabouts(points: NDArray[np.float64], whole: NDArray[np.float64]) -> str:
     """Say on which sides of a surface a cut lies, so that one finds it.
 
-    Parameters
-    ----------
-    points : ndarray, shape (k, 3)
-        Along the cut, RAS+ mm.
-    whole : ndarray, shape (N, 3)
-        The surface's points.
-
-    Returns
-    -------
-    str
-        Such as "posterior, inferior", at most two, the clearest first; "middle" where it is on none.
+    `points` (k, 3): along the cut, RAS+ mm. `whole` (N, 3): the surface's points. Returns: such as "posterior,
+    inferior", at most two, the clearest first; "middle" where it is on none.
     """
     low, high = whole.min(axis=0), whole.max(axis=0)
     aside = 2 * (points.mean(axis=0) - (low + high) / 2) / np.maximum(high - low, 1e-9)

@@ -31,19 +31,8 @@ _BEARABLE = 0.15  # and up to which a disk is left as it was given
 def read_cuts(whole: Manifold, cuts: object | None) -> tuple[list[Any] | None, NDArray[np.int64] | None]:
     """Take what is given as cuts as paths, each of neighbours, and what a file of cuts leaves out.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface that is to be cut.
-    cuts : list of paths, one path, path of a file, or None
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    paths : list of array_like, or None
-        By what the vertices are in the input.
-    left_out : ndarray of int64, or None
-        Vertices in the same way.
+    `whole`: the surface that is to be cut. `cuts`: as in `voxflat.flatten`. Returns: `paths`, by what the vertices are
+    in the input; `left_out`, ndarray of int64, or None, vertices in the same way.
     """
     if cuts is None:
         return None, None
@@ -146,20 +135,8 @@ def _links(part: Manifold, vertices: NDArray[Any]) -> set[tuple[int, int]]:
 def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[Any], float]:
     """Cut along paths.
 
-    Parameters
-    ----------
-    part : Manifold
-        What is cut.
-    paths : list of array_like, or None
-        Neighbouring vertices, by what they are in the input.
-
-    Returns
-    -------
-    part : Manifold
-    paths : list
-        As lists of numbers.
-    length : float
-        Of all of them, mm.
+    `part`: what is cut. `paths`: neighbouring vertices, by what they are in the input. Returns: `paths`, as lists of
+    numbers; `length`, of all of them, mm.
     """
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
@@ -174,12 +151,7 @@ def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[A
 def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
     """Refuse what says not how far to relax.
 
-    Parameters
-    ----------
-    relax : bool, float or None
-        As in `voxflat.flatten`.
-    adapt : float or None
-        As there.
+    `relax`: as in `voxflat.flatten`. `adapt`: as there.
     """
     if adapt is not None:
         if not (isinstance(adapt, Real) and not isinstance(adapt, bool) and adapt > 0 and math.isfinite(adapt)):
@@ -195,19 +167,8 @@ def check_relax(relax: float | bool | None, adapt: float | None = None) -> None:
 def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, NDArray[np.uint32], list[str]]:
     """Close small holes, so that distances lead across them; the map's faces stay those of the input.
 
-    Parameters
-    ----------
-    part : Manifold
-        What is measured.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    part : Manifold
-    faces : ndarray of uint32
-        Those of the input, which come first.
-    remarks : list of str
+    `part`: what is measured. `progress`: as in `voxflat.flatten`. Returns: `faces`, ndarray of uint32, those of the
+    input, which come first.
     """
     longest = _SMALL_HOLE
     if part.is_voxels:
@@ -238,29 +199,11 @@ def opened(
 ) -> tuple[Manifold, list[dict[str, Any]], list[str]]:
     """Cut open what is no disk, and further where that relieves the map.
 
-    Parameters
-    ----------
-    part : Manifold
-        In one piece.
-    relax, threads, progress
-        As in `voxflat.flatten`.
-    given : float
-        Length of the cuts that were given, mm, which count.
-    is_fixed : bool
-        Whether what is no disk is left as it is.
-    is_cut : bool
-        Whether someone has said where it is cut: then it is relaxed on demand only.
-    is_given : bool
-        Whether this is the surface that was handed over: if it is a disk, it is relaxed on demand or in need only.
-    adapt : float, optional
-        How far from the cuts that it has further ones may lie, mm: then they are made.
-
-    Returns
-    -------
-    part : Manifold
-    cuts : list of dict
-        ``ids``, ``length`` (mm), ``reason``.
-    remarks : list of str
+    `part`: in one piece. `relax`, `threads`, `progress`: as in `voxflat.flatten`. `given`: length of the cuts that were
+    given, mm, which count. `is_fixed`: whether what is no disk is left as it is. `is_cut`: whether someone has said
+    where it is cut: then it is relaxed on demand only. `is_given`: whether this is the surface that was handed over: if
+    it is a disk, it is relaxed on demand or in need only. `adapt`: how far from the cuts that it has further ones may
+    lie, mm: then they are made. Returns: `cuts`, ``ids``, ``length`` (mm), ``reason``.
     """
     topology = part.core.topology()["components"][0]
     cuts: list[dict[str, Any]] = []

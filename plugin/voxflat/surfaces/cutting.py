@@ -72,20 +72,8 @@ def cut_open(
 ) -> Cutout:
     """Cut a surface, or a part of one, open.
 
-    Parameters
-    ----------
-    part : Manifold
-        What is to be flattened.
-    where : Where
-        Where it is cut.
-    threads, progress
-        As in `voxflat.flatten`.
-    to_disk : bool
-        Close small holes and open the rest to a disk; otherwise only what was asked for is cut.
-
-    Returns
-    -------
-    Cutout
+    `part`: what is to be flattened. `where`: where it is cut. `threads`, `progress`: as in `voxflat.flatten`.
+    `to_disk`: close small holes and open the rest to a disk; otherwise only what was asked for is cut.
     """
     cuts, relax, adapt = where.cuts, where.relax, where.adapt
     whole = part if part.whole is None else part.whole
@@ -149,21 +137,8 @@ def _chosen_part(part: Manifold) -> dict[str, Any]:
 def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]], by: str) -> Cutout:
     """Take a part of a surface whose triangles and cuts are known.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface.
-    part : Manifold
-        Some of its triangles.
-    cuts : sequence of ndarray of int64
-        Paths of vertices of the part.
-    by : str
-        What said where to cut.
-
-    Returns
-    -------
-    Cutout
-        As `cut_open` returns it with ``to_disk=False``.
+    `part`: some of its triangles. `cuts`, sequence of ndarray of int64: paths of vertices of the part. `by`: what said
+    where to cut. Returns: as `cut_open` returns it with ``to_disk=False``.
     """
     is_all = len(part.faces) == len(whole.faces)
     named = [part.ids[path] for path in cuts]
@@ -195,16 +170,8 @@ def opened_to_disk(
 ) -> Cutout:
     """Close small holes, and cut the rest open to a disk.
 
-    Parameters
-    ----------
-    cut : Cutout
-        As `cut_open` leaves it with ``to_disk=False``.
-    relax, threads, progress, adapt
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    Cutout
+    `cut`: as `cut_open` leaves it with ``to_disk=False``. `relax`, `threads`, `progress`, `adapt`: as in
+    `voxflat.flatten`.
     """
     part, faces, told = close_holes(cut.part, progress)
     remarks = [*cut.remarks, *told]
@@ -236,17 +203,8 @@ def opened_to_disk(
 def sketch_error(part: Manifold, threads: int | None, progress: Progress | None) -> float:
     """Return by how much a sketch of a disk's map gets distances wrong: what relaxation cuts are judged by.
 
-    Parameters
-    ----------
-    part : Manifold
-        A disk.
-    threads, progress
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    float
-        Mean relative error, at the best scale; NaN where the disk is too small for a sketch.
+    `part`: a disk. `threads`, `progress`: as in `voxflat.flatten`. Returns: mean relative error, at the best scale; NaN
+    where the disk is too small for a sketch.
     """
     _, _, (error, _) = part.core.relax(None, 0.0, _NO_TRIAL, None, threads, progress)
     return float(error)

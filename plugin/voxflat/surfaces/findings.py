@@ -184,22 +184,8 @@ def check_surface(
 ) -> Check:
     """Say whether a surface, or a part of one, can be flattened.
 
-    Parameters
-    ----------
-    part : Manifold
-        The surface.
-    found : Check
-        What is known already.
-    where : Where
-        Where it is to be cut.
-    threads, progress
-        As in `voxflat.flatten`.
-    repaired : callable, optional
-        Makes the same part of the surface after repair, for a surface with handles.
-
-    Returns
-    -------
-    Check
+    `found`: what is known already. `where`: where it is to be cut. `threads`, `progress`: as in `voxflat.flatten`.
+    `repaired`: makes the same part of the surface after repair, for a surface with handles.
     """
     whole = part if part.whole is None else part.whole
     topology = whole.core.topology()

@@ -115,24 +115,10 @@ def keep_mask(keep: object, volume: Volume) -> NDArray[np.bool_]:
 def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float | None = None) -> NDArray[np.bool_]:
     """Select the foreground of a volume.
 
-    Parameters
-    ----------
-    data : ndarray, shape (I, J, K)
-        Labels (bool or integer) or intensities (any real type).
-    label : int, optional
-        Foreground is where `data` equals this.
-    threshold : float, optional
-        Foreground is where `data` is greater than this. Without label and threshold, `data` must be a mask: bool, or
-        integer with one label other than 0.
-
-    Returns
-    -------
-    ndarray of bool, shape (I, J, K)
-
-    Raises
-    ------
-    InputError
-        If the choice is ambiguous or empty, or values are not finite; the message lists the labels that are there.
+    `data` (I, J, K): labels (bool or integer) or intensities (any real type). `label`: foreground is where `data`
+    equals this. `threshold`: foreground is where `data` is greater than this. Without label and threshold, `data` must
+    be a mask: bool, or integer with one label other than 0. Returns: bool (I, J, K). Raises InputError if the choice is
+    ambiguous or empty, or values are not finite; the message lists the labels that are there.
     """
     if data.ndim != 3:
         raise InputError(f"the volume has shape {data.shape}; labels and intensities need one value a voxel (I, J, K)")
@@ -152,14 +138,7 @@ def foreground(data: NDArray[Any], *, label: int | None = None, threshold: float
 def labels_in(data: NDArray[Any]) -> dict[int, int] | None:
     """Labels other than 0 and how many voxels each has; None where the values are no labels.
 
-    Parameters
-    ----------
-    data : ndarray
-        Any real type. Floating-point volumes hold labels if all values are whole and they are few.
-
-    Returns
-    -------
-    dict or None
+    `data`: any real type. Floating-point volumes hold labels if all values are whole and they are few.
     """
     if data.dtype.kind == "f":
         sample = data.ravel()[:: max(1, data.size // 10_000)]

@@ -24,17 +24,8 @@ __all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
 def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Find the triangles among some of the points.
 
-    Parameters
-    ----------
-    points : ndarray of int64, shape (k,)
-        Numbers of points.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of points.
-
-    Returns
-    -------
-    ndarray of bool, shape (F,)
-        Those whose three corners are all among them.
+    `points` int64 (k,): numbers of points. `faces` int (F, 3): triangles of points. Returns: bool (F,), those whose
+    three corners are all among them.
     """
     is_there = np.zeros(max(faces.max(initial=0), points.max(initial=0)) + 1, dtype=np.bool_)
     is_there[points] = True
@@ -44,18 +35,9 @@ def triangles_of(points: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.b
 def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[np.int64]:
     """Choose one of the points that share a vertex, so that few triangles are lost.
 
-    Parameters
-    ----------
-    ids : ndarray of int64, shape (N,)
-        The vertex of the mesh that each point is; the sides of a cut share one.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of points.
-
-    Returns
-    -------
-    ndarray of int64, shape (V,)
-        A point of each vertex, by ascending vertex: first those of one lip, then others, one by one, while that keeps
-        more triangles.
+    `ids` int64 (N,): the vertex of the mesh that each point is; the sides of a cut share one. `faces` int (F, 3):
+    triangles of points. Returns: int64 (V,), a point of each vertex, by ascending vertex: first those of one lip, then
+    others, one by one, while that keeps more triangles.
     """
     vertices, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if counts.max(initial=1) == 1:
@@ -89,17 +71,9 @@ def one_point_a_vertex(ids: NDArray[np.int64], faces: NDArray[Any]) -> NDArray[n
 def listed_points(ids: NDArray[np.int64], faces: NDArray[Any], bridges: NDArray[np.int64]) -> NDArray[np.int64]:
     """Choose the points that a patch may list: the triangles of the mesh among them are triangles of these points.
 
-    Parameters
-    ----------
-    ids, faces
-        As in `one_point_a_vertex`.
-    bridges : ndarray of int64, shape (B, 3)
-        Vertices of the triangles of the mesh that are none of these, though all their corners are vertices of these.
-
-    Returns
-    -------
-    ndarray of int64, shape (k,)
-        By ascending vertex, at most one a vertex, each in a triangle of the others; all of them in one piece.
+    `ids`, `faces`: as in `one_point_a_vertex`. `bridges` int64 (B, 3): vertices of the triangles of the mesh that are
+    none of these, though all their corners are vertices of these. Returns: int64 (k,), by ascending vertex, at most one
+    a vertex, each in a triangle of the others; all of them in one piece.
     """
     points = one_point_a_vertex(ids, faces)
     is_wrong = ~triangles_of(points, faces)

@@ -529,29 +529,10 @@ def patch_of(
 ) -> Patch:
     """Return points as a FreeSurfer patch whose triangles, by its readers' rule, are these; say what it cannot hold.
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (N, 3)
-        Places, mm.
-    ids : ndarray of int64, shape (N,)
-        The vertex of the mesh that each is; the sides of a cut share one.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of the points.
-    bridges : ndarray of int64, shape (B, 3)
-        As `Surface.bridges` finds them.
-    count : int
-        How many vertices the mesh has.
-    merged : ndarray of int64, shape (M, 2)
-        As of a `Surface`: the former are listed where the latter are.
-
-    Returns
-    -------
-    Patch
-
-    Raises
-    ------
-    InputError
-        If it can hold no triangle.
+    `points` float64 (N, 3): places, mm. `ids` int64 (N,): the vertex of the mesh that each is; the sides of a cut share
+    one. `faces` int (F, 3): triangles of the points. `bridges` int64 (B, 3): as `Surface.bridges` finds them. `count`:
+    how many vertices the mesh has. `merged` int64 (M, 2): as of a `Surface`: the former are listed where the latter
+    are. Raises InputError if it can hold no triangle.
     """
     rows = listed_points(ids, faces, bridges)
     kept = faces[triangles_of(rows, faces)]

@@ -21,14 +21,7 @@ _CLEAR = 10  # times as large as the next such place
 def is_medial_wall(region: object) -> bool:
     """Say whether a region is given by this name.
 
-    Parameters
-    ----------
-    region : object
-        As `drop` of `voxflat.flatten`.
-
-    Returns
-    -------
-    bool
+    `region`: as of `Surface.drop`.
     """
     name = os.fspath(region) if isinstance(region, str | os.PathLike) else ""
     return name in ("medial wall", "medial-wall")
@@ -37,20 +30,8 @@ def is_medial_wall(region: object) -> bool:
 def medial_wall_of(whole: Manifold) -> NDArray[np.bool_]:
     """Find the medial wall: the one large place where cortex has no thickness.
 
-    Parameters
-    ----------
-    whole : Manifold
-        Made of a white and a pial surface.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        Which of its vertices belong to it.
-
-    Raises
-    ------
-    InputError
-        If there is no pial surface, or no such place that is clearly the wall.
+    `whole`: made of a white and a pial surface. Returns: bool (N,), which of its vertices belong to it. Raises
+    InputError if there is no pial surface, or no such place that is clearly the wall.
     """
     advice = "give its label as the region to drop, or leave it out"
     if whole.thickness is None:

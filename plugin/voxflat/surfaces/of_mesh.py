@@ -26,23 +26,8 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
     lie at one place become one, of which each keeps its number; duplicates are dropped; where fans of triangles touch
     at a vertex, each gets one of its own.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Triangles, RAS+ mm.
-    pial : path, Mesh, (points, faces) or pyvista.PolyData, optional
-        As in `voxflat.surface`.
-    mend : bool
-        Whether it is mended; if not, what needs it is refused.
-
-    Returns
-    -------
-    Manifold
-
-    Raises
-    ------
-    InputError
-        If it is no manifold, or the pial surface does not correspond to it.
+    `mesh`: triangles, RAS+ mm. `pial`: as in `voxflat.surface`. `mend`: whether it is mended; if not, what needs it is
+    refused. Raises InputError if it is no manifold, or the pial surface does not correspond to it.
     """
     measured_on = "the given surface"
     white, places, of_pial = None, None, list[str]()

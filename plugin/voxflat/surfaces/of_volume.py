@@ -37,21 +37,8 @@ def of_volume(
 ) -> Manifold:
     """Make a surface of a volume's foreground.
 
-    Parameters
-    ----------
-    given : Foreground
-        The volume and which voxels are inside.
-    probability, sheet, repair, threads, progress
-        As in `voxflat.surface`.
-
-    Returns
-    -------
-    Manifold
-
-    Raises
-    ------
-    InputError
-        If the probability image does not fit, or the foreground has no surface.
+    `given`: the volume and which voxels are inside. `probability`, `sheet`, `repair`, `threads`, `progress`: as in
+    `voxflat.surface`. Raises InputError if the probability image does not fit, or the foreground has no surface.
     """
     sheet = None if sheet is None else checked_switch(sheet, "sheet")
     volume, mask = given.volume, given.mask

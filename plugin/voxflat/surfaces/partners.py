@@ -89,22 +89,8 @@ def _check_pial(core: _core.Surface, mesh: Mesh, pial: Mesh, places: NDArray[np.
 def check_region(whole: Manifold, region: str | os.PathLike[str]) -> list[str]:
     """Check that a region's file is of this side of the brain, and that the points of a FreeSurfer label lie on it.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface.
-    region : path
-        As `keep` and `drop` of `voxflat.flatten`, read without an error.
-
-    Returns
-    -------
-    list of str
-        What the user should know: that they lie elsewhere.
-
-    Raises
-    ------
-    InputError
-        If it is of the other side.
+    `region`: as of `Surface.keep` and `drop`, read without an error. Returns: what the user should know: that
+    they lie elsewhere. Raises InputError if it is of the other side.
     """
     if whole.is_voxels or is_medial_wall(region):
         return []

@@ -14,22 +14,8 @@ __all__ = ["pixels_of"]
 def pixels_of(part: Manifold) -> tuple[NDArray[np.uint32], list[float]]:
     """Find the pixels that the vertices of a range image are.
 
-    Parameters
-    ----------
-    part : Manifold
-        A range image, or a part of one.
-
-    Returns
-    -------
-    pixels : ndarray of uint32, shape (N, 2)
-        Row and column.
-    spacing : list of 2 floats
-        Distance of rows and of columns, mm.
-
-    Raises
-    ------
-    InputError
-        If it is none, or if a pixel belongs to two vertices.
+    `part`: a range image, or a part of one. Returns: `pixels`, uint32 (N, 2), row and column; `spacing`, distance of
+    rows and of columns, mm. Raises InputError if it is none, or if a pixel belongs to two vertices.
     """
     grid = part.metadata.get("range_image")
     if grid is None:

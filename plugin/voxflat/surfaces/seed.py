@@ -25,19 +25,8 @@ def seed_voxel(seed_point: object) -> list[int]:
 def found_seed(seed_point: list[int], voxel: Any, distance: float, voxel_size: float) -> list[str]:
     """Return what the user should know of the surface voxel that stands for a seed point.
 
-    Parameters
-    ----------
-    seed_point, voxel : list of 3 ints
-        What was given, and the nearest voxel of the surface.
-    distance : float
-        Between their centres, mm.
-    voxel_size : float
-        The longest side of a voxel, mm.
-
-    Returns
-    -------
-    list of str
-        A remark if it lies farther away than two voxels.
+    `seed_point`, `voxel`: what was given, and the nearest voxel of the surface. `distance`: between their centres, mm.
+    `voxel_size`: the longest side of a voxel, mm. Returns: a remark if it lies farther away than two voxels.
     """
     if distance <= _FAR * voxel_size:
         return []

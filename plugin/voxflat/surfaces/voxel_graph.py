@@ -65,22 +65,8 @@ class VoxelGraph:
     def find(self, ids: ArrayLike, name: str = "the ids") -> NDArray[np.uint32]:
         """Find voxels of the part.
 
-        Parameters
-        ----------
-        ids : array_like of int, shape (m, 3)
-            Voxel indices.
-        name : str
-            What they are, for messages.
-
-        Returns
-        -------
-        ndarray of uint32, shape (m,)
-            Their numbers.
-
-        Raises
-        ------
-        InputError
-            If one of them is not on the surface, or not in the part.
+        `ids` int (m, 3): voxel indices. `name`: what they are, for messages. Returns: uint32 (m,), their numbers.
+        Raises InputError if one of them is not on the surface, or not in the part.
         """
         voxels = voxel_indices(ids, name)
         on_surface = self.whole.find(voxels)  # names a voxel that is not on the surface at all
@@ -98,24 +84,10 @@ class VoxelGraph:
 def voxel_graph(of: Manifold, link_lengths: str = LINK_LENGTHS, progress: Progress | None = None) -> VoxelGraph:
     """Link the surface voxels of the volume that a surface was made of, and take the part that the surface is.
 
-    Parameters
-    ----------
-    of : Manifold
-        A surface of a volume, or a part of one by regions and disks. The voxels are those that were given, repaired
-        only where that was asked for.
-    link_lengths : {"chain-code", "euclidean"}
-        As in `voxflat.methods.Grossmann2002`.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    VoxelGraph
-
-    Raises
-    ------
-    InputError
-        If the surface has no voxels, the part was chosen by a polygon, or it is empty.
+    `of`: a surface of a volume, or a part of one by regions and disks. The voxels are those that were given, repaired
+    only where that was asked for. `link_lengths`, {"chain-code", "euclidean"}: as in `voxflat.methods.Grossmann2002`.
+    `progress`: as in `voxflat.flatten`. Raises InputError if the surface has no voxels, the part was chosen by a
+    polygon, or it is empty.
     """
     if of.foreground is None:
         raise InputError("chain codes link the surface voxels of a volume, and this surface has none; give a volume")

@@ -50,10 +50,7 @@ class Findings(QWidget):
     def tell_text(self, text: str) -> None:
         """Show a table of text, column below column.
 
-        Parameters
-        ----------
-        text : str
-            The table.
+        `text`: the table.
         """
         self.table.setCurrentFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.table.setPlainText(text)
@@ -61,12 +58,8 @@ class Findings(QWidget):
     def tell_rows(self, rows: Sequence[tuple[str, str]], advice: Sequence[str]) -> None:
         """Show what was found, row by row, in lines as wide as the dock.
 
-        Parameters
-        ----------
-        rows : sequence of tuple of str
-            Names and what was found.
-        advice : sequence of str
-            What to know and what to do.
+        `rows`, sequence of tuple of str: names and what was found. `advice`, sequence of str: what to know and what to
+        do.
         """
         cells = "".join(
             f"<tr><td style='padding:2px 8px 2px 0'>{escape(name)}</td>"

@@ -45,10 +45,7 @@ class CutsForm(LayerForm):
     def layer(self) -> Layer:
         """Return the layer that is cut.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        Raises InputError if there is none.
         """
         layer = self._chosen()
         if isinstance(layer, Labels) and self.label.label is None:

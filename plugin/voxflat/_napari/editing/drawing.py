@@ -90,15 +90,7 @@ class Drawing:
     def add_stop(self, vertex: int) -> None:
         """Go on with the cut that is drawn, or begin one.
 
-        Parameters
-        ----------
-        vertex : int
-            A vertex of the surface.
-
-        Raises
-        ------
-        InputError
-            If no way leads there.
+        `vertex`: a vertex of the surface. Raises InputError if no way leads there.
         """
         now = self._done[-1]
         if not now.is_open:
@@ -118,10 +110,7 @@ class Drawing:
     def remove(self, number: int) -> None:
         """Take a cut away.
 
-        Parameters
-        ----------
-        number : int
-            Its place in `cuts`.
+        `number`: its place in `cuts`.
         """
         now = self._done[-1]
         is_last = number == len(now.cuts) - 1
@@ -133,19 +122,9 @@ class Drawing:
     ) -> None:
         """Put other cuts in the place of all.
 
-        Parameters
-        ----------
-        paths : sequence of array_like
-            Vertices by what they are in the input, as `voxflat.cut` gives them.
-        names : sequence of str
-            One a cut.
-        left_out : ndarray of int64, optional
-            What no map shall show, in the same way.
-
-        Raises
-        ------
-        InputError
-            If one is not on the surface.
+        `paths`, sequence of array_like: vertices by what they are in the input, as `voxflat.cut` gives them. `names`,
+        sequence of str: one a cut. `left_out`, ndarray of int64: what no map shall show, in the same way. Raises
+        InputError if one is not on the surface.
         """
         found = [self.surface.find(path, name).tolist() for path, name in zip(paths, names, strict=True)]
         cuts = tuple(Drawn(tuple(stops), name) for stops, name in zip(found, names, strict=True))
@@ -165,14 +144,7 @@ class Drawing:
     def vertices(self, cut: Drawn) -> NDArray[np.uint32]:
         """Return the vertices along a cut, neighbour by neighbour.
 
-        Parameters
-        ----------
-        cut : Drawn
-            One of `cuts`.
-
-        Returns
-        -------
-        ndarray of uint32, shape (k,)
+        `cut`: one of `cuts`. Returns: uint32 (k,).
         """
         first = np.array(cut.stops[:1], dtype=np.uint32)
         return np.concatenate([first, *(self._way(a, b)[1:] for a, b in pairwise(cut.stops))])

@@ -41,11 +41,7 @@ class MakeSurface:
     def run(self, progress: Progress) -> tuple[Surface, NDArray[np.float64]]:
         """Make it.
 
-        Returns
-        -------
-        Surface
-        ndarray, shape (N,)
-            Its mean curvature, 1/mm.
+        Returns: (N,), its mean curvature, 1/mm.
         """
         made = surface(self.source.read(), **self.foreground, progress=progress)
         return made, made.mean_curvature(progress=progress)
@@ -127,10 +123,7 @@ class SaveTemplate:
     def run(self, progress: Progress) -> Path:
         """Write it.
 
-        Returns
-        -------
-        Path
-            The file.
+        Returns: the file.
         """
         sphere = sphere_beside(self.surface) or self.surface.register(progress=progress)
         part = self.surface.drop(self.left_out) if len(self.left_out) else self.surface
@@ -161,12 +154,8 @@ class WeighCuts:
     def run(self, progress: Progress) -> tuple[float, list[float]]:
         """Sketch the map with all cuts, and without each.
 
-        Returns
-        -------
-        float
-            Mean relative error of distances in a sketch of the map with all cuts.
-        list of float
-            How much greater it is without each of them.
+        Returns: mean relative error of distances in a sketch of the map with all cuts; how much greater it is without
+        each of them.
         """
         with_all = self._error(self.paths, progress)
         others = [[path for path in self.paths if path is not left_out] for left_out in self.paths]

@@ -30,16 +30,8 @@ _SURFACES = "Surfaces and what lies on them (*)"  # FreeSurfer's names end in wh
 def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Offer to read a file, if it is a flat map or an atlas of voxflat.
 
-    Parameters
-    ----------
-    path : str or list of str, optional
-        The file, or files to be stacked, which flat maps are not. Without one, as napari's command palette calls it,
-        the user is asked for the file, and it is opened.
-
-    Returns
-    -------
-    callable or None
-        Takes the path, and returns layers.
+    `path`: the file, or files to be stacked, which flat maps are not. Without one, as napari's command palette calls
+    it, the user is asked for the file, and it is opened. Returns: takes the path, and returns layers.
     """
     if path is None:
         _ask("Read a flat map", _MAPS)
@@ -57,15 +49,7 @@ def map_reader(path: str | list[str] | None = None) -> Callable[[str], list[Laye
 def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Offer to read a file, if it holds a surface, values or labels on one, or a patch.
 
-    Parameters
-    ----------
-    path : str or list of str, optional
-        As in `map_reader`.
-
-    Returns
-    -------
-    callable or None
-        Takes the path, and returns layers.
+    `path`: as in `map_reader`. Returns: takes the path, and returns layers.
     """
     if path is None:
         _ask("Read a surface, or values on one", _SURFACES)
@@ -78,15 +62,7 @@ def surface_reader(path: str | list[str] | None = None) -> Callable[[str], list[
 def volume_reader(path: str | list[str] | None = None) -> Callable[[str], list[LayerData]] | None:
     """Offer to read a file, if it holds a volume of voxels.
 
-    Parameters
-    ----------
-    path : str or list of str, optional
-        As in `map_reader`.
-
-    Returns
-    -------
-    callable or None
-        Takes the path, and returns layers.
+    `path`: as in `map_reader`. Returns: takes the path, and returns layers.
     """
     if path is None:
         _ask("Read a volume", _VOLUMES)

@@ -16,19 +16,7 @@ __all__ = ["atlas_layers_of", "map_layers_of"]
 def map_layers_of(path: Path) -> list[LayerData]:
     """Read a flat map that was saved.
 
-    Parameters
-    ----------
-    path : Path
-        An .npz or .voxflat file.
-
-    Returns
-    -------
-    list of LayerData
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
+    `path`: an .npz or .voxflat file. Raises InputError if the file is damaged.
     """
     flat_map = load(path)
     flat_map.metadata.setdefault("napari", _origin(path))
@@ -38,20 +26,8 @@ def map_layers_of(path: Path) -> list[LayerData]:
 def atlas_layers_of(path: Path) -> list[LayerData]:
     """Read an atlas that was saved.
 
-    Parameters
-    ----------
-    path : Path
-        An .npz or .voxflat file.
-
-    Returns
-    -------
-    list of LayerData
-        The page's images, and the surface.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
+    `path`: an .npz or .voxflat file. Returns: the page's images, and the surface. Raises InputError if the file is
+    damaged.
     """
     atlas = load_atlas(path)
     atlas.metadata["napari"] = _origin(path)

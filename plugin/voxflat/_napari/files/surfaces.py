@@ -54,14 +54,7 @@ class Geometry:
     def read(cls, path: Path) -> Geometry:
         """Read it.
 
-        Parameters
-        ----------
-        path : Path
-            A file that `voxflat.io.read_mesh` reads.
-
-        Returns
-        -------
-        Geometry
+        `path`: a file that `voxflat.io.read_mesh` reads.
         """
         mesh = read_mesh(path)
         return cls(mesh.space.to_scanner(mesh.points), mesh.faces, mesh.structure, path, mesh.space)
@@ -69,18 +62,8 @@ class Geometry:
     def layer(self, path: Path, values: NDArray[Any] | None = None, **keywords: Any) -> LayerData:
         """Return a layer of it.
 
-        Parameters
-        ----------
-        path : Path
-            The file that it shows.
-        values : ndarray, shape (V,) or (K, V), optional
-            Values at the vertices.
-        **keywords
-            More of the layer.
-
-        Returns
-        -------
-        LayerData
+        `path`: the file that it shows. `values` (V,) or (K, V): values at the vertices. `**keywords`: more of the
+        layer.
         """
         about = {"structure": self.structure, "coordinates": str(self.space), **keywords.pop("metadata", {})}
         if self.path is not None:
@@ -93,20 +76,8 @@ class Geometry:
 def surface_layers(path: Path) -> list[LayerData]:
     """Read a surface.
 
-    Parameters
-    ----------
-    path : Path
-        A file that `voxflat.io.read_mesh` reads.
-
-    Returns
-    -------
-    list of LayerData
-        A Surface layer in scanner RAS, mm.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
+    `path`: a file that `voxflat.io.read_mesh` reads. Returns: a Surface layer in scanner RAS, mm. Raises InputError if
+    the file is damaged.
     """
     return [Geometry.read(path).layer(path)]
 
@@ -114,16 +85,8 @@ def surface_layers(path: Path) -> list[LayerData]:
 def geometries_for(path: Path) -> Iterator[Geometry]:
     """Seek the surfaces that values in a file may lie on.
 
-    Parameters
-    ----------
-    path : Path
-        The file of values.
-
-    Yields
-    ------
-    Geometry
-        Surfaces that are open and lie beside the file, then others that lie there, then all that are open. Those of
-        the other side are left out.
+    `path`: the file of values. Yields: surfaces that are open and lie beside the file, then others that lie there, then
+    all that are open. Those of the other side are left out.
     """
     files = _beside(path)
     opened = [one for one in _open() if _agree(_side(path), one.structure or _side(one.path))]

@@ -33,19 +33,7 @@ _Read = TypeVar("_Read")
 def gifti_layers(path: Path) -> list[LayerData]:
     """Read a GIFTI file: a surface, or what lies on one.
 
-    Parameters
-    ----------
-    path : Path
-        ``.gii`` or ``.gii.gz``.
-
-    Returns
-    -------
-    list of LayerData
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or its surface is not to be found.
+    `path`: ``.gii`` or ``.gii.gz``. Raises InputError if it is damaged, or its surface is not to be found.
     """
     return surface_layers(path) if holds_mesh(path) else value_layers(path)
 
@@ -53,20 +41,9 @@ def gifti_layers(path: Path) -> list[LayerData]:
 def value_layers(path: Path) -> list[LayerData]:
     """Read values or labels at the vertices of a surface.
 
-    Parameters
-    ----------
-    path : Path
-        What `voxflat.io.read_overlay` reads, or a FreeSurfer ``.label``.
-
-    Returns
-    -------
-    list of LayerData
-        A Surface layer: that which is open or lies beside the file, with the values; of several maps with a slider.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or its surface is not to be found.
+    `path`: what `voxflat.io.read_overlay` reads, or a FreeSurfer ``.label``. Returns: a Surface layer: that which is
+    open or lies beside the file, with the values; of several maps with a slider. Raises InputError if it is damaged, or
+    its surface is not to be found.
     """
     is_region = path.name.lower().endswith(".label")
     read = read_region if is_region else read_overlay
@@ -85,20 +62,9 @@ def value_layers(path: Path) -> list[LayerData]:
 def patch_layers(path: Path) -> list[LayerData]:
     """Read a FreeSurfer patch.
 
-    Parameters
-    ----------
-    path : Path
-        Such as ``lh.cortex.patch.flat`` or ``lh.cortex.patch.3d``.
-
-    Returns
-    -------
-    list of LayerData
-        A Surface layer; of a flat patch in the plane, with v upwards, as flat maps are shown.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or its surface is not to be found.
+    `path`: such as ``lh.cortex.patch.flat`` or ``lh.cortex.patch.3d``. Returns: a Surface layer; of a flat patch in the
+    plane, with v upwards, as flat maps are shown. Raises InputError if it is damaged, or its surface is not to be
+    found.
     """
     patch = read_patch(path)
     geometry, faces = _on_surface(

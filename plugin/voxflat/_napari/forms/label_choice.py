@@ -49,20 +49,14 @@ class LabelChoice(QComboBox):
     def choose(self, label: int) -> None:
         """Choose a label.
 
-        Parameters
-        ----------
-        label : int
-            One of those that are offered.
+        `label`: one of those that are offered.
         """
         self.setCurrentIndex(self.findData(label))
 
     def follow(self, layer: Labels | None) -> None:
         """Offer the labels of a layer, and follow its changes.
 
-        Parameters
-        ----------
-        layer : Labels or None
-            The layer; None to follow none.
+        `layer`: the layer; None to follow none.
         """
         if self._layer is not None:
             self._layer.events.selected_label.disconnect(self._on_selected)

@@ -62,10 +62,7 @@ class LayerChoice(QComboBox):
     def choose(self, layer: Layer | None) -> None:
         """Choose a layer.
 
-        Parameters
-        ----------
-        layer : Layer or None
-            One of those that are offered.
+        `layer`: one of those that are offered.
         """
         self.setCurrentIndex(self._layers.index(layer))
 

@@ -117,10 +117,7 @@ class LayerForm(QWidget):
     def source(self) -> tuple[LayerVolume | LayerMesh, dict[str, Any]]:
         """Return what is chosen, and what of a volume is foreground.
 
-        Raises
-        ------
-        InputError
-            If the layer does not suit.
+        Raises InputError if the layer does not suit.
         """
         layer, world = self._chosen(), self.world.currentData()
         if isinstance(layer, Surface):

@@ -133,12 +133,7 @@ class OptionsForm(QWidget):
     def offer_drawn(self, drawn: DrawnCuts | None, chosen: bool = False) -> None:
         """Offer cuts that someone drew, or none.
 
-        Parameters
-        ----------
-        drawn : DrawnCuts or None
-            The cuts.
-        chosen : bool
-            Whether they are chosen at once.
+        `drawn`: the cuts. `chosen`: whether they are chosen at once.
         """
         self._drawn = drawn
         offer(self._cuts, {_DRAWN: ""}, _DRAWN, drawn is not None)
@@ -149,28 +144,15 @@ class OptionsForm(QWidget):
                 self._cuts.setCurrentIndex(index)
 
     def set_method(self, method: str) -> None:
-        """Ask for what a method takes.
-
-        Parameters
-        ----------
-        method : str
-            Its name.
-        """
+        """Ask for what a method takes."""
         for name, field in self.fields.items():
             show_row(self.rows, field, takes(method, name))
 
     def options(self, method: str) -> dict[str, Any]:
         """Return what differs from what is usual.
 
-        Parameters
-        ----------
-        method : str
-            The method, whose options alone are returned.
-
-        Returns
-        -------
-        dict
-            Options of the method, and keywords of `Surface.flatten`.
+        `method`: the method, whose options alone are returned. Returns: options of the method, and keywords of
+        `Surface.flatten`.
         """
         values: dict[str, Any] = {
             name: field.currentData() for name, field in self.fields.items() if isinstance(field, QComboBox)

@@ -81,14 +81,7 @@ class PatchesForm(LayerForm):
     def job(self) -> PatchesJob:
         """Return what the fields ask for.
 
-        Returns
-        -------
-        PatchesJob
-
-        Raises
-        ------
-        InputError
-            If something is still to be chosen, or a layer does not suit.
+        Raises InputError if something is still to be chosen, or a layer does not suit.
         """
         layer, world = self._chosen(), self.world.currentData()
         is_mesh = isinstance(layer, Surface)

@@ -71,12 +71,7 @@ class Plan(QLabel):
     def follow(self, layer: Layer | None, **asked: Any) -> None:
         """Tell the plan for a layer.
 
-        Parameters
-        ----------
-        layer : Image, Labels, Surface or None
-            What is flattened; None for no plan.
-        **asked
-            What else the form asks for.
+        `layer`: what is flattened; None for no plan. `**asked`: what else the form asks for.
         """
         if layer is None:
             self._asked, self._counted, self._count = None, (), None

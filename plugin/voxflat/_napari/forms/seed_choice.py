@@ -76,13 +76,7 @@ class SeedChoice(QWidget):
         return seed_of(self._points, self._surface)
 
     def set_surface(self, layer: Layer | None) -> None:
-        """Say which layer's voxels or vertices are meant.
-
-        Parameters
-        ----------
-        layer : Image, Labels, Surface or None
-            The layer.
-        """
+        """Say which layer's voxels or vertices are meant."""
         self._surface = layer
         self.pick.setEnabled(layer is not None and layer.ndim == 3)
         self._on_changed()
@@ -90,10 +84,7 @@ class SeedChoice(QWidget):
     def set_point(self, seed: Seed) -> None:
         """Mark a voxel, or a vertex, of the surface's layer, in a Points layer of the viewer's own.
 
-        Parameters
-        ----------
-        seed : tuple of 3 ints, or int
-            The seed.
+        `seed`: the seed.
         """
         surface = self._surface
         assert surface is not None

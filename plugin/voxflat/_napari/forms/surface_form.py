@@ -170,12 +170,7 @@ class SurfaceForm(LayerForm):
     def ask_again(self, layer: Layer, label: int | None = None, threshold: float | None = None) -> None:
         """Ask for a layer's surface along the cuts that were drawn, from the map that is shown.
 
-        Parameters
-        ----------
-        layer : Layer
-            One of those that can be chosen.
-        label, threshold
-            What of a volume is foreground.
+        `layer`: one of those that can be chosen. `label`, `threshold`: what of a volume is foreground.
         """
         self.surface.choose(layer)
         if label is not None:
@@ -235,14 +230,7 @@ class SurfaceForm(LayerForm):
     def job(self) -> Job:
         """Return what the fields ask for.
 
-        Returns
-        -------
-        Job
-
-        Raises
-        ------
-        InputError
-            If something is still to be chosen, or a layer does not suit.
+        Raises InputError if something is still to be chosen, or a layer does not suit.
         """
         layer, world = self._chosen(), self.world.currentData()
         surface, how = self._of_mesh(layer, world) if isinstance(layer, Surface) else self._of_volume(layer, world)

@@ -66,20 +66,14 @@ class ThresholdChoice(QWidget):
     def setValue(self, value: float) -> None:  # noqa: N802 - as Qt's boxes have it
         """Choose a threshold.
 
-        Parameters
-        ----------
-        value : float
-            In the layer's values.
+        `value`: in the layer's values.
         """
         self.box.setValue(value)
 
     def follow(self, layer: Image | None) -> None:
         """Offer thresholds amid the contrast limits of a layer.
 
-        Parameters
-        ----------
-        layer : Image or None
-            The layer; None to follow none.
+        `layer`: the layer; None to follow none.
         """
         if layer is self._layer:
             return

@@ -52,21 +52,8 @@ class LayerMesh:
     def of(cls, layer: Surface, world: str = "RAS") -> LayerMesh:
         """Take a Surface layer.
 
-        Parameters
-        ----------
-        layer : Surface
-            Of triangles in three dimensions.
-        world : str
-            One of `WORLDS`.
-
-        Returns
-        -------
-        LayerMesh
-
-        Raises
-        ------
-        InputError
-            For a layer of other than three dimensions, faces that are no triangles, or axes that are no lengths.
+        `layer`: of triangles in three dimensions. `world`: one of `WORLDS`. Raises InputError: for a layer of other
+        than three dimensions, faces that are no triangles, or axes that are no lengths.
         """
         vertices, faces, values = (np.asarray(part) for part in layer.data)
         if values.ndim > 1:
@@ -96,14 +83,7 @@ class LayerMesh:
         A layer that is mirrored on its way has its triangles turned over, so that outside stays outside. Of one in
         pixels nobody knows the space.
 
-        Returns
-        -------
-        Mesh
-
-        Raises
-        ------
-        InputError
-            If vertices are not finite, or triangles name vertices that are not there.
+        Raises InputError if vertices are not finite, or triangles name vertices that are not there.
         """
         affine = self.place.affine
         is_mirrored = np.linalg.det(affine[:3, :3]) < 0
@@ -114,14 +94,7 @@ class LayerMesh:
     def kept(self) -> NDArray[np.bool_]:
         """Return which vertices have a value: neither 0 nor NaN.
 
-        Returns
-        -------
-        ndarray of bool, shape (V,)
-
-        Raises
-        ------
-        InputError
-            If none has.
+        Returns: bool (V,). Raises InputError if none has.
         """
         kept = np.nan_to_num(self.values) != 0
         if not kept.any():
@@ -132,14 +105,7 @@ class LayerMesh:
 def vary(values: NDArray[Any]) -> bool:
     """Whether values differ from each other, NaN aside.
 
-    Parameters
-    ----------
-    values : ndarray
-        Some.
-
-    Returns
-    -------
-    bool
+    `values`: some.
     """
     known = values[values == values]
     return bool(known.size and (known != known[0]).any())
@@ -148,15 +114,7 @@ def vary(values: NDArray[Any]) -> bool:
 def surface_name(layer: Surface) -> str:
     """Return what the surface of a layer is called: its file, of values the one that they lie on, or the layer.
 
-    Parameters
-    ----------
-    layer : Surface
-        The layer.
-
-    Returns
-    -------
-    str
-        Such as lh.white.
+    Returns: such as lh.white.
     """
     path = layer.metadata.get("surface_file") or layer.source.path
     return Path(path).name if path else str(layer.name)
@@ -165,13 +123,6 @@ def surface_name(layer: Surface) -> str:
 def is_elsewhere(name: str) -> bool:
     """Tell by a file's name whether its surface lies elsewhere than in the head, as the inflated one.
 
-    Parameters
-    ----------
-    name : str
-        Such as lh.inflated.
-
-    Returns
-    -------
-    bool
+    `name`: such as lh.inflated.
     """
     return not _ELSEWHERE.isdisjoint(re.split(r"[._]", name.lower().replace("very_inflated", "inflated")))

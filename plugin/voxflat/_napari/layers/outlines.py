@@ -20,24 +20,9 @@ _FEWEST = 3
 def corners(drawn: Points | Shapes, surface: Layer, world: str) -> NDArray[np.float64]:
     """Return where the corners of a drawn polygon lie.
 
-    Parameters
-    ----------
-    drawn : Points or Shapes
-        Points are the corners, in their order; of shapes the selected one, else the last, is the polygon.
-    surface : Layer
-        What the polygon is drawn on.
-    world : str
-        One of `WORLDS`.
-
-    Returns
-    -------
-    ndarray, shape (k, 3)
-        RAS+ mm.
-
-    Raises
-    ------
-    InputError
-        For fewer than three corners, or axes that are no lengths.
+    `drawn`: points are the corners, in their order; of shapes the selected one, else the last, is the polygon.
+    `surface`: what the polygon is drawn on. `world`: one of `WORLDS`. Returns: (k, 3), RAS+ mm. Raises InputError: for
+    fewer than three corners, or axes that are no lengths.
     """
     if isinstance(drawn, Shapes):
         chosen = sorted(drawn.selected_data)

@@ -109,27 +109,9 @@ def shown(
 ) -> Shown:
     """Take a layer's values, and how they look.
 
-    Parameters
-    ----------
-    layer : Image, Labels or Surface
-        The layer.
-    world : str
-        One of `WORLDS`.
-    depth : float
-        How far outside the surface to sample a volume, mm.
-    fraction : float, optional
-        Instead of the depth, as of `Sampled`.
-    step : tuple of int
-        The index along each axis of a volume before the three of space.
-
-    Returns
-    -------
-    Sampled or Overlay
-
-    Raises
-    ------
-    InputError
-        If the layer does not suit.
+    `world`: one of `WORLDS`. `depth`: how far outside the surface to sample a volume, mm. `fraction`: instead of the
+    depth, as of `Sampled`. `step`: the index along each axis of a volume before the three of space. Raises InputError
+    if the layer does not suit.
     """
     if isinstance(layer, Surface):
         return overlay(layer, LayerMesh.of(layer, world))
@@ -142,16 +124,8 @@ def shown(
 def usual_depth(layer: Layer | None) -> float:
     """Return how far outside a surface a volume is usually looked at.
 
-    Parameters
-    ----------
-    layer : Image, Labels, Surface or None
-        What is flattened.
-
-    Returns
-    -------
-    float
-        Of white matter, which a volume as large as a head and a white surface are taken for, the demo's depth in grey
-        matter, mm; else 0.
+    `layer`: what is flattened. Returns: of white matter, which a volume as large as a head and a white surface are
+    taken for, the demo's depth in grey matter, mm; else 0.
     """
     if layer is None or layer.ndim != 3:
         return 0.0
@@ -165,16 +139,7 @@ def usual_depth(layer: Layer | None) -> float:
 def overlay(layer: Surface, mesh: LayerMesh) -> Overlay:
     """Take the values of a Surface layer, and how they look.
 
-    Parameters
-    ----------
-    layer : Surface
-        The layer.
-    mesh : LayerMesh
-        Made of it.
-
-    Returns
-    -------
-    Overlay
+    `mesh`: made of it.
     """
     path = layer.source.path
     return Overlay(layer.name, mesh.values, _display(layer), Path(path) if path else None)

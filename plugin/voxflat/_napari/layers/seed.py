@@ -34,17 +34,8 @@ MARKER = {
 def seed_of(points: Points, layer: Layer) -> Seed | None:
     """Look up what of a layer a Points layer names: at its selected point, else at the last one.
 
-    Parameters
-    ----------
-    points : Points
-        The points.
-    layer : Image, Labels or Surface
-        Of three dimensions.
-
-    Returns
-    -------
-    tuple of 3 ints, int, or None
-        None if there is no point, or it lies outside the volume.
+    `points`: the points. `layer`: of three dimensions. Returns: none if there is no point, or it lies outside the
+    volume.
     """
     place = _chosen(points, layer)
     return None if place is None else seed_at(layer, place)
@@ -53,17 +44,7 @@ def seed_of(points: Points, layer: Layer) -> Seed | None:
 def seed_at(layer: Layer, position: NDArray[np.float64]) -> Seed | None:
     """Look up which voxel lies at a place, or which vertex is nearest to it.
 
-    Parameters
-    ----------
-    layer : Image, Labels or Surface
-        Of three dimensions.
-    position : ndarray, shape (3,)
-        In the world, in the layer's units.
-
-    Returns
-    -------
-    tuple of 3 ints, int, or None
-        None outside the volume.
+    `layer`: of three dimensions. `position` (3,): in the world, in the layer's units. Returns: none outside the volume.
     """
     return nearest_vertex(layer, position) if isinstance(layer, Surface) else voxel_at(layer, position)
 
@@ -73,18 +54,8 @@ def seed_along(
 ) -> Seed | None:
     """Look up where a ray meets the surface first.
 
-    Parameters
-    ----------
-    layer : Image, Labels or Surface
-        Of three dimensions.
-    start, end : ndarray, shape (3,)
-        The ray's ends in data coordinates.
-    inside : callable
-        Whether values of a volume are foreground.
-
-    Returns
-    -------
-    tuple of 3 ints, int, or None
+    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in data coordinates. `inside`: whether values of a
+    volume are foreground.
     """
     return first_vertex(layer, start, end) if isinstance(layer, Surface) else first_voxel(layer, start, end, inside)
 
@@ -92,17 +63,7 @@ def seed_along(
 def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
     """Return where a seed lies.
 
-    Parameters
-    ----------
-    layer : Image, Labels or Surface
-        The layer.
-    seed : tuple of 3 ints, or int
-        A voxel or a vertex of it.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        In the layer's data coordinates.
+    `seed`: a voxel or a vertex of it. Returns: (3,), in the layer's data coordinates.
     """
     return np.asarray(layer.vertices[seed] if isinstance(layer, Surface) else seed)
 
@@ -110,16 +71,7 @@ def data_place(layer: Layer, seed: Seed) -> NDArray[Any]:
 def describe(points: Points, layer: Layer) -> str:
     """Say in words what of a layer a Points layer names.
 
-    Parameters
-    ----------
-    points : Points
-        The points.
-    layer : Image, Labels or Surface
-        Of three dimensions.
-
-    Returns
-    -------
-    str
+    `points`: the points. `layer`: of three dimensions.
     """
     place = _chosen(points, layer)
     seed = None if place is None else seed_at(layer, place)
@@ -146,17 +98,8 @@ def _chosen(points: Points, layer: Layer) -> NDArray[np.float64] | None:
 def voxel_at(layer: Layer, position: Sequence[float] | NDArray[np.float64]) -> Voxel | None:
     """Look up which voxel of a layer lies at a place.
 
-    Parameters
-    ----------
-    layer : Image or Labels
-        Of three dimensions.
-    position : sequence of 3 floats
-        In the world, in the layer's units.
-
-    Returns
-    -------
-    tuple of 3 ints, or None
-        None outside the layer.
+    `layer`: of three dimensions. `position`, sequence of 3 floats: in the world, in the layer's units. Returns: none
+    outside the layer.
     """
     index = np.round(layer.world_to_data(position)).astype(int)
     return _triple(index) if np.all((index >= 0) & (index < finest(layer).shape[:3])) else None
@@ -167,18 +110,8 @@ def first_voxel(
 ) -> Voxel | None:
     """Look up which voxel of the foreground a ray meets first.
 
-    Parameters
-    ----------
-    layer : Image or Labels
-        Of three dimensions.
-    start, end : ndarray, shape (3,)
-        The ray's ends in voxel indices.
-    inside : callable
-        Whether values are foreground.
-
-    Returns
-    -------
-    tuple of 3 ints, or None
+    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in voxel indices. `inside`: whether values are
+    foreground.
     """
     data = finest(layer)
     steps = np.linspace(0, 1, 2 + int(4 * np.linalg.norm(end - start)))[:, None]
@@ -200,17 +133,8 @@ def _triple(index: NDArray[Any]) -> Voxel:
 def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float64]) -> int | None:
     """Look up which vertex of a mesh is nearest to a place, among those that a face uses.
 
-    Parameters
-    ----------
-    layer : Surface
-        Of three dimensions.
-    position : sequence of 3 floats
-        In the world, in the layer's units.
-
-    Returns
-    -------
-    int or None
-        None if the mesh has no vertex in use.
+    `layer`: of three dimensions. `position`, sequence of 3 floats: in the world, in the layer's units. Returns: none if
+    the mesh has no vertex in use.
     """
     vertices, faces = layer.vertices, np.asarray(layer.faces)
     used = np.zeros(len(vertices), dtype=np.bool_)
@@ -223,16 +147,7 @@ def nearest_vertex(layer: Surface, position: Sequence[float] | NDArray[np.float6
 def first_vertex(layer: Surface, start: NDArray[np.float64], end: NDArray[np.float64]) -> int | None:
     """Look up the corner nearest to where a ray meets the first triangle of a mesh.
 
-    Parameters
-    ----------
-    layer : Surface
-        Of three dimensions.
-    start, end : ndarray, shape (3,)
-        The ray's ends in data coordinates.
-
-    Returns
-    -------
-    int or None
+    `layer`: of three dimensions. `start`, `end` (3,): the ray's ends in data coordinates.
     """
     vertices, faces = np.asarray(layer.vertices, dtype=np.float64), np.asarray(layer.faces)
     along = (end - start) / np.linalg.norm(end - start)

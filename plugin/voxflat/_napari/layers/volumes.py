@@ -44,23 +44,9 @@ class LayerVolume:
     def of(cls, layer: Layer, world: str = "RAS", step: tuple[int, ...] = ()) -> LayerVolume:
         """Take an Image or Labels layer.
 
-        Parameters
-        ----------
-        layer : Layer
-            Of three dimensions, beside those of `step`.
-        world : str
-            One of `WORLDS`.
-        step : tuple of int
-            The index along each axis before the three of space.
-
-        Returns
-        -------
-        LayerVolume
-
-        Raises
-        ------
-        InputError
-            For a layer of other than three dimensions, or axes that are no lengths.
+        `layer`: of three dimensions, beside those of `step`. `world`: one of `WORLDS`. `step`: the index along each
+        axis before the three of space. Raises InputError: for a layer of other than three dimensions, or axes that are
+        no lengths.
         """
         if layer.ndim - len(step) > 3:
             raise InputError(
@@ -78,14 +64,7 @@ class LayerVolume:
     def read(self) -> Volume:
         """Fetch the voxels: long for dask and zarr.
 
-        Returns
-        -------
-        Volume
-
-        Raises
-        ------
-        InputError
-            If the values are no volume.
+        Raises InputError if the values are no volume.
         """
         data = np.asarray(self.data[self.step] if self.step else self.data)
         return Volume(_bytes(data) if self.rgb else data, self.place.affine, self.place.path)
@@ -93,14 +72,7 @@ class LayerVolume:
     def lazily(self) -> Volume:
         """Return the volume, of dask and zarr without fetching it: what samples it reads the chunks that it meets.
 
-        Returns
-        -------
-        Volume
-
-        Raises
-        ------
-        InputError
-            If the values are no volume.
+        Raises InputError if the values are no volume.
         """
         if self.rgb or not is_chunked(self.data):
             return self.read()
@@ -115,15 +87,7 @@ class LayerVolume:
 def finest(layer: Layer) -> Any:
     """Return a layer's voxels, of a multiscale layer those of its finest level.
 
-    Parameters
-    ----------
-    layer : Layer
-        Image or Labels.
-
-    Returns
-    -------
-    array_like
-        numpy, dask, zarr: whatever the layer holds.
+    `layer`: image or Labels. Returns: numpy, dask, zarr: whatever the layer holds.
     """
     return layer.data[0] if layer.multiscale else layer.data
 

@@ -50,23 +50,8 @@ class LayerPlace:
     def of(cls, layer: Layer, world: str = "RAS", leading: int = 0) -> LayerPlace:
         """Read it off a layer.
 
-        Parameters
-        ----------
-        layer : Layer
-            Any.
-        world : str
-            One of `WORLDS`.
-        leading : int
-            How many axes before the three of space are left out: time, channels.
-
-        Returns
-        -------
-        LayerPlace
-
-        Raises
-        ------
-        InputError
-            For a layer of other than three dimensions, or axes that are no lengths.
+        `layer`: any. `world`: one of `WORLDS`. `leading`: how many axes before the three of space are left out: time,
+        channels. Raises InputError: for a layer of other than three dimensions, or axes that are no lengths.
         """
         if layer.ndim - leading != 3:
             raise InputError(f"layer '{layer.name}' has {layer.ndim} dimensions instead of 3")
@@ -88,15 +73,8 @@ class LayerPlace:
 def data_to_world(layer: Layer) -> NDArray[np.float64]:
     """Return a layer's affine, its scale, rotation, shear, translation and affine in one.
 
-    Parameters
-    ----------
-    layer : Layer
-        Of three dimensions or more, the last three of which are taken.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        From data coordinates to the viewer's world, in the layer's units.
+    `layer`: of three dimensions or more, the last three of which are taken. Returns: (4, 4), from data coordinates to
+    the viewer's world, in the layer's units.
     """
     steps = np.zeros((4, layer.ndim))
     steps[1:, -3:] = np.eye(3)
@@ -110,16 +88,7 @@ def data_to_world(layer: Layer) -> NDArray[np.float64]:
 def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float64]:
     """Carry points over by an affine.
 
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        The points.
-    affine : ndarray, shape (4, 4)
-        From where they are to where they go.
-
-    Returns
-    -------
-    ndarray, shape (N, 3)
+    `points` (N, 3): the points. `affine` (4, 4): from where they are to where they go. Returns: (N, 3).
     """
     moved: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ affine[:3, :3].T + affine[:3, 3]
     return moved
@@ -128,17 +97,7 @@ def moved(points: NDArray[Any], affine: NDArray[np.float64]) -> NDArray[np.float
 def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
     """Carry points from RAS+ mm to a viewer's world.
 
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        RAS+ mm.
-    world : str
-        One of `WORLDS`.
-
-    Returns
-    -------
-    ndarray, shape (N, 3)
-        In mm along the world's axes.
+    `points` (N, 3): RAS+ mm. `world`: one of `WORLDS`. Returns: (N, 3), in mm along the world's axes.
     """
     return moved(points, _to_ras(world).T)  # a permutation of axes, some of them turned
 
@@ -146,16 +105,7 @@ def from_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
 def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
     """Carry points from a viewer's world to RAS+ mm: `from_ras` the other way.
 
-    Parameters
-    ----------
-    points : ndarray, shape (N, 3)
-        In mm along the world's axes.
-    world : str
-        One of `WORLDS`.
-
-    Returns
-    -------
-    ndarray, shape (N, 3)
+    `points` (N, 3): in mm along the world's axes. `world`: one of `WORLDS`. Returns: (N, 3).
     """
     return moved(points, _to_ras(world))
 
@@ -163,14 +113,7 @@ def to_ras(points: NDArray[Any], world: str) -> NDArray[np.float64]:
 def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float64]:
     """Return the factors from some units to others; as napari does, 1 where they cannot be compared (pixels).
 
-    Parameters
-    ----------
-    units, target : sequence of pint.Unit
-        One an axis.
-
-    Returns
-    -------
-    ndarray, one an axis
+    `units`, `target`, sequence of pint.Unit: one an axis.
     """
     return np.array(
         [
@@ -183,18 +126,9 @@ def unit_ratio(units: Sequence[Any], target: Sequence[Any]) -> NDArray[np.float6
 def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | None) -> NDArray[np.float64]:
     """Convert a place in the viewer to a layer's units.
 
-    Parameters
-    ----------
-    layer : Layer
-        Of three dimensions.
-    position : sequence of floats
-        In the world; of more than three numbers the last three are taken.
-    units : sequence of pint.Unit, or None
-        The position's units; None where they cannot be compared, so that nothing is converted.
-
-    Returns
-    -------
-    ndarray, shape (3,)
+    `layer`: of three dimensions. `position`, sequence of floats: in the world; of more than three numbers the last
+    three are taken. `units`, sequence of pint.Unit, or None: the position's units; None where they cannot be compared,
+    so that nothing is converted. Returns: (3,).
     """
     place = np.asarray(position, dtype=np.float64)[-3:]
     return place if units is None else place * unit_ratio(tuple(units)[-3:], layer.units)
@@ -203,14 +137,7 @@ def in_units_of(layer: Layer, position: Sequence[float], units: Sequence[Any] | 
 def same_kind_of_unit(a: Layer, b: Layer) -> bool:
     """Whether two layers are both in lengths or both in pixels, so that they lie in one world.
 
-    Parameters
-    ----------
-    a, b : Layer
-        Of three dimensions.
-
-    Returns
-    -------
-    bool
+    `a`, `b`: of three dimensions.
     """
     return all(x.is_compatible_with(y) for x, y in zip(a.units, b.units, strict=True))
 

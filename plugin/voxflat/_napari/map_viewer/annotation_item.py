@@ -32,12 +32,7 @@ class AnnotationItem(QGraphicsItem):
     def show_annotations(self, found: OnMap | None, around: QRectF) -> None:
         """Show what is drawn.
 
-        Parameters
-        ----------
-        found : OnMap or None
-            None for nothing.
-        around : QRectF
-            Where all of it lies, in the scene.
+        `found`: none for nothing. `around`: where all of it lies, in the scene.
         """
         self.prepareGeometryChange()
         self._around = around

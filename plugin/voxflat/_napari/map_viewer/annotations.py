@@ -53,23 +53,8 @@ class Annotation:
     def of(cls, layer: Points | Shapes, world: str, point: Sequence[float]) -> Annotation:
         """Take what a layer shows.
 
-        Parameters
-        ----------
-        layer : Points or Shapes
-            Of three dimensions or more, the last three of which are space.
-        world : str
-            One of `WORLDS`.
-        point : sequence of float
-            Where the viewer is, in its world.
-
-        Returns
-        -------
-        Annotation
-
-        Raises
-        ------
-        InputError
-            If its axes are no lengths.
+        `layer`: of three dimensions or more, the last three of which are space. `world`: one of `WORLDS`. `point`,
+        sequence of float: where the viewer is, in its world. Raises InputError if its axes are no lengths.
         """
         leading = layer.ndim - 3
         affine = LayerPlace.of(layer, world, leading).affine
@@ -87,14 +72,7 @@ class Annotation:
     def is_same(self, other: Annotation) -> bool:
         """Say whether another one would be shown alike.
 
-        Parameters
-        ----------
-        other : Annotation
-            The other one.
-
-        Returns
-        -------
-        bool
+        `other`: the other one.
         """
         own, others = self._arrays, other._arrays
         return len(own) == len(others) and all(np.array_equal(a, b) for a, b in zip(own, others, strict=True))
@@ -132,18 +110,8 @@ class OnMap:
 def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
     """Carry annotations to the nearest places of a map's surface; called by a thread.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        The map.
-    annotations : sequence of Annotation
-        What is drawn.
-
-    Returns
-    -------
-    OnMap
-        Without what lies farther than `FAR` from the surface. Lines follow the surface between their corners, and are
-        broken where the map is cut.
+    `annotations`, sequence of Annotation: what is drawn. Returns: without what lies farther than `FAR` from the
+    surface. Lines follow the surface between their corners, and are broken where the map is cut.
     """
     points = np.concatenate([np.empty((0, 3)), *(one.points for one in annotations)])
     colours = np.concatenate([np.empty((0, 4), dtype=np.uint8), *(one.colours for one in annotations)])
@@ -169,17 +137,8 @@ def on_map(sheet: Sheet, annotations: Sequence[Annotation]) -> OnMap:
 def split(places: NDArray[np.float64], spacing: float) -> list[NDArray[np.float64]]:
     """Break a line of the map where it is unknown, and where it jumps over a cut.
 
-    Parameters
-    ----------
-    places : ndarray, shape (k, 2)
-        mm; NaN where there is none.
-    spacing : float
-        How far apart the surface's points are, mm.
-
-    Returns
-    -------
-    list of ndarray, shape (m, 2)
-        Lines of two places or more.
+    `places` (k, 2): mm; NaN where there is none. `spacing`: how far apart the surface's points are, mm. Returns: list
+    of ndarray, shape (m, 2), lines of two places or more.
     """
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     usual = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
@@ -273,20 +232,8 @@ class VolumeAnnotations(QObject):
     def taken(self, world: str) -> list[Annotation]:
         """Take what is drawn now.
 
-        Parameters
-        ----------
-        world : str
-            One of `WORLDS`.
-
-        Returns
-        -------
-        list of Annotation
-            One a layer that can be seen.
-
-        Raises
-        ------
-        InputError
-            If the axes of a layer are no lengths.
+        `world`: one of `WORLDS`. Returns: one a layer that can be seen. Raises InputError if the axes of a layer are no
+        lengths.
         """
         point = self._viewer.dims.point
         return [Annotation.of(layer, world, point) for layer in self.layers if layer.visible]

@@ -108,12 +108,7 @@ class MapCanvas(QGraphicsView):
     def show_map(self, folds: Picture, rim: list[NDArray[np.float64]]) -> None:
         """Show another map, as large as it can be.
 
-        Parameters
-        ----------
-        folds : Picture
-            What lies under all else.
-        rim : list of ndarray, shape (k, 2)
-            Its outline, mm.
+        `folds`: what lies under all else. `rim`, list of ndarray, shape (k, 2): its outline, mm.
         """
         self._put(self.folds, folds)
         self.show_picture(None)
@@ -134,10 +129,7 @@ class MapCanvas(QGraphicsView):
     def show_picture(self, picture: Picture | None) -> None:
         """Show a picture over the folds.
 
-        Parameters
-        ----------
-        picture : Picture or None
-            None for the folds alone.
+        `picture`: none for the folds alone.
         """
         self.picture.setVisible(picture is not None)
         if picture is not None:
@@ -146,12 +138,7 @@ class MapCanvas(QGraphicsView):
     def show_lines(self, lines: list[NDArray[np.float64]], dots: Sequence[tuple[float, float]] = ()) -> None:
         """Show what was drawn.
 
-        Parameters
-        ----------
-        lines : list of ndarray, shape (k, 2)
-            mm.
-        dots : sequence of (u, v)
-            Places, mm.
+        `lines`, list of ndarray, shape (k, 2): mm. `dots`, sequence of (u, v): places, mm.
         """
         path, radius = _path(lines), 3 / self.scale_factor
         for u, v in dots:
@@ -162,20 +149,14 @@ class MapCanvas(QGraphicsView):
     def show_annotations(self, found: OnMap | None) -> None:
         """Show what is drawn in the volume.
 
-        Parameters
-        ----------
-        found : OnMap or None
-            None for nothing.
+        `found`: none for nothing.
         """
         self.annotations.show_annotations(found, self._map_rect())
 
     def place_ring(self, place: tuple[float, float] | None) -> None:
         """Mark a place.
 
-        Parameters
-        ----------
-        place : (u, v) in mm, or None
-            None for no place.
+        `place` (u, v) in mm, or None: none for no place.
         """
         self.ring.setVisible(place is not None)
         if place is not None:
@@ -193,10 +174,7 @@ class MapCanvas(QGraphicsView):
     def centre(self, place: tuple[float, float]) -> None:
         """Move the map until a place is in the middle.
 
-        Parameters
-        ----------
-        place : (u, v)
-            mm.
+        `place` (u, v): mm.
         """
         self._is_fitted = False
         self.centerOn(place[0], -place[1])
@@ -209,14 +187,7 @@ class MapCanvas(QGraphicsView):
     def position(self, u: float, v: float) -> Any:
         """Return where a place is on the viewport, pixels.
 
-        Parameters
-        ----------
-        u, v : float
-            mm.
-
-        Returns
-        -------
-        QPoint
+        `u`, `v`: mm.
         """
         return self.mapFromScene(QPointF(u, -v))
 

@@ -31,17 +31,8 @@ FOLDS = "Folds only"
 def suits(layer: Layer, run: Run) -> bool:
     """Say whether a layer lies on a run's surface.
 
-    Parameters
-    ----------
-    layer : Layer
-        A layer of the viewer.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    bool
-        A volume may lie elsewhere in space; then its picture is empty.
+    `layer`: a layer of the viewer. `run`: the run. Returns: a volume may lie elsewhere in space; then its picture is
+    empty.
     """
     if "voxflat" in layer.metadata:
         return False
@@ -54,14 +45,7 @@ def suits(layer: Layer, run: Run) -> bool:
 def drawing(shown: Shown) -> Callable[[Sheet], Picture]:
     """Return what draws a layer on a sheet, in any thread.
 
-    Parameters
-    ----------
-    shown : Sampled or Overlay
-        The layer's values, and how they look.
-
-    Returns
-    -------
-    callable
+    `shown`: the layer's values, and how they look.
     """
 
     def draw(sheet: Sheet) -> Picture:
@@ -134,20 +118,14 @@ class ContentChoice(QComboBox):
     def choose(self, content: Content) -> None:
         """Choose something.
 
-        Parameters
-        ----------
-        content : Measure, Layer or None
-            One of those that are offered.
+        `content`: one of those that are offered.
         """
         self.setCurrentIndex(self._offered.index(content))
 
     def step(self, steps: int) -> None:
         """Choose what stands so many places farther down; after the last comes the first.
 
-        Parameters
-        ----------
-        steps : int
-            How many.
+        `steps`: how many.
         """
         if self._offered:
             self.setCurrentIndex((self.currentIndex() + steps) % len(self._offered))
@@ -155,10 +133,7 @@ class ContentChoice(QComboBox):
     def show_run(self, run: Run | None) -> None:
         """Offer what a run's map may show, and choose what it was made to show, or the first measure.
 
-        Parameters
-        ----------
-        run : Run or None
-            The run.
+        `run`: the run.
         """
         self._run = run
         own = [] if run is None else measures(run.flat_map)

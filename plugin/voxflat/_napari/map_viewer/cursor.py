@@ -19,12 +19,7 @@ _COLOUR, _HALO = QColor("#ffd23f"), QColor(0, 0, 0, 190)
 def paint_ring(painter: QPainter, centre: QPointF) -> None:
     """Paint the ring: seen on light and dark.
 
-    Parameters
-    ----------
-    painter : QPainter
-        Paints in pixels.
-    centre : QPointF
-        Its middle.
+    `painter`: paints in pixels. `centre`: its middle.
     """
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     for colour, width in ((_HALO, 4.0), (_COLOUR, 2.0)):
@@ -78,12 +73,7 @@ class RingWidget(QWidget):
     def show_at(self, x: float, y: float, *, near: bool) -> None:
         """Mark a place of the canvas.
 
-        Parameters
-        ----------
-        x, y : float
-            Pixels.
-        near : bool
-            Whether the place lies in what is seen; in a slice far from it the ring is faint.
+        `x`, `y`: pixels. `near`: whether the place lies in what is seen; in a slice far from it the ring is faint.
         """
         self._has_moved = True
         self.is_near = near

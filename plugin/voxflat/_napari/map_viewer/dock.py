@@ -62,17 +62,7 @@ _HINT = "Point at the map or in the volume to see the place in both; click to go
 
 
 def open_flat_map(viewer: Viewer) -> FlatMapDock:
-    """Open the dock *Flat map*, unless it is open, beside those that are there.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-
-    Returns
-    -------
-    FlatMapDock
-    """
+    """Open the dock *Flat map*, unless it is open, beside those that are there."""
     dock, widget = viewer.window.add_plugin_dock_widget("voxflat", "Flat map", tabify=True)
     window = dock.window()
     if hasattr(window, "resizeDocks"):

@@ -48,16 +48,7 @@ class Drawn:
 def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
     """Carry points to the surface.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        The map.
-    places : sequence of (u, v)
-        On the map, mm.
-
-    Returns
-    -------
-    Drawn
+    `places`, sequence of (u, v): on the map, mm.
     """
     spots = [spot for spot in (sheet.spot(*place) for place in places) if spot is not None]
     keywords = {
@@ -73,21 +64,8 @@ def points(sheet: Sheet, places: Sequence[Place]) -> Drawn:
 def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
     """Carry regions to the voxels, or to the vertices, of what was flattened.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        A map; a page has no regions.
-    polygons : sequence of sequence of (u, v)
-        Their corners, mm.
-
-    Returns
-    -------
-    Drawn
-
-    Raises
-    ------
-    InputError
-        If no voxel lies in one, or the map is an atlas's page.
+    `sheet`: a map; a page has no regions. `polygons`, sequence of sequence of (u, v): their corners, mm. Raises
+    InputError if no voxel lies in one, or the map is an atlas's page.
     """
     flat_map = _map(sheet)
     drawn = flat_map.regions({f"region {n}": np.array(corners) for n, corners in enumerate(polygons, 1)})
@@ -112,21 +90,7 @@ def regions(sheet: Sheet, polygons: Sequence[Sequence[Place]]) -> Drawn:
 def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
     """Find the shortest way between two places over the surface that is on the map; of a mesh across cuts, too.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        A map.
-    a, b : (u, v)
-        mm.
-
-    Returns
-    -------
-    Drawn
-
-    Raises
-    ------
-    InputError
-        If a place lies beside the map, or no way leads there.
+    `a`, `b` (u, v): mm. Raises InputError if a place lies beside the map, or no way leads there.
     """
     flat_map = _map(sheet)
     ends = [sheet.place_row(*end) for end in (a, b)]
@@ -152,19 +116,7 @@ def way(sheet: Sheet, a: Place, b: Place) -> Drawn:
 
 
 def put(viewer: Viewer, data: LayerData) -> Layer:
-    """Put a layer into the viewer, in the place of the last one of its name; points come to those that are there.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    data : LayerData
-        The layer.
-
-    Returns
-    -------
-    Layer
-    """
+    """Put a layer into the viewer, in the place of the last one of its name; points come to those that are there."""
     values, keywords, kind = data
     features = keywords.get("features", {})
     earlier = next((one for one in viewer.layers if one.name == keywords["name"]), None)

@@ -37,10 +37,7 @@ class Latest(QObject):
     def ask(self, work: Callable[[], Any]) -> None:
         """Do something, once what is under way has ended, whose result nobody is told any more.
 
-        Parameters
-        ----------
-        work : callable
-            What to do; it touches no widget and no layer.
+        `work`: what to do; it touches no widget and no layer.
         """
         if self._worker is not None:
             self._next = work

@@ -83,15 +83,8 @@ class ViewerLink(QObject):
     def to_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where a point lies in the viewer's world.
 
-        Parameters
-        ----------
-        point : ndarray, shape (3,)
-            RAS+ mm.
-
-        Returns
-        -------
-        ndarray
-            As many numbers as the world has axes: before the last three those that are shown.
+        `point` (3,): RAS+ mm. Returns: as many numbers as the world has axes: before the last three those that are
+        shown.
         """
         assert self.sheet is not None
         world = np.asarray(self._viewer.dims.point, dtype=np.float64)
@@ -135,10 +128,7 @@ class ViewerLink(QObject):
     def mark(self, point: NDArray[np.float64] | None) -> None:
         """Put the ring at a place.
 
-        Parameters
-        ----------
-        point : ndarray, shape (3,), or None
-            RAS+ mm; None for nowhere.
+        `point` (3,), or None: RAS+ mm; None for nowhere.
         """
         self._marked = point
         self._draw()
@@ -146,10 +136,7 @@ class ViewerLink(QObject):
     def centre(self, point: NDArray[np.float64]) -> None:
         """Turn the viewer to a place: its slices go there, and it comes to the middle.
 
-        Parameters
-        ----------
-        point : ndarray, shape (3,)
-            RAS+ mm.
+        `point` (3,): RAS+ mm.
         """
         if not self._is_linked:
             return

@@ -42,15 +42,7 @@ class Measure:
 def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
     """Return the measures that a map or an atlas has.
 
-    Parameters
-    ----------
-    flat_map : FlatMap or Atlas
-        The map, or the atlas.
-
-    Returns
-    -------
-    list of Measure
-        The first says most.
+    `flat_map`: the map, or the atlas. Returns: the first says most.
     """
     if not isinstance(flat_map, FlatMap):
         return [
@@ -69,14 +61,7 @@ def measures(flat_map: FlatMap | Atlas) -> list[Measure]:
 def colours(name: str) -> NDArray[np.uint8]:
     """Return a colour map of matplotlib as 256 colours.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-
-    Returns
-    -------
-    ndarray of uint8, shape (256, 4)
+    Returns: uint8 (256, 4).
     """
     from matplotlib import colormaps
 

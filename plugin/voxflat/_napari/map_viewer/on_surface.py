@@ -39,12 +39,7 @@ class PaintedSurface(SwitchedLayer[Surface]):
     def show(self, sheet: Sheet, colours: NDArray[np.uint8]) -> None:
         """Paint the surface of a map.
 
-        Parameters
-        ----------
-        sheet : Sheet
-            The map.
-        colours : ndarray of uint8, shape (N, 4)
-            One a point of it.
+        `colours` uint8 (N, 4): one a point of it.
         """
         if self.there is not None:
             self.take_up(sheet)
@@ -59,13 +54,7 @@ class PaintedSurface(SwitchedLayer[Surface]):
         self._insert(Surface(data, vertex_colors=colours / 255, shading="smooth", **described))
 
     def take_up(self, sheet: Sheet) -> None:
-        """Become the surface of another map, hidden, if it is there.
-
-        Parameters
-        ----------
-        sheet : Sheet
-            The map.
-        """
+        """Become the surface of another map, hidden, if it is there."""
         layer = self.there
         if layer is None or self._sheet is sheet:
             return

@@ -38,15 +38,7 @@ def width(sheet: Sheet) -> float:
 def edges(sheet: Sheet) -> tuple[Segments, Segments]:
     """Return the border of the part that is on a map, and the cuts, which are there from both sides.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        The map.
-
-    Returns
-    -------
-    border, cuts : ndarray, shape (S, 2, 3)
-        RAS+ mm. Of the page of an atlas its seams are cuts.
+    Returns: `border, cuts`, (S, 2, 3), RAS+ mm. Of the page of an atlas its seams are cuts.
     """
     pairs = np.concatenate(
         [np.empty((0, 2), np.int64), *(np.column_stack([line[:-1], line[1:]]) for line in sheet.rim)]
@@ -61,16 +53,7 @@ def edges(sheet: Sheet) -> tuple[Segments, Segments]:
 def lifted(sheet: Sheet, segments: Segments) -> Segments:
     """Return segments a little outside of a surface on which they lie, so that it does not hide them.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        The map.
-    segments : ndarray, shape (S, 2, 3)
-        Between its points, mm.
-
-    Returns
-    -------
-    ndarray, shape (S, 2, 3)
+    `segments` (S, 2, 3): between its points, mm. Returns: (S, 2, 3).
     """
     rows = scipy.spatial.cKDTree(sheet.points).query(segments.reshape(-1, 3))[1]
     outwards = np.nan_to_num(sheet.planar._triangles.on_surface.normals[rows])  # a thin sheet has no outside
@@ -80,21 +63,8 @@ def lifted(sheet: Sheet, segments: Segments) -> Segments:
 def in_slice(sheet: Sheet, cuts: Segments, axis: int, level: float) -> tuple[Segments, Segments]:
     """Return where the surface of a map meets a plane, and marks across it where the plane meets cuts.
 
-    Parameters
-    ----------
-    sheet : Sheet
-        The map.
-    cuts : ndarray, shape (S, 2, 3)
-        Of `edges`.
-    axis : int
-        Across which of R, A, S the plane lies.
-    level : float
-        Where, mm.
-
-    Returns
-    -------
-    surface, marks : ndarray, shape (S, 2, 3)
-        RAS+ mm, in the plane.
+    `cuts` (S, 2, 3): of `edges`. `axis`: across which of R, A, S the plane lies. `level`: where, mm. Returns: `surface,
+    marks`, (S, 2, 3), RAS+ mm, in the plane.
     """
     of, points = sheet.planar._triangles, sheet.points
     height = points[:, axis] - level
@@ -184,13 +154,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
         return self._finder.is_busy or self.is_coming
 
     def show(self, sheet: Sheet) -> None:
-        """Show where the part lies that is on a map.
-
-        Parameters
-        ----------
-        sheet : Sheet
-            The map.
-        """
+        """Show where the part lies that is on a map."""
         self.take_up(sheet)
         if self.there is None:
             self.layer = None
@@ -198,13 +162,7 @@ class PatchOutline(SwitchedLayer[Vectors]):
         self._on_view()
 
     def take_up(self, sheet: Sheet) -> None:
-        """Become the outline of another map, seen or not.
-
-        Parameters
-        ----------
-        sheet : Sheet
-            The map.
-        """
+        """Become the outline of another map, seen or not."""
         if sheet is self._sheet:
             return
         self._sheet, self._known = sheet, None

@@ -31,14 +31,7 @@ class ColourScale:
     def paint(self, data: NDArray[np.floating]) -> NDArray[np.uint8]:
         """Return values as colours.
 
-        Parameters
-        ----------
-        data : ndarray, shape (H, W)
-            Values, NaN where there is none.
-
-        Returns
-        -------
-        ndarray of uint8, shape (H, W, 4)
+        `data` (H, W): values, NaN where there is none. Returns: uint8 (H, W, 4).
         """
         low, high = self.limits
         known = np.isfinite(data)
@@ -76,30 +69,14 @@ class Picture:
     def of(cls, image: FlatImage, scale: ColourScale) -> Picture:
         """Paint an image of values.
 
-        Parameters
-        ----------
-        image : FlatImage
-            The values.
-        scale : ColourScale
-            Their colours.
-
-        Returns
-        -------
-        Picture
+        `image`: the values. `scale`: their colours.
         """
         return cls(scale.paint(image.data), image.origin, image.pixel_size, image.data.astype(np.float32), scale)
 
     def value(self, u: float, v: float) -> float | None:
         """Return the value at a place, None where there is none.
 
-        Parameters
-        ----------
-        u, v : float
-            mm.
-
-        Returns
-        -------
-        float or None
+        `u`, `v`: mm.
         """
         if self.data is None:
             return None

@@ -85,14 +85,7 @@ class Sheet:
     def of(cls, run: Run) -> Sheet:
         """Prepare a run.
 
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        Sheet
+        `run`: the run.
         """
         from voxflat.figures.flat_maps import folds
         from voxflat.figures.marks import directions, side
@@ -144,15 +137,7 @@ class Sheet:
     def spot(self, u: float, v: float) -> Spot | None:
         """Look up a place of the map on the surface.
 
-        Parameters
-        ----------
-        u, v : float
-            mm.
-
-        Returns
-        -------
-        Spot or None
-            None beside the map.
+        `u`, `v`: mm. Returns: none beside the map.
         """
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
@@ -167,14 +152,7 @@ class Sheet:
     def place_row(self, u: float, v: float) -> int | None:
         """Return which of the map's points is nearest to a place; None beside the map.
 
-        Parameters
-        ----------
-        u, v : float
-            mm.
-
-        Returns
-        -------
-        int or None
+        `u`, `v`: mm.
         """
         found = self.planar.look_up((u, v))
         face = int(found.face_ids)
@@ -190,15 +168,8 @@ class Sheet:
     def place(self, point: NDArray[Any]) -> tuple[float, float] | None:
         """Look up a point in space on the map.
 
-        Parameters
-        ----------
-        point : ndarray, shape (3,)
-            RAS+ mm in scanner space.
-
-        Returns
-        -------
-        (u, v) in mm, or None
-            None farther from the surface than cortex is thick.
+        `point` (3,): RAS+ mm in scanner space. Returns: (u, v) in mm, or None, none farther from the surface than
+        cortex is thick.
         """
         u, v = self.places(np.asarray(point)).tolist()
         return None if np.isnan(u) else (u, v)
@@ -206,29 +177,15 @@ class Sheet:
     def places(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """Look up points in space on the map.
 
-        Parameters
-        ----------
-        points : ndarray, shape (..., 3)
-            RAS+ mm in scanner space.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (u, v) of the nearest place of the surface, mm; NaN farther from it than `FAR`.
+        `points` (..., 3): RAS+ mm in scanner space. Returns: (..., 2), (u, v) of the nearest place of the surface, mm;
+        NaN farther from it than `FAR`.
         """
         return self.planar.points_to_map(self.planar._triangles.on_surface.space.from_scanner(points), FAR)[0]
 
     def met(self, start: NDArray[Any], along: NDArray[Any]) -> NDArray[np.float64] | None:
         """Find where a ray meets the surface first.
 
-        Parameters
-        ----------
-        start, along : ndarray, shape (3,)
-            A place on the ray and its direction, RAS+ mm.
-
-        Returns
-        -------
-        ndarray, shape (3,), or None
+        `start`, `along` (3,): a place on the ray and its direction, RAS+ mm. Returns: (3,), or None.
         """
         along = np.asarray(along, dtype=np.float64) / np.linalg.norm(along)
         beside = np.zeros(len(self.points))  # its square; axis by axis, which is faster than products of matrices
@@ -277,16 +234,7 @@ class Sheet:
     def colours(self, picture: Picture | None, opacity: float) -> NDArray[np.uint8]:
         """Return the colour of each of the map's points, as it is shown.
 
-        Parameters
-        ----------
-        picture : Picture or None
-            What lies over the folds.
-        opacity : float
-            Of it.
-
-        Returns
-        -------
-        ndarray of uint8, shape (N, 4)
+        `picture`: what lies over the folds. `opacity`: of it. Returns: uint8 (N, 4).
         """
         rows, columns = self._pixels
         under = self.folds.pixels[rows, columns].astype(np.float64)

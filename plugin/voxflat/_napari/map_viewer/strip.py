@@ -47,12 +47,7 @@ class Strip(QWidget):
     def show_marks(self, directions: list[Direction], side: str | None) -> None:
         """Show how a map lies.
 
-        Parameters
-        ----------
-        directions : list of Direction
-            Of the body.
-        side : {"L", "R", None}
-            The hemisphere.
+        `directions`: of the body. `side`, {"L", "R", None}: the hemisphere.
         """
         self._directions, self._side = directions, side
         self.update()
@@ -60,10 +55,7 @@ class Strip(QWidget):
     def show_length(self, pixels: float) -> None:
         """Show how large the map is.
 
-        Parameters
-        ----------
-        pixels : float
-            On the screen, a mm.
+        `pixels`: on the screen, a mm.
         """
         self._pixels = pixels
         self.update()
@@ -71,10 +63,7 @@ class Strip(QWidget):
     def show_colours(self, scale: ColourScale | None) -> None:
         """Show what the colours mean.
 
-        Parameters
-        ----------
-        scale : ColourScale or None
-            None where no bar can tell.
+        `scale`: none where no bar can tell.
         """
         self.scale = scale
         self.update()
@@ -82,10 +71,7 @@ class Strip(QWidget):
     def set_ink(self, colour: QColor) -> None:
         """Paint in another colour.
 
-        Parameters
-        ----------
-        colour : QColor
-            The theme's colour of text.
+        `colour`: the theme's colour of text.
         """
         self._ink = colour
         self.update()

@@ -27,14 +27,7 @@ def camera(viewer: Viewer) -> Any:
 def look_from_side(viewer: Viewer, *, right: bool, world: str = "RAS") -> None:
     """Turn what is seen in 3D to show all of a hemisphere as atlases do: upright, and from its own side.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    right : bool
-        Whether it is seen from the right.
-    world : str, optional
-        What the viewer's axes mean.
+    `right`: whether it is seen from the right. `world`: what the viewer's axes mean.
     """
     inwards, up = from_ras(np.array([[-1.0 if right else 1.0, 0, 0], [0, 0, 1]]), world).tolist()
     _in_their_order(viewer)
@@ -53,10 +46,7 @@ def show_sagittal(viewer: Viewer) -> None:
 
     It holds for slices, and until the viewer is empty, since napari then forgets the order of axes.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer, which shows three axes.
+    `viewer`: the viewer, which shows three axes.
     """
     slices = (0, 2, 1), ("up", "right")
 
@@ -86,16 +76,8 @@ def show_sagittal(viewer: Viewer) -> None:
 def fill(viewer: Viewer, places: NDArray[np.float64], size: tuple[int, int], world: str = "RAS") -> None:
     """Zoom until what is seen in 3D from the side fills the canvas.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer, after `look_from_side`.
-    places : ndarray, shape (N, 3)
-        What is to be seen, in the world's units.
-    size : tuple of 2 ints
-        Width and height of the canvas, pixels.
-    world : str, optional
-        What the viewer's axes mean.
+    `viewer`: the viewer, after `look_from_side`. `places` (N, 3): what is to be seen, in the world's units. `size`:
+    width and height of the canvas, pixels. `world`: what the viewer's axes mean.
     """
     across, up = np.ptp(places @ from_ras(np.array([[0.0, 1, 0], [0, 0, 1]]), world).T, axis=0)
     if across > 0 and up > 0:
@@ -111,15 +93,7 @@ def in_grid(viewer: Viewer) -> bool:
 def canvas_widget(inside: QWidget) -> QWidget | None:
     """Return the widget on which the viewer draws.
 
-    Parameters
-    ----------
-    inside : QWidget
-        Any widget of the viewer's window.
-
-    Returns
-    -------
-    QWidget or None
-        None while the widget is in no window.
+    `inside`: any widget of the viewer's window. Returns: none while the widget is in no window.
     """
     middle = getattr(inside.window(), "centralWidget", lambda: None)()
     children = [] if middle is None else middle.findChildren(QWidget)
@@ -129,19 +103,8 @@ def canvas_widget(inside: QWidget) -> QWidget | None:
 def projected(viewer: Viewer, place: NDArray[np.float64], size: tuple[int, int]) -> tuple[float, float] | None:
     """Return where a place of the world is seen on the canvas.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    place : ndarray
-        In the world.
-    size : tuple of 2 ints
-        Width and height of the canvas, pixels.
-
-    Returns
-    -------
-    (x, y) in pixels of the canvas, or None
-        None behind who looks.
+    `place`: in the world. `size`: width and height of the canvas, pixels. Returns: (x, y) in pixels of the canvas, or
+    None, none behind who looks.
     """
     of = camera(viewer)
     shown = np.asarray(place)[list(viewer.dims.displayed)]
@@ -170,14 +133,7 @@ def _is_right_handed(of: Any) -> bool:
 def mm_per_unit(viewer: Viewer) -> NDArray[np.float64]:
     """Return what the units of the world's last three axes are in mm; pixels are taken as mm.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-
-    Returns
-    -------
-    ndarray, shape (3,)
+    Returns: (3,).
     """
     units = viewer.layers.units
     return np.ones(3) if units is None else unit_ratio([*units][-3:], ["mm"] * 3)

@@ -33,10 +33,7 @@ class CopyAsPython(QPushButton):
     def show_run(self, run: Run) -> None:
         """Offer the script of a run, if it has one: what was opened from a file has none.
 
-        Parameters
-        ----------
-        run : Run
-            The run.
+        `run`: the run.
         """
         self._run = run
         self.setVisible(run.script is not None)

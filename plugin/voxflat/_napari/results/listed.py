@@ -60,10 +60,7 @@ class ListedLayers:
     def show(self, result: FlatLayers) -> None:
         """List the layers of a run.
 
-        Parameters
-        ----------
-        result : FlatLayers
-            Its layers.
+        `result`: its layers.
         """
         put_off_collections()
         earlier = self.layers
@@ -78,10 +75,7 @@ class ListedLayers:
     def take(self, layer: Layer) -> None:
         """Count a layer that is in the list already, as of a file that was opened, among these.
 
-        Parameters
-        ----------
-        layer : Layer
-            One of the run's.
+        `layer`: one of the run's.
         """
         self._layers.append(layer)
 
@@ -92,12 +86,7 @@ class ListedLayers:
         QTimer.singleShot(0, self._go_on)
 
     def hand_over(self) -> list[Layer]:
-        """Give all layers to another run's, and leave them alone.
-
-        Returns
-        -------
-        list of Layer
-        """
+        """Give all layers to another run's, and leave them alone."""
         self._stop()
         return self.layers
 
@@ -146,12 +135,7 @@ def _controls(viewer: Viewer) -> Any:
 def make_controls(viewer: Viewer, layer: Layer) -> None:
     """Make the controls of a layer that is about to come: half of the time that napari takes for it.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    layer : Layer
-        The layer, which `insert` puts into the list in a later turn of the event loop.
+    `layer`: the layer, which `insert` puts into the list in a later turn of the event loop.
     """
     controls = _controls(viewer)
     if controls is not None:
@@ -161,12 +145,7 @@ def make_controls(viewer: Viewer, layer: Layer) -> None:
 def make_room(viewer: Viewer, layer: Layer) -> None:
     """Let the sliders reach as far as they will with a layer that is about to come: what is shown is sliced anew.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    layer : Layer
-        The layer, which `insert` puts into the list in a later turn of the event loop.
+    `layer`: the layer, which `insert` puts into the list in a later turn of the event loop.
     """
     extent = viewer.layers.get_extent([*viewer.layers, layer])
     if len(extent.step) == viewer.dims.ndim:
@@ -174,15 +153,7 @@ def make_room(viewer: Viewer, layer: Layer) -> None:
 
 
 def drop_controls(viewer: Viewer, layer: Layer) -> None:
-    """Forget the controls of a layer that does not come, if they were made.
-
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    layer : Layer
-        The layer.
-    """
+    """Forget the controls of a layer that does not come, if they were made."""
     controls = _controls(viewer)
     if controls is not None and layer in controls.widgets:
         controls._remove(Event("removed", value=layer))
@@ -206,14 +177,7 @@ def insert(viewer: Viewer, layer: Layer, index: int | None = None) -> None:
 
     napari selects what is new, and makes controls for it, which takes as long as all the rest.
 
-    Parameters
-    ----------
-    viewer : Viewer
-        The viewer.
-    layer : Layer
-        The layer.
-    index : int, optional
-        Where; by default on top.
+    `index`: where; by default on top.
     """
     viewer = getattr(viewer, "__wrapped__", viewer)  # as above
     layers, before = viewer.layers, set(viewer.layers.selection)

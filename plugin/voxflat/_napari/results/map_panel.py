@@ -69,10 +69,7 @@ class MapPanel(QWidget):
     def show_run(self, run: Run) -> None:
         """Tell of a run.
 
-        Parameters
-        ----------
-        run : Run
-            The run.
+        `run`: the run.
         """
         self.flat_map = run.flat_map
         self.copy.show_run(run)

@@ -24,27 +24,9 @@ def map_layers(
 ) -> FlatLayers:
     """Draw a flat map.
 
-    Parameters
-    ----------
-    flat_map : FlatMap
-        The map.
-    name : str
-        Name of what was flattened.
-    shown : Sampled or Overlay, optional
-        What the map is to show.
-    values : Overlay, optional
-        A mesh's own values, which the map shows if it is to show nothing else.
-    pixel_size : float, optional
-        Side of a pixel, mm.
-
-    Returns
-    -------
-    FlatLayers
-
-    Raises
-    ------
-    InputError
-        If the pixel size or what is to be shown does not fit.
+    `name`: name of what was flattened. `shown`: what the map is to show. `values`: a mesh's own values, which the map
+    shows if it is to show nothing else. `pixel_size`: side of a pixel, mm. Raises InputError if the pixel size or what
+    is to be shown does not fit.
     """
     image = flat_map.heat_map(pixel_size)
     heat = {

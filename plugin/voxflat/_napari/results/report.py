@@ -19,14 +19,7 @@ Row: TypeAlias = tuple[str, str]
 def summary(flat_map: FlatMap | Atlas) -> str:
     """Return in a few words what came out.
 
-    Parameters
-    ----------
-    flat_map : FlatMap, FlatAtlas or GluedAtlas
-        The map, or the atlas.
-
-    Returns
-    -------
-    str
+    `flat_map`: the map, or the atlas.
     """
     if isinstance(flat_map, GluedAtlas):
         return flat_map.title
@@ -44,14 +37,7 @@ def table(flat_map: FlatMap | Atlas) -> str:
 def figures(flat_map: FlatMap | Atlas) -> list[Row]:
     """Return what tells how good a flat map or an atlas is.
 
-    Parameters
-    ----------
-    flat_map : FlatMap, FlatAtlas or GluedAtlas
-        The map, or the atlas.
-
-    Returns
-    -------
-    list of Row
+    `flat_map`: the map, or the atlas.
     """
     if isinstance(flat_map, GluedAtlas):
         return _of_glued(flat_map)
@@ -137,13 +123,6 @@ def _of_topology(flat_map: FlatMap) -> list[Row]:
 def warnings(flat_map: FlatMap | Atlas) -> list[str]:
     """Return what the user should know of a map or an atlas, as sentences.
 
-    Parameters
-    ----------
-    flat_map : FlatMap, FlatAtlas or GluedAtlas
-        The map, or the atlas.
-
-    Returns
-    -------
-    list of str
+    `flat_map`: the map, or the atlas.
     """
     return [f"{warning[:1].upper()}{warning[1:]}." for warning in flat_map.metadata["warnings"]]

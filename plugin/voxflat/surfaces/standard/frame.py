@@ -47,20 +47,8 @@ def in_standard_frame(uv: NDArray[np.float64], part: Manifold, faces: NDArray[An
     squares (Schönemann 1966); nothing is scaled, nothing mirrored. Their mean comes to lie where it is on the
     template's.
 
-    Parameters
-    ----------
-    uv : ndarray of float64, shape (N, 2)
-        The map, mm.
-    part : Manifold
-        What is flat.
-    faces : ndarray of int, shape (F, 3)
-        The map's triangles.
-    sphere : Sphere
-        That of the whole surface.
-
-    Returns
-    -------
-    Turned
+    `uv` float64 (N, 2): the map, mm. `part`: what is flat. `faces` int (F, 3): the map's triangles. `sphere`: that of
+    the whole surface.
     """
     anchors = standard_template(sphere.space, sphere.side).anchors
     assert anchors is not None

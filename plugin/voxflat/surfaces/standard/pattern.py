@@ -36,15 +36,8 @@ class Pattern(NamedTuple):
 def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return points on the unit sphere and triangles, counterclockwise from outside: an icosahedron's, divided.
 
-    Parameters
-    ----------
-    subdivisions : int
-        How often each triangle is divided into four.
-
-    Returns
-    -------
-    points : ndarray of float64, shape (10 · 4**subdivisions + 2, 3)
-    faces : ndarray of int64, shape (20 · 4**subdivisions, 3)
+    `subdivisions`: how often each triangle is divided into four. Returns: `points`, float64 (10 · 4**subdivisions + 2,
+    3); `faces`, int64 (20 · 4**subdivisions, 3).
     """
     golden = (1 + 5**0.5) / 2
     cycle = [np.roll([0.0, a, b * golden], k) for k in range(3) for a in (-1, 1) for b in (-1, 1)]
@@ -73,13 +66,7 @@ def icosphere(subdivisions: int = SUBDIVISIONS) -> tuple[NDArray[np.float64], ND
 def pattern(side: str) -> Pattern:
     """Return the template's pattern of a side, at the places of `icosphere`.
 
-    Parameters
-    ----------
-    side : {"left", "right"}
-
-    Returns
-    -------
-    Pattern
+    `side`: {"left", "right"}.
     """
     with files(__package__).joinpath("pattern.npz").open("rb") as file, np.load(file) as saved:
         stored: dict[str, NDArray[Any]] = {name: saved[f"{side}_{name}"] for name in Pattern._fields}

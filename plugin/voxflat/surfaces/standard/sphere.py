@@ -69,15 +69,7 @@ class Sphere:
 def sphere_beside(whole: Manifold) -> Path | None:
     """Find the registered sphere that FreeSurfer leaves beside a surface.
 
-    Parameters
-    ----------
-    whole : Manifold
-        Such as of ``surf/lh.white``.
-
-    Returns
-    -------
-    Path or None
-        ``surf/lh.sphere.reg``, if it is there.
+    `whole`: such as of ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
     """
     given = whole.metadata.get("input")
     return sphere_at(given) if given and not whole.is_voxels else None
@@ -86,15 +78,7 @@ def sphere_beside(whole: Manifold) -> Path | None:
 def sphere_at(path: str | os.PathLike[str]) -> Path | None:
     """Find the registered sphere that FreeSurfer leaves beside a surface's file.
 
-    Parameters
-    ----------
-    path : path
-        Such as ``surf/lh.white``.
-
-    Returns
-    -------
-    Path or None
-        ``surf/lh.sphere.reg``, if it is there.
+    `path`: such as ``surf/lh.white``. Returns: ``surf/lh.sphere.reg``, if it is there.
     """
     match = re.match(r"[lr]h(?=\.)", Path(path).name)
     beside = Path(path).with_name(f"{match[0]}.sphere.reg") if match else None
@@ -104,25 +88,12 @@ def sphere_at(path: str | os.PathLike[str]) -> Path | None:
 def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
     """Take what is given as the registered sphere of a surface.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The surface.
-    sphere : path, Mesh, (points, faces) or array_like of shape (V, 3)
-        One place for each vertex of the mesh, around the origin, of any radius. In fsaverage space, or in that of fs_LR
-        where the file's name says so (``fs_LR``, ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned
-        against each other by 40°, so that where the surface says clearly that it is the other one, that counts.
-
-    Returns
-    -------
-    sphere : Sphere
-    remarks : list of str
-        What the user should know of it.
-
-    Raises
-    ------
-    InputError
-        If it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not registered.
+    `sphere`, path, Mesh, (points, faces) or array_like of shape (V, 3): one place for each vertex of the mesh, around
+    the origin, of any radius. In fsaverage space, or in that of fs_LR where the file's name says so (``fs_LR``,
+    ``fsLR``, ``reg_LR``, ``MSMAll``, ``MSMSulc``). The two are turned against each other by 40°, so that where the
+    surface says clearly that it is the other one, that counts. Returns: `remarks`, what the user should know of it.
+    Raises InputError if it does not belong to the surface, or is no sphere, folded, of the other side, or clearly not
+    registered.
     """
     mesh = _as_points(sphere)
     name, points = (
@@ -159,14 +130,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
 def registered_sphere(found: Registration) -> Sphere:
     """Take a surface's registration as its sphere.
 
-    Parameters
-    ----------
-    found : Registration
-        Of the surface, or of its largest component; what belongs to no other lies in the centre.
-
-    Returns
-    -------
-    Sphere
+    `found`: of the surface, or of its largest component; what belongs to no other lies in the centre.
     """
     places = np.nan_to_num(found.sphere)
     distance = _distances(found.surface, places)["fsaverage", found.side]
@@ -225,23 +189,9 @@ def in_triangles(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
     """Find the spherical triangles that hold places on the unit sphere.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (N, 3)
-        Of vertices; unit vectors.
-    faces : ndarray of int, shape (F, 3)
-        Triangles of vertices.
-    wanted : ndarray of float64, shape (k, 3)
-        Unit vectors.
-
-    Returns
-    -------
-    corners : ndarray of int64, shape (k, 3)
-        Of the triangle that holds each, or comes nearest to holding it.
-    weights : ndarray of float64, shape (k, 3)
-        Its weights there, which sum to 1.
-    is_inside : ndarray of bool, shape (k,)
-        Whether one holds it.
+    `places` float64 (N, 3): of vertices; unit vectors. `faces` int (F, 3): triangles of vertices. `wanted` float64 (k,
+    3): unit vectors. Returns: `corners`, int64 (k, 3), of the triangle that holds each, or comes nearest to holding it;
+    `weights`, float64 (k, 3), its weights there, which sum to 1; `is_inside`, bool (k,), whether one holds it.
     """
     used = np.flatnonzero(np.bincount(faces.ravel(), minlength=len(places)))
     near = used[scipy.spatial.KDTree(places[used]).query(wanted, k=min(_NEAREST, len(used)))[1]].reshape(

@@ -140,16 +140,7 @@ def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
 def standard_template(space: str, side: str) -> Template:
     """Return the template that the package carries: medial wall, calcarine, three medial cuts and a temporal one.
 
-    Parameters
-    ----------
-    space : {"fsaverage", "fs_LR"}
-        The sphere's.
-    side : {"left", "right"}
-        The hemisphere's.
-
-    Returns
-    -------
-    Template
+    `space`, {"fsaverage", "fs_LR"}: the sphere's. `side`, {"left", "right"}: the hemisphere's.
     """
     path = Path(__file__).parent / f"{space}.{side}.json"
     return _parsed(path, from_json(path.read_text(encoding="utf-8")), STANDARD)
@@ -158,14 +149,7 @@ def standard_template(space: str, side: str) -> Template:
 def is_template(path: Path) -> bool:
     """Say whether a file is a template, and not a list of one surface's vertices.
 
-    Parameters
-    ----------
-    path : Path
-        A file of cuts.
-
-    Returns
-    -------
-    bool
+    `path`: a file of cuts.
     """
     try:
         content = from_json(contents(path)) if path.suffix.lower() == ".json" else None
@@ -177,19 +161,7 @@ def is_template(path: Path) -> bool:
 def read_template(path: str | os.PathLike[str]) -> Template:
     """Read a template from a file, as `CutSurface.save_template` writes it.
 
-    Parameters
-    ----------
-    path : path
-        JSON.
-
-    Returns
-    -------
-    Template
-
-    Raises
-    ------
-    InputError
-        If it is no template, or names what there is not.
+    `path`: JSON. Raises InputError if it is no template, or names what there is not.
     """
     path = checked_path(path)
     try:

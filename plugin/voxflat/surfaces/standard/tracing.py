@@ -58,23 +58,7 @@ class TracedCut:
 def kept_by(template: Template, whole: Manifold, sphere: Sphere) -> NDArray[np.bool_]:
     """Find the triangles that a template's outlines keep: on their left, in one piece with one border each.
 
-    Parameters
-    ----------
-    template : Template
-        The template.
-    whole : Manifold
-        The surface.
-    sphere : Sphere
-        Its sphere.
-
-    Returns
-    -------
-    ndarray of bool, shape (F,)
-
-    Raises
-    ------
-    InputError
-        If none is kept.
+    `template`: the template. `sphere`: its sphere. Returns: bool (F,). Raises InputError if none is kept.
     """
     faces = whole.faces
     kept = np.ones(len(faces), dtype=np.bool_)
@@ -153,27 +137,9 @@ def traced(
 ) -> tuple[list[TracedCut], list[str]]:
     """Find a template's cuts on a part of a surface.
 
-    Parameters
-    ----------
-    template : Template
-        The template.
-    part : Manifold
-        What is left of a surface, in one piece, not cut yet.
-    sphere : Sphere
-        That of the whole surface.
-    progress : callable, optional
-        As in `voxflat.flatten`.
-
-    Returns
-    -------
-    cuts : list of TracedCut
-    remarks : list of str
-        Which cuts lie elsewhere and are not made.
-
-    Raises
-    ------
-    InputError
-        If a cut finds no way near its line.
+    `template`: the template. `part`: what is left of a surface, in one piece, not cut yet. `sphere`: that of the whole
+    surface. `progress`: as in `voxflat.flatten`. Returns: `remarks`, which cuts lie elsewhere and are not made. Raises
+    InputError if a cut finds no way near its line.
     """
     places = sphere.places[part.vertices]
     topology = part.core.topology()
@@ -278,25 +244,9 @@ def template_of(
 ) -> Template:
     """Make a template of what was left out of a surface, and of its cuts.
 
-    Parameters
-    ----------
-    whole : Manifold
-        The whole surface.
-    faces : ndarray of bool, shape (F,)
-        Its triangles that were kept.
-    cuts : list of (str, ndarray of int64)
-        Names, and paths of neighbouring vertices of the whole mesh.
-    sphere : Sphere
-        The surface's.
-
-    Returns
-    -------
-    Template
-
-    Raises
-    ------
-    InputError
-        If a cut begins neither at a border nor at another cut, or is closed.
+    `whole`: the whole surface. `faces` bool (F,): its triangles that were kept. `cuts`, list of (str, ndarray of
+    int64): names, and paths of neighbouring vertices of the whole mesh. `sphere`: the surface's. Raises InputError if a
+    cut begins neither at a border nor at another cut, or is closed.
     """
     part = whole.with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
