@@ -419,7 +419,7 @@ def test_bad_outputs(name, flat_map, tmp_path, monkeypatch):
         flat_map.save(out)
     assert kind is voxflat.InputError or told.value.filename == str(out)
     # the command line must find out before the long work
-    monkeypatch.setattr("voxflat.cli.flatten.surface_of", lambda *_, **__: pytest.fail("flattened first"))
+    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", lambda *_, **__: pytest.fail("flattened first"))
     shown = fails(tmp_path, "flatten", tmp_path / "in.npy", "-o", out)
     assert re.search(message, shown)
     assert str(out) in shown

@@ -20,9 +20,8 @@ from cluster_work import no_package, tell, wait
 from lab_runs import FEW, everything, run
 
 import voxflat
-from voxflat import cluster
-from voxflat.cluster import connected
-from voxflat.distances import parts
+from voxflat.distances import cluster, parts
+from voxflat.distances.cluster import connected
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")

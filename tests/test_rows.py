@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxflat.rows import distinct, in_rows, numbered
+from voxflat.unique_rows import distinct, in_rows, numbered
 
 SHAPES = st.one_of(st.tuples(st.integers(0, 40), st.integers(1, 4)), st.tuples(st.integers(0, 40)))
 TYPES = st.sampled_from([np.int64, np.uint8, np.uint32, np.float64])

@@ -22,7 +22,8 @@ import numpy as np
 import pyvista
 from PIL import Image
 
-from voxflat.io import Mesh, read_mesh, read_volume, readers, vtk, write_mesh, write_volume
+from voxflat.io import Mesh, read_mesh, read_volume, readers, write_mesh, write_volume
+from voxflat.io.formats import vtk
 from voxflat.maps import pictures
 from voxflat.maps.pictures import as_picture
 

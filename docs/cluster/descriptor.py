@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 import voxflat
-from voxflat.cli.bids import command
+from voxflat.cli.commands.bids import command
 
 OWN = ("help",)
 FOLDERS = ("source", "out")

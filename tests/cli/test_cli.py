@@ -476,7 +476,7 @@ def test_what_nobody_foresaw_is_one_line(shared, tmp_path, monkeypatch):
     def flatten(*arguments, **options):
         raise ZeroDivisionError("first line\nsecond line")
 
-    monkeypatch.setattr("voxflat.cli.flatten.surface_of", flatten)
+    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
     arguments = ["flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz"]
     result = run(*arguments)
     assert result.exit_code == 1
@@ -490,7 +490,7 @@ def test_cancelled_is_one_line(shared, tmp_path, monkeypatch, raised):
     def flatten(*arguments, **options):
         raise raised
 
-    monkeypatch.setattr("voxflat.cli.flatten.surface_of", flatten)
+    monkeypatch.setattr("voxflat.cli.commands.flatten.surface_of", flatten)
     result = run("flatten", shared / "surface.nii.gz", "-o", tmp_path / "map.npz")
     assert (result.exit_code, result.stderr) == (130, "voxflat: cancelled\n")
 

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as npst
 from mesh_files import FLOAT32, FORMATS, fast, fsaverage5, grid, needs_workbench, nib, pv, refuses, same, sphere
 
 from voxflat.errors import InputError
-from voxflat.io import gifti as _gifti
+from voxflat.io.formats import gifti as _gifti
 from voxflat.io.meshes import Mesh, holds_mesh, read_mesh, write_mesh
 from voxflat.io.overlays import read_overlay, read_region
 
@@ -123,7 +123,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     for name in FORMATS:
         write_mesh(tmp_path / name, grid())
     monkeypatch.setattr(pv.PolyData, "from_regular_faces", lambda *_: 1 / 0)
-    monkeypatch.setattr("voxflat.io.freesurfer.as_float32", lambda *_: 1 / 0)
+    monkeypatch.setattr("voxflat.io.formats.freesurfer.as_float32", lambda *_: 1 / 0)
     monkeypatch.setattr(_gifti, "surface_bytes", lambda *_, **__: 1 / 0)
     monkeypatch.setattr(np, "savetxt", lambda *_: 1 / 0)
     monkeypatch.setattr(np, "empty", lambda *_: 1 / 0)

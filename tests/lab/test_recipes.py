@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from lab_runs import FEW
 
-from voxflat.cli.bids import command
+from voxflat.cli.commands.bids import command
 
 ROOT = Path(__file__).parents[2]
 CLUSTER = ROOT / "docs" / "cluster"

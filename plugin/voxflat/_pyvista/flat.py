@@ -18,7 +18,7 @@ from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.pictures import place
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface
-from voxflat.rows import in_rows
+from voxflat.unique_rows import in_rows
 
 
 def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -> pv.PolyData:

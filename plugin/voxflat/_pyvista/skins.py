@@ -14,7 +14,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from voxflat.arguments import log
 from voxflat.errors import InputError
-from voxflat.rows import numbered
+from voxflat.unique_rows import numbered
 
 _POINT, _CELL = "voxflat_point", "voxflat_cell"
 

@@ -16,7 +16,7 @@ from voxflat.atlases.atlas import Atlas, figures_of
 from voxflat.atlases.pieces import Piece
 from voxflat.distortion.triangles import isometric, quasi_conformal
 from voxflat.errors import InputError
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 __all__ = ["GluedAtlas", "GluedPiece", "Seams", "glue", "measured"]
 

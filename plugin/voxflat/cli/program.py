@@ -10,7 +10,7 @@ import click
 import cloup
 
 from voxflat._core import __version__
-from voxflat.cli import (
+from voxflat.cli.commands import (
     bids,
     check,
     cut,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.arguments import Progress, check_memory, log
-from voxflat.cluster import Cluster, Work, connected
+from voxflat.distances.cluster import Cluster, Work, connected
 from voxflat.distances.journal import append, complete, read_journal
 from voxflat.distances.rows import DistanceRows, damaged_rows, open_rows
 from voxflat.distances.sources import SourceChoice

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from matplotlib.figure import Figure
 
-from voxflat.io.svg import AXES, EXTENT
+from voxflat.io.formats.svg import AXES, EXTENT
 
 __all__ = ["LAYERS", "MAP", "name_layers"]
 

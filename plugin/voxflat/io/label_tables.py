@@ -14,10 +14,11 @@ import numpy as np
 
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
-from voxflat.io import formats, gifti
+from voxflat.io import formats
 from voxflat.io.channels import is_cifti, opened
 from voxflat.io.files import REMEDY, contents, naming
-from voxflat.io.freesurfer import annot_table
+from voxflat.io.formats import gifti
+from voxflat.io.formats.freesurfer import annot_table
 
 __all__ = ["LabelTable", "own_table", "read_table"]
 

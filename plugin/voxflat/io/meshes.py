@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import array_of, checked_kind, checked_path, numbers_of
 from voxflat.errors import InputError
-from voxflat.io import formats, freesurfer, gifti, obj, ply, stl, vtk
+from voxflat.io import formats
 from voxflat.io.files import REMEDY, atomic_path, by_ending, contents, naming
+from voxflat.io.formats import freesurfer, gifti, obj, ply, stl, vtk
 from voxflat.io.grid import FARTHEST
 from voxflat.io.provenance import Record
 from voxflat.io.spaces import UNKNOWN, Space, VolumeGeometry

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import checked_path, checked_text
 from voxflat.errors import InputError
-from voxflat.io import formats, freesurfer, gifti, patches, readers
+from voxflat.io import formats, patches, readers
 from voxflat.io.channels import Channels, are_points, is_cifti, opened, points_of_nibabel
 from voxflat.io.files import REMEDY, check_regular, contents, naming
+from voxflat.io.formats import freesurfer, gifti
 from voxflat.io.meshes import READERS, parsed
 from voxflat.io.reading import check_room
 from voxflat.io.volumes import VOLUME_ENDINGS

@@ -21,7 +21,7 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, check_size, contents, naming
 from voxflat.io.reading import check_room
 from voxflat.io.triangles import as_float32, check_faces
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 _ENTRY = np.dtype([("vertex", ">i4"), ("point", ">f4", 3)])
 _REMEDY = "is it complete, and of this format?"

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 from voxflat.arguments import array_of
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, naming
+from voxflat.io.formats.vtk import polydata_triangles
 from voxflat.io.grid import given_affine
 from voxflat.io.meshes import Mesh, is_mesh_name, read_mesh
 from voxflat.io.readers import as_array, from_itk, from_nibabel
 from voxflat.io.volumes import Volume, volume_of_file
-from voxflat.io.vtk import polydata_triangles
 
 __all__ = ["as_mesh", "as_volume", "taken"]
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from voxflat.arguments import checked_path
 from voxflat.errors import InputError
-from voxflat.io import formats, gifti
+from voxflat.io import formats
 from voxflat.io.files import REMEDY, contents, naming
+from voxflat.io.formats import gifti
 
 __all__ = ["named_structure", "refuse_other_side"]
 

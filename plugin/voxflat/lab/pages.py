@@ -26,7 +26,7 @@ from voxflat.figures.overlays import painted
 from voxflat.lab.results import MEASURES
 from voxflat.maps.colours import WINDOW, all_whole, label_colours
 from voxflat.maps.flat_map import FlatMap
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 __all__ = ["Laid", "Layer", "colour_bar", "filled", "layers_of", "pictures", "png", "scene", "thinned"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from voxflat._core import __version__
-from voxflat.cluster import connected
+from voxflat.distances.cluster import connected
 from voxflat.errors import Cancelled, InputError, told
 from voxflat.lab.freshness import is_page_of, page_key, request, state, write_json, write_text
 from voxflat.lab.inputs import HEMISPHERES, Parameters, Participant, found_in, participants

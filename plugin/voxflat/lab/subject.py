@@ -18,8 +18,8 @@ from voxflat.arguments import Progress, log
 from voxflat.errors import InputError
 from voxflat.io.channels import series_of
 from voxflat.io.files import REMEDY, atomic_path, contents, naming
-from voxflat.io.freesurfer import read_annot
-from voxflat.io.gifti import value_bytes
+from voxflat.io.formats.freesurfer import read_annot
+from voxflat.io.formats.gifti import value_bytes
 from voxflat.io.meshes import is_mesh_name
 from voxflat.io.overlays import read_overlay
 from voxflat.lab.freshness import request, write_json

@@ -14,13 +14,13 @@ from voxflat import _core
 from voxflat.arguments import array_of, log
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, SAVED_ENDINGS, contents, naming
+from voxflat.io.formats.obj import read_obj_texture
 from voxflat.io.meshes import Mesh
-from voxflat.io.obj import read_obj_texture
 from voxflat.io.patches import is_patch, read_patch
 from voxflat.io.sources import as_mesh
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.rows import distinct
 from voxflat.surfaces.manifold import Manifold
+from voxflat.unique_rows import distinct
 
 __all__ = ["Matched", "loaded", "match", "vertices_of"]
 

@@ -18,13 +18,13 @@ from voxflat import _core
 from voxflat.arguments import array_of, checked_number, checked_path, log, numbers_of, shown
 from voxflat.errors import InputError
 from voxflat.io.files import REMEDY, atomic_path, check_regular, contents, from_json, naming
-from voxflat.io.freesurfer import write_annot, write_label
-from voxflat.io.gifti import label_bytes
+from voxflat.io.formats.freesurfer import write_annot, write_label
+from voxflat.io.formats.gifti import label_bytes
+from voxflat.io.formats.svg import Outline, read_outlines
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.readers import read_array
 from voxflat.io.reading import check_room, note, reading
 from voxflat.io.sources import as_volume
-from voxflat.io.svg import Outline, read_outlines
 from voxflat.io.volumes import VOLUME_ENDINGS, Volume, write_volume
 from voxflat.maps.colours import all_whole, label_colour
 from voxflat.maps.depth import Depths
@@ -34,7 +34,7 @@ from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage, Raster
 from voxflat.maps.sampler import Sampler
 from voxflat.maps.sampling import majority
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 __all__ = ["REGION_ENDINGS", "Regions", "regions_of"]
 

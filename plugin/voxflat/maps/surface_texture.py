@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from voxflat.errors import InputError
 from voxflat.io import meshes
 from voxflat.io.files import REMEDY, beside, contents, naming
-from voxflat.io.obj import read_obj_texture
+from voxflat.io.formats.obj import read_obj_texture
 from voxflat.maps.pictures import as_picture, values_at
 from voxflat.maps.raster import Raster
 

@@ -29,10 +29,10 @@ from voxflat.io.provenance import Record, saving, telling
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.lines import rim
 from voxflat.maps.parcels import Parcels, parcels_of
-from voxflat.rows import distinct
 from voxflat.surfaces.cuts import close_holes
 from voxflat.surfaces.cutting import sketch_error
 from voxflat.surfaces.manifold import Manifold
+from voxflat.unique_rows import distinct
 
 __all__ = ["WORST_ENDINGS", "RelievingCut", "WorstPlace", "WorstPlaces", "worst_places"]
 

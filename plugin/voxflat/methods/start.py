@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress
 from voxflat.errors import InputError
 from voxflat.maps.matching import Matched
-from voxflat.rows import numbered
 from voxflat.surfaces.cutting import Cutout, cut_out_as, opened_to_disk
 from voxflat.surfaces.manifold import Manifold
+from voxflat.unique_rows import numbered
 
 __all__ = ["cut_as", "places_of"]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from voxflat.arguments import Progress, is_whole, shown
 from voxflat.errors import InputError
 from voxflat.io.files import contents, from_json
-from voxflat.rows import distinct
 from voxflat.surfaces.manifold import Manifold
+from voxflat.unique_rows import distinct
 
 _SMALL_HOLE = 15.0  # mm around, that is closed for measuring
 _SMALL_HOLE_VOXELS = 12.0  # the same of a surface of voxels, in voxels, and of one in unknown units, in edges

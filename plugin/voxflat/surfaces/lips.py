@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 __all__ = ["listed_points", "one_point_a_vertex", "triangles_of"]
 

@@ -29,9 +29,9 @@ from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, in_patch
 from voxflat.io.provenance import Record, resolved, saving
 from voxflat.io.spaces import Space, VolumeGeometry
 from voxflat.io.triangles import check_faces
-from voxflat.rows import distinct, in_rows
 from voxflat.surfaces.foreground import PackedMask
 from voxflat.surfaces.lips import listed_points, triangles_of
+from voxflat.unique_rows import distinct, in_rows
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from voxflat import _core
 from voxflat.errors import InputError
-from voxflat.io.freesurfer import read_label_points
+from voxflat.io.formats.freesurfer import read_label_points
 from voxflat.io.meshes import Mesh
 from voxflat.io.sources import as_mesh
 from voxflat.io.spaces import Space

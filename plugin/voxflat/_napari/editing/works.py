@@ -15,9 +15,9 @@ from voxflat._napari.layers.volumes import LayerVolume
 from voxflat.arguments import Progress
 from voxflat.maps.flat_map import FlatMap
 from voxflat.pipeline.surface import Surface, surface
-from voxflat.rows import in_rows
 from voxflat.surfaces.cutting import Where, cut_open, sketch_error
 from voxflat.surfaces.standard.sphere import sphere_beside
+from voxflat.unique_rows import in_rows
 
 Found: TypeAlias = tuple[list[NDArray[np.int64]], list[str], NDArray[np.int64]]
 """Cuts, by what their vertices are in the input, their names, and what is left out."""

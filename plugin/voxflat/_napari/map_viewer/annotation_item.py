@@ -11,7 +11,7 @@ from qtpy.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF
 from qtpy.QtWidgets import QGraphicsItem
 
 from voxflat._napari.map_viewer.annotations import OnMap
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 _DOT, _LINE, _RIM = 8.0, 2.0, 1.25  # pixels: across, wide, and of the dark rim around both
 _HALO = QColor(0, 0, 0, 190)

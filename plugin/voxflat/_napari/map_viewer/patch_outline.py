@@ -17,7 +17,7 @@ from voxflat._napari.map_viewer.sheet import Sheet
 from voxflat._napari.map_viewer.switched import SwitchedLayer
 from voxflat._napari.map_viewer.viewer_parts import mm_per_unit
 from voxflat._napari.results.flat_layers import units
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 if TYPE_CHECKING:
     from napari import Viewer

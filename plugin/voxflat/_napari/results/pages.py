@@ -10,7 +10,7 @@ from voxflat._napari.layers.world import from_ras
 from voxflat._napari.results.flat_layers import FlatLayers, LayerData, description, placement, shown_image, units
 from voxflat.atlases.atlas import Atlas
 from voxflat.maps.colours import label_colours
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 C_MEANING = "C, the factor by which lengths change at most (1.1 is up to 10 %)"
 """What the colours of a page's heat map mean."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from voxflat.rows import distinct
+from voxflat.unique_rows import distinct
 
 __all__ = ["DEPTH_UNIT", "PLACE_UNIT", "SIDES", "Pattern", "icosphere", "pattern"]
 

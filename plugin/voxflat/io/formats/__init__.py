@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from voxflat.io import freesurfer, gifti
-from voxflat.io.stl import is_binary_stl
+from voxflat.io.formats import freesurfer, gifti
+from voxflat.io.formats.stl import is_binary_stl
 
 GIFTI, FREESURFER, VTK, VTP, PLY, STL, OBJ = "GIFTI", "FreeSurfer surface", "VTK", "VTP", "PLY", "STL", "OBJ"
 PATCH, MORPH = "FreeSurfer patch", "FreeSurfer file of values"

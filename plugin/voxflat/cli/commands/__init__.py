@@ -1,0 +1,1 @@
+"""The commands of the program `voxflat`, one a module."""
