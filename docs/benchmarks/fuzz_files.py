@@ -31,7 +31,7 @@ from voxflat.io.overlays import holds_volume, read_channels, read_overlay, read_
 from voxflat.io.patches import Patch, is_patch, read_patch, write_patch
 from voxflat.io.tables import read_points
 from voxflat.io.volumes import read_volume, write_volume
-from voxflat.maps.pictures import as_picture
+from voxflat.maps.textures.pictures import as_picture
 from voxflat.surfaces.standard.template import is_template, read_template, standard_template
 
 SIDE = 8

@@ -24,8 +24,8 @@ from PIL import Image
 
 from voxflat.io import Mesh, read_mesh, read_volume, readers, write_mesh, write_volume
 from voxflat.io.formats import vtk
-from voxflat.maps import pictures
-from voxflat.maps.pictures import as_picture
+from voxflat.maps.textures import pictures
+from voxflat.maps.textures.pictures import as_picture
 
 ROUNDS = 5
 

@@ -30,7 +30,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.errors import AreaBoundError, Cancelled, InputError, VoxflatError
 from voxflat.judging.measure import compare, measure
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.maps.worst_places import worst_places
+from voxflat.maps.worst_search import worst_places
 from voxflat.pipeline.check import check
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.flatten import flatten

@@ -28,7 +28,7 @@ from voxflat.io.reading import reading
 from voxflat.io.volumes import read_volume
 from voxflat.maps.colours import all_whole
 from voxflat.maps.parcels import parcels_of
-from voxflat.maps.pictures import as_picture, values_at
+from voxflat.maps.textures.pictures import as_picture, values_at
 
 META = (
     "ObjectType = Image\nNDims = 3\nDimSize = 8 8 5\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n"

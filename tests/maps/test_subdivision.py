@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from textures import areas, grid, side_counts
 
 from voxflat import InputError
-from voxflat.maps.texture import TexturedSurface
+from voxflat.maps.textures.textured import TexturedSurface
 
 
 class TestSubdivision:
@@ -107,6 +107,6 @@ class TestSubdivision:
             textured.subdivided(tolerance)
 
     def test_too_fine_a_picture_is_refused(self, textured, monkeypatch):
-        monkeypatch.setattr("voxflat.maps.subdivision._MOST_FACES", 5000)
+        monkeypatch.setattr("voxflat.maps.textures.subdivision._MOST_FACES", 5000)
         with pytest.raises(InputError, match=r"64 x 64 texels need more than 5000 triangles; give a greater tolerance"):
             textured.subdivided()

@@ -121,7 +121,7 @@ class TestFiles:
 
         for name in ("face.obj", "face.mtl", "face.png"):
             (tmp_path / name).write_text("old")
-        monkeypatch.setattr("voxflat.maps.texture._png", fails)
+        monkeypatch.setattr("voxflat.maps.textures.textured._png", fails)
         for name in ("face.obj", "face.vtp", "face.glb"):
             with pytest.raises(OSError, match="the disk is full") as told:
                 textured.save(tmp_path / name, overwrite=True)

@@ -14,7 +14,8 @@ from voxflat.errors import InputError
 from voxflat.io.files import SAVED_ENDINGS, naming
 from voxflat.io.meshes import Mesh, read_mesh, write_mesh
 from voxflat.io.patches import is_patch, read_patch
-from voxflat.maps.flat_map import load, mesh_of_vertices
+from voxflat.maps.flat_map import load
+from voxflat.maps.map_files import mesh_of_vertices
 from voxflat.pipeline.surface import surface as _surface
 
 

@@ -15,7 +15,7 @@ from voxflat.distortion.distortion import Distortion
 from voxflat.distortion.triangles import measure_arrays
 from voxflat.judging.measure import JudgedMap
 from voxflat.maps.flat_map import FlatMap
-from voxflat.maps.pictures import place
+from voxflat.maps.textures.pictures import place
 from voxflat.pipeline.cut_surface import CutSurface
 from voxflat.pipeline.surface import Surface
 from voxflat.unique_rows import in_rows

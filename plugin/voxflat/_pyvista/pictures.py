@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from voxflat.maps.pictures import as_picture, check_cover, place, values_at
+from voxflat.maps.textures.pictures import as_picture, check_cover, place, values_at
 
 
 def textured(

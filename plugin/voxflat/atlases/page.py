@@ -17,7 +17,7 @@ from voxflat.io.provenance import Record, telling
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
 from voxflat.maps.sampler import Sampler, usual_spacing
-from voxflat.maps.texture import TexturedSurface
+from voxflat.maps.textures.textured import TexturedSurface
 
 __all__ = ["FlatPage"]
 

@@ -10,7 +10,7 @@ from voxflat.lab.freshness import page_key
 from voxflat.lab.inputs import HEMISPHERES
 from voxflat.lab.pages import colour_bar, filled, layers_of, pictures, scene
 from voxflat.lab.results import FIGURES, Shown, figure_of
-from voxflat.maps.worst_places import worst_places
+from voxflat.maps.worst_search import worst_places
 
 __all__ = ["REFERENCES", "citation", "subject_page"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from dataclasses import dataclass, field, replace
@@ -17,41 +16,27 @@ from voxflat.arguments import array_of, checked_path, checked_switch, is_number,
 from voxflat.distances.store import write_provenance
 from voxflat.distances.table import Table
 from voxflat.distortion.distortion import Distortion
-from voxflat.distortion.figures import undefined_as_nan
 from voxflat.errors import InputError
 from voxflat.io.files import (
-    AGAIN,
     SAVED_ENDINGS,
-    atomic_path,
-    check_places,
-    check_range,
-    check_regular,
-    check_shapes,
-    from_json,
-    holding,
-    in_types,
-    naming,
 )
 from voxflat.io.meshes import Mesh, write_mesh
 from voxflat.io.patches import FLAT_PATCH_ENDINGS, PATCH_ENDING, Patch, write_patch
 from voxflat.io.provenance import Record, resolved, saving, telling
-from voxflat.io.readers import read_arrays
-from voxflat.io.reading import note
 from voxflat.io.spaces import Space
-from voxflat.maps.pictures import as_picture, check_cover, check_values, place, values_at
+from voxflat.maps.drawn_regions import regions_of
+from voxflat.maps.map_files import mesh_of_vertices, read_map, write_map
 from voxflat.maps.plane import FlatTriangles, Planar
 from voxflat.maps.raster import FlatImage
-from voxflat.maps.regions import Regions, regions_of
-from voxflat.maps.sampler import Sampler, check_origin, usual_spacing
-from voxflat.maps.texture import TexturedSurface
-from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
+from voxflat.maps.regions import Regions
+from voxflat.maps.sampler import Sampler, usual_spacing
+from voxflat.maps.textures.pictures import as_picture, check_cover, check_values, place, values_at
+from voxflat.maps.textures.textured import TexturedSurface
 from voxflat.surfaces.manifold import patch_of
 
 __all__ = ["FlatMap", "load"]
 
 MAP_ENDINGS = (*SAVED_ENDINGS, ".surf.gii", *FLAT_PATCH_ENDINGS, ".vtp", ".ply", ".obj")
-
-_FORMAT = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,9 +378,7 @@ class FlatMap(Planar):
                 arrays[name] = getattr(self, name)
         if self.rows is not None and "store" not in self.metadata:
             arrays["rows"] = np.asarray(self.rows)
-        text = json.dumps({"format": _FORMAT, **self.description()}, allow_nan=False)
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, metadata=np.array(text), **arrays)
+        write_map(path, arrays, self.description())
 
     @property
     def _places(self) -> NDArray[np.float64]:
@@ -431,29 +414,6 @@ class FlatMap(Planar):
         return patch_of(self._places, self.ids, self.faces, self.bridges, self.metadata["vertices"], merged)
 
 
-def mesh_of_vertices(
-    places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
-) -> Mesh:
-    """Return a flat map as a mesh with the vertex numbers of the mesh that was flattened.
-
-    `places` float64 (N, 3): in the plane. `ids` int64 (N,): the vertex that each is; where a cut doubles one, that side
-    is kept which keeps more triangles. `faces` int (F, 3): triangles of places. `count`: how many vertices the mesh
-    has; those that the map has not lie at 0. `structure`: as of `Mesh`. Returns: how many triangles are left out is
-    logged.
-    """
-    rows = one_point_a_vertex(ids, faces)
-    is_kept = triangles_of(rows, faces)
-    if not is_kept.all():
-        log.warning(
-            "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
-            len(faces) - int(is_kept.sum()),
-            len(faces),
-        )
-    placed = np.zeros((count, 3))
-    placed[ids[rows]] = places[rows]
-    return Mesh(placed, ids[faces[is_kept]], structure=structure)
-
-
 def _holds(dtype: np.dtype[Any], number: float) -> bool:
     """Say whether a number is one of a type, but for the digits that rounding takes."""
     number = number.item() if isinstance(number, np.generic) else number  # or limits would be cast to its type
@@ -484,58 +444,4 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
     FileNotFoundError
         If there is no such file.
     """
-    with naming(path, AGAIN):
-        check_regular(checked_path(path))
-    with holding(path, "a flat map"):
-        arrays = read_arrays(path)
-        metadata = from_json(str(arrays.pop("metadata")))
-        if metadata.pop("format") != _FORMAT:
-            raise InputError(f"{path} was written by another version of voxflat; flatten again")
-        note(path)
-        uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
-        with naming(path, AGAIN):
-            arrays = _checked(arrays, uv, ids, metadata)
-        distortion = metadata.pop("distortion")
-        more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
-        triangles = more.pop("triangles")
-        if triangles is not None:
-            triangles = undefined_as_nan(triangles)
-            triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
-        distances = undefined_as_nan(distortion)
-        distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
-        Space.of(metadata)  # a damaged one ends here
-        return FlatMap(distortion=Distortion.of(distances, triangles, **more), metadata=metadata, **arrays)
-
-
-_LAYOUT = {
-    "uv": ("f8", "points 2"),
-    "points": ("f8", "points 3"),
-    "normals": ("f8", "points 3"),
-    "faces": ("u4", "faces 3"),
-    "torn": ("?", "faces"),
-    "sources": ("i8", "sources"),
-    "eigenvalues": ("f8", "?"),
-    "rows": ("f4", "sources ?"),
-    "bridges": ("i8", "? 3"),
-    "curvature": ("f8", "points"),
-    "sulcal_depth": ("f8", "points"),
-    "white_points": ("f8", "points 3"),
-    "pial_points": ("f8", "points 3"),
-    "distortion_per_point": ("f8", "points"),
-    "distortion_scatter": ("f8", "? 2"),
-    "distortion_areal": ("f8", "points"),
-    "distortion_is_flipped": ("?", "faces"),
-}
-"""Types and axes of a file's arrays, as `check_shapes` takes them."""
-
-
-def _checked(
-    arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]
-) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file, checked against each other, and against what it was made of."""
-    layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
-    check_shapes(arrays, layout)
-    check_range(arrays, {"faces": len(uv), "sources": len(uv)})
-    check_places({"uv": uv, "points": arrays["points"]})
-    check_origin(metadata, ids)
-    return in_types(arrays, layout)
+    return FlatMap(**read_map(path))

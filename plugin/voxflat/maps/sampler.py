@@ -29,7 +29,7 @@ from voxflat.io.volumes import Volume
 from voxflat.maps.depth import ON_SURFACE, Depths, equivolume, vertex_areas
 from voxflat.maps.raster import FlatImage, FlatStack, Raster, series_showing, show
 from voxflat.maps.sampling import INTERPOLATIONS, phases, sample_layers, sample_mean, series_sampling
-from voxflat.maps.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
+from voxflat.maps.textures.surface_texture import TEXTURE_ENDINGS, SurfaceTexture, are_colours, paint, read_texture
 
 __all__ = ["Sampler", "check_origin", "usual_spacing"]
 

@@ -16,7 +16,8 @@ from voxflat.distances.store import prepare_store
 from voxflat.errors import AreaBoundError, InputError
 from voxflat.maps.flat_map import FlatMap
 from voxflat.maps.matching import match
-from voxflat.maps.worst_places import area_changes, worst_places
+from voxflat.maps.worst_places import area_changes
+from voxflat.maps.worst_search import worst_places
 from voxflat.methods.common import MUCH, error_of_distances, map_over_triangles
 from voxflat.methods.method import How, OverTriangles
 from voxflat.methods.start import cut_as, places_of

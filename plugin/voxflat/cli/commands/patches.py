@@ -19,7 +19,7 @@ from voxflat.cli.options import FILE, OUT
 from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.told import option_of
 from voxflat.io.files import SAVED_ENDINGS
-from voxflat.maps.texture import TEXTURED_ENDINGS, TexturedSurface, files_beside
+from voxflat.maps.textures.textured import TEXTURED_ENDINGS, TexturedSurface, files_beside
 from voxflat.pipeline.surface import Surface
 
 

@@ -13,7 +13,7 @@ from voxflat.cli.output import check_output, print_json
 from voxflat.cli.told import option_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import FlatMap, load
-from voxflat.maps.texture import TEXTURED_ENDINGS, files_beside
+from voxflat.maps.textures.textured import TEXTURED_ENDINGS, files_beside
 
 
 @cloup.command(

@@ -15,7 +15,8 @@ from voxflat.cli.output import FIGURE_ENDINGS, check_output, print_json
 from voxflat.cli.told import option_of
 from voxflat.io.reading import reading
 from voxflat.maps.flat_map import load
-from voxflat.maps.worst_places import WORST_ENDINGS, worst_places
+from voxflat.maps.worst_places import WORST_ENDINGS
+from voxflat.maps.worst_search import worst_places
 
 
 @cloup.command(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from voxflat.arguments import is_number, shown
 from voxflat.errors import InputError
-from voxflat.maps.pictures import values_at
+from voxflat.maps.textures.pictures import values_at
 
 __all__ = ["subdivide"]
 

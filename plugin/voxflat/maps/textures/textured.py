@@ -20,8 +20,8 @@ from voxflat.errors import InputError
 from voxflat.io.files import atomic_path, beside, by_ending, naming, naming_file
 from voxflat.io.formats import gltf, obj, ply, vtk
 from voxflat.io.provenance import Record, as_text, check_beside, check_not_read, saving
-from voxflat.maps.pictures import values_at
-from voxflat.maps.subdivision import subdivide
+from voxflat.maps.textures.pictures import values_at
+from voxflat.maps.textures.subdivision import subdivide
 
 __all__ = ["TEXTURED_ENDINGS", "TexturedSurface", "files_beside"]
 

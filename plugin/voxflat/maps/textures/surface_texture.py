@@ -18,8 +18,8 @@ from voxflat.errors import InputError
 from voxflat.io import meshes
 from voxflat.io.files import REMEDY, beside, contents, naming
 from voxflat.io.formats.obj import read_obj_texture
-from voxflat.maps.pictures import as_picture, values_at
 from voxflat.maps.raster import Raster
+from voxflat.maps.textures.pictures import as_picture, values_at
 
 __all__ = ["TEXTURE_ENDINGS", "SurfaceTexture", "are_colours", "paint", "read_texture"]
 

@@ -1,0 +1,255 @@
+"""What is drawn on a map, as outlines or as pixels, becomes regions."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat.arguments import array_of, log, numbers_of
+from voxflat.errors import InputError
+from voxflat.io.files import REMEDY, check_regular, contents, from_json, naming
+from voxflat.io.formats.svg import Outline, read_outlines
+from voxflat.io.readers import read_array
+from voxflat.io.reading import note
+from voxflat.io.sources import as_volume
+from voxflat.io.volumes import VOLUME_ENDINGS
+from voxflat.maps.colours import all_whole, label_colour
+from voxflat.maps.lines import ellipse
+from voxflat.maps.plane import Planar
+from voxflat.maps.raster import FlatImage, Raster
+from voxflat.maps.regions import Regions
+from voxflat.maps.sampling import majority
+from voxflat.maps.textures.pictures import decoded, header
+
+__all__ = ["regions_of"]
+
+_IMAGES = (".png", ".tif", ".tiff", ".npy", ".nii", ".nii.gz")
+_BESIDE = 1.5  # pixels beyond the map in which a label image is continued
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Outlines, the last on top."""
+
+    outlines: tuple[Outline, ...]
+    keys: tuple[int, ...]
+
+    def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        order = np.argsort(places[:, 1], kind="stable")
+        sorted_places = places[order]
+        found = np.zeros(len(places), dtype=np.int64)
+        for outline, key in zip(self.outlines, self.keys, strict=True):
+            winding = np.zeros(len(places), dtype=np.int64)
+            for loop in outline.loops:
+                winding += _winding(loop, sorted_places)
+            found[order[(winding % 2 if outline.is_even_odd else winding) != 0]] = key
+        return found
+
+
+def _winding(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return how often a polygon runs around places that are sorted by v, counterclockwise."""
+    winding = np.zeros(len(places), dtype=np.int64)
+    v = places[:, 1]
+    starts, ends = loop, np.roll(loop, -1, axis=0)
+    for (u0, v0), (u1, v1) in zip(starts.tolist(), ends.tolist(), strict=True):
+        low, high = np.searchsorted(v, sorted((v0, v1)), side="left")  # edges hold their lower end
+        if low == high:
+            continue
+        band = places[low:high]
+        crossing = u0 + (band[:, 1] - v0) / (v1 - v0) * (u1 - u0)
+        winding[low:high] += np.where(crossing > band[:, 0], 1 if v1 > v0 else -1, 0)
+    return winding
+
+
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """A label image on the pixels of the map: between their centres the label of the greatest weight."""
+
+    data: NDArray[np.int64]
+    raster: Raster
+
+    @cached_property
+    def _continued(self) -> NDArray[np.int64]:
+        """The image, continued a little beyond the map, where its border cuts pixels."""
+        away, (rows, columns) = scipy.ndimage.distance_transform_edt(~self.raster.inside, return_indices=True)
+        return np.where(away <= _BESIDE, self.data[rows, columns], 0)
+
+    def labels(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        u, v = self.raster.origin
+        size, (height, width) = self.raster.pixel_size, self.raster.shape
+        at = np.column_stack([(v - places[:, 1]) / size, (places[:, 0] - u) / size])
+        is_on = (at > -0.5 - _BESIDE).all(axis=1) & (at < np.array([height, width]) - 0.5 + _BESIDE).all(axis=1)
+        last = np.array([height - 1, width - 1])
+        on = np.clip(at[is_on], 0, last)
+        low = np.minimum(np.floor(on).astype(np.int64), np.maximum(last - 1, 0))
+        rows, columns = low.T
+        values = [self._continued[rows + i * (height > 1), columns + j * (width > 1)] for i in (0, 1) for j in (0, 1)]
+        down, right = (on - low).T
+        weights = [(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right]
+        found = np.zeros(len(places), dtype=np.int64)
+        found[is_on] = majority(np.stack(values, axis=1), np.stack(weights, axis=1)).astype(np.int64)
+        return found
+
+
+def regions_of(of: Planar, rois: object, *, layer: str, pixel_size: float | None) -> Regions:
+    """Take what was drawn as regions: as `FlatMap.regions`."""
+    name = Path(rois).name.lower() if isinstance(rois, str | os.PathLike) else ""
+    if isinstance(rois, str | os.PathLike):
+        path = Path(rois)
+        if name.endswith(".svg"):
+            return _drawn(of, read_outlines(path, layer))
+        if name.endswith(".json"):
+            return _drawn(of, _read_polygons(path))
+        if name.endswith(_IMAGES):
+            with naming(path, REMEDY):
+                data, size = _read_image(path)
+                return _pixels(of, data, pixel_size or size)
+        raise InputError(f"{path}: regions are read from .svg, .json, {', '.join(_IMAGES)}")
+    if isinstance(rois, FlatImage):
+        return _pixels(of, rois.data, rois.pixel_size)
+    if hasattr(rois, "shape_type") and hasattr(rois, "data_to_world"):
+        return _drawn(of, list(_of_shapes(rois)))
+    if isinstance(rois, Mapping):
+        return _drawn(of, [Outline(str(key), _loops(loops, str(key))) for key, loops in rois.items()])
+    if isinstance(rois, np.ndarray) and rois.ndim == 2 and rois.shape[1] != 2 and rois.dtype.kind in "biuf":
+        return _pixels(of, rois, pixel_size)
+    if isinstance(rois, np.ndarray) and rois.ndim == 2:
+        return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
+    if isinstance(rois, Sequence) and not isinstance(rois, str) and len(rois):
+        if all(isinstance(item, Outline) for item in rois):
+            return _drawn(of, list(rois))
+        if np.ndim(rois[0]) == 1:
+            return _drawn(of, [Outline("region 1", _loops(rois, "region 1"))])
+        return _drawn(of, [Outline(f"region {n}", _loops(loop, f"region {n}")) for n, loop in enumerate(rois, 1)])
+    raise InputError(
+        f"regions are {type(rois).__name__}; give polygons of shape (k, 2) in mm by their names, a label image of the "
+        "map, a Shapes layer of napari, or an .svg, .json or image file"
+    )
+
+
+def _loops(given: Any, name: str) -> tuple[NDArray[np.float64], ...]:
+    """Return one polygon, or several that enclose a region together."""
+    several = isinstance(given, Sequence) and len(given) and np.ndim(given[0]) == 2
+    found = []
+    for polygon in given if several else [given]:
+        try:
+            loop = numbers_of(polygon, "corners")
+        except InputError:
+            loop = np.zeros(0)
+        if loop.ndim != 2 or loop.shape[1:] != (2,) or len(loop) < 3:
+            raise InputError(f"{name}: a polygon has (u, v) of at least three corners, shape (k, 2), not {loop.shape}")
+        if not np.isfinite(loop).all():
+            raise InputError(f"{name}: corner {int(np.flatnonzero(~np.isfinite(loop).all(axis=1))[0])} is not finite")
+        found.append(loop)
+    return tuple(found)
+
+
+def _drawn(of: Planar, outlines: Sequence[Outline]) -> Regions:
+    """Return outlines as regions; those of one name are one region."""
+    if not outlines:
+        raise InputError("there is no region: draw one")
+    names = tuple(dict.fromkeys(outline.name for outline in outlines))
+    keys = {name: key for key, name in enumerate(names, 1)}
+    colours = {outline.name: outline.colour for outline in reversed(outlines)}
+    taken = list(colours.values())
+    given = {name: colour for name, colour in colours.items() if colour is not None and taken.count(colour) == 1}
+    shown = [given.get(name, label_colour(keys[name])) for name in names]
+    uv = of._triangles.uv
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    for outline in outlines:
+        corners = np.concatenate(outline.loops)
+        if (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any():
+            raise InputError(
+                f"{outline.name} lies beside the map, around u = {corners[:, 0].mean():.4g}, "
+                f"v = {corners[:, 1].mean():.4g} mm; the map reaches from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
+                f"{high[1]:.4g}"
+            )
+    drawn = _Drawn(tuple(outlines), tuple(keys[outline.name] for outline in outlines))
+    counts = np.zeros(len(uv), dtype=np.int64)
+    for name in names:
+        own = [outline for outline in outlines if outline.name == name]
+        counts += _Drawn(tuple(own), (1,) * len(own)).labels(uv)
+    if (counts > 1).any():
+        log.warning("%d points of the map lie in several regions; the last one drawn has them", int((counts > 1).sum()))
+    return Regions(of, names, tuple(keys.values()), np.array(shown, dtype=np.uint8), drawn)
+
+
+def _pixels(of: Planar, data: Any, pixel_size: float | None) -> Regions:
+    """Return a label image as regions."""
+    values = array_of(data, "labels")
+    if values.ndim != 2 or values.dtype.kind not in "biuf":
+        raise InputError(f"a label image has whole numbers of shape (H, W), not {values.dtype} of shape {values.shape}")
+    raster = of.raster(pixel_size)
+    if raster.shape != values.shape:
+        raise InputError(
+            f"the label image has {values.shape[1]} x {values.shape[0]} pixels, the map at {raster.pixel_size:g} mm a "
+            f"pixel {raster.shape[1]} x {raster.shape[0]}: give the pixel size that it was drawn at"
+        )
+    if not all_whole(values):
+        raise InputError("a label image has whole numbers, and this has others: is it one of intensities?")
+    with np.errstate(invalid="ignore"):  # what no whole number holds becomes a negative one
+        labels = np.nan_to_num(values).astype(np.int64)
+    keys = tuple(np.unique(labels[raster.inside & (labels != 0)]).tolist())
+    if not keys:
+        raise InputError("the label image is 0 everywhere on the map: there is no region")
+    if keys[0] < 0 or keys[-1] >= 2**31:
+        raise InputError(f"labels are {keys[0]} to {keys[-1]}; give numbers from 1 to {2**31 - 1}")
+    colours = np.array([label_colour(key) for key in keys], dtype=np.uint8)
+    return Regions(of, tuple(map(str, keys)), keys, colours, _Pixels(labels, raster))
+
+
+def _of_shapes(layer: Any) -> list[Outline]:
+    """Return the shapes of a layer of napari, whose world has the axes −v and u."""
+    names = layer.features["name"] if "name" in getattr(layer, "features", {}) else None
+    outlines = []
+    for n, (corners, kind) in enumerate(zip(layer.data, layer.shape_type, strict=True)):
+        if kind in ("line", "path"):
+            raise InputError(f"shape {n} of {layer.name} is a {kind}, which encloses nothing: draw polygons")
+        world = np.array([layer.data_to_world(corner) for corner in np.asarray(corners, dtype=np.float64)])[:, -2:]
+        if kind == "ellipse":
+            world = ellipse(world)
+        name = f"region {n + 1}" if names is None else str(names[n])
+        outlines.append(Outline(name, _loops(np.column_stack([world[:, 1], -world[:, 0]]), name)))
+    return outlines
+
+
+def _read_polygons(path: Path) -> list[Outline]:
+    """Read polygons by their names: {"V1": [[u, v], ...]}, or several polygons each."""
+    with naming(path, 'give {"name": [[u, v], ...]} in mm'):
+        content = from_json(contents(path))
+        if not isinstance(content, dict):
+            raise InputError("holds no regions by their names")
+        return [Outline(name, _loops(loops, name)) for name, loops in content.items() if name != "provenance"]
+
+
+def _read_image(path: Path) -> tuple[NDArray[Any], float | None]:
+    """Return a label image, and the side of its pixels in mm, if its file says it."""
+    name = path.name.lower()
+    check_regular(path)
+    if name.endswith(".npy"):
+        data = read_array(path)
+        note(path)
+        return data, None
+    if name.endswith(VOLUME_ENDINGS):
+        volume = as_volume(path)
+        return volume.data[:, :, 0] if volume.data.ndim == 3 and volume.data.shape[2] == 1 else volume.data, float(
+            volume.spacing[0]
+        )
+    with header(path) as image:
+        if image.mode not in ("L", "P", "I", "I;16", "F", "1"):
+            raise InputError(f"has colours ({image.mode}), which are no labels: save it as .tif or .npy, or as greys")
+        told = str(image.info.get("Pixel size", "")) or str(getattr(image, "tag_v2", {}).get(270, ""))
+        data = decoded(path, image)
+    size = told.split("Pixel size: ")[-1].split(" mm")[0]
+    try:
+        return data, float(size)
+    except ValueError:
+        return data, None

@@ -1,0 +1,128 @@
+"""The archive that holds all of a flat map, and a map as a mesh with the numbers of the surface's vertices."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from voxflat.arguments import checked_path, log
+from voxflat.distortion.distortion import Distortion
+from voxflat.distortion.figures import undefined_as_nan
+from voxflat.errors import InputError
+from voxflat.io.files import (
+    AGAIN,
+    atomic_path,
+    check_places,
+    check_range,
+    check_regular,
+    check_shapes,
+    from_json,
+    holding,
+    in_types,
+    naming,
+)
+from voxflat.io.meshes import Mesh
+from voxflat.io.provenance import Record
+from voxflat.io.readers import read_arrays
+from voxflat.io.reading import note
+from voxflat.io.spaces import Space
+from voxflat.maps.sampler import check_origin
+from voxflat.surfaces.lips import one_point_a_vertex, triangles_of
+
+__all__ = ["mesh_of_vertices", "read_map", "write_map"]
+
+_FORMAT = 5
+
+
+def write_map(path: Path, arrays: dict[str, Any], description: Record) -> None:
+    """Write a map's arrays and what describes it to an archive, all of it or nothing."""
+    text = json.dumps({"format": _FORMAT, **description}, allow_nan=False)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, metadata=np.array(text), **arrays)
+
+
+def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the fields of a `FlatMap`, checked against each other; a damaged file is an `InputError`."""
+    with naming(path, AGAIN):
+        check_regular(checked_path(path))
+    with holding(path, "a flat map"):
+        arrays = read_arrays(path)
+        metadata = from_json(str(arrays.pop("metadata")))
+        if metadata.pop("format") != _FORMAT:
+            raise InputError(f"{path} was written by another version of voxflat; flatten again")
+        note(path)
+        uv, ids = arrays["uv"], arrays["ids"]  # a file without them ends here
+        with naming(path, AGAIN):
+            arrays = _checked(arrays, uv, ids, metadata)
+        distortion = metadata.pop("distortion")
+        more = {name: distortion.pop(name) for name in ("triangles", "reference", "topology", "voxel_size")}
+        triangles = more.pop("triangles")
+        if triangles is not None:
+            triangles = undefined_as_nan(triangles)
+            triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
+        distances = undefined_as_nan(distortion)
+        distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
+        Space.of(metadata)  # a damaged one ends here
+        return {"distortion": Distortion.of(distances, triangles, **more), "metadata": metadata, **arrays}
+
+
+def mesh_of_vertices(
+    places: NDArray[np.float64], ids: NDArray[np.int64], faces: NDArray[Any], count: int, structure: str | None
+) -> Mesh:
+    """Return a flat map as a mesh with the vertex numbers of the mesh that was flattened.
+
+    `places` float64 (N, 3): in the plane. `ids` int64 (N,): the vertex that each is; where a cut doubles one, that side
+    is kept which keeps more triangles. `faces` int (F, 3): triangles of places. `count`: how many vertices the mesh
+    has; those that the map has not lie at 0. `structure`: as of `Mesh`. Returns: how many triangles are left out is
+    logged.
+    """
+    rows = one_point_a_vertex(ids, faces)
+    is_kept = triangles_of(rows, faces)
+    if not is_kept.all():
+        log.warning(
+            "%d of %d triangles lie at a cut that doubles vertices; they are left out of the file",
+            len(faces) - int(is_kept.sum()),
+            len(faces),
+        )
+    placed = np.zeros((count, 3))
+    placed[ids[rows]] = places[rows]
+    return Mesh(placed, ids[faces[is_kept]], structure=structure)
+
+
+_LAYOUT = {
+    "uv": ("f8", "points 2"),
+    "points": ("f8", "points 3"),
+    "normals": ("f8", "points 3"),
+    "faces": ("u4", "faces 3"),
+    "torn": ("?", "faces"),
+    "sources": ("i8", "sources"),
+    "eigenvalues": ("f8", "?"),
+    "rows": ("f4", "sources ?"),
+    "bridges": ("i8", "? 3"),
+    "curvature": ("f8", "points"),
+    "sulcal_depth": ("f8", "points"),
+    "white_points": ("f8", "points 3"),
+    "pial_points": ("f8", "points 3"),
+    "distortion_per_point": ("f8", "points"),
+    "distortion_scatter": ("f8", "? 2"),
+    "distortion_areal": ("f8", "points"),
+    "distortion_is_flipped": ("?", "faces"),
+}
+"""Types and axes of a file's arrays, as `check_shapes` takes them."""
+
+
+def _checked(
+    arrays: dict[str, NDArray[Any]], uv: NDArray[Any], ids: NDArray[Any], metadata: dict[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file, checked against each other, and against what it was made of."""
+    layout = {**_LAYOUT, "ids": ("i8", "points 3" if metadata.get("kind") == "voxels" else "points")}
+    check_shapes(arrays, layout)
+    check_range(arrays, {"faces": len(uv), "sources": len(uv)})
+    check_places({"uv": uv, "points": arrays["points"]})
+    check_origin(metadata, ids)
+    return in_types(arrays, layout)

@@ -1,0 +1,1 @@
+"""Pictures on surfaces and on maps."""

@@ -1,0 +1,263 @@
+"""Where a map changes areas most, and which cut relieves each place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from voxflat import _core
+from voxflat.arguments import (
+    Progress,
+    checked_kind,
+    checked_switch,
+    checked_threads,
+    is_whole,
+    optional_number,
+    shown,
+)
+from voxflat.errors import InputError
+from voxflat.io.provenance import telling
+from voxflat.maps.flat_map import FlatMap
+from voxflat.maps.lines import rim
+from voxflat.maps.parcels import Parcels, parcels_of
+from voxflat.maps.worst_places import RelievingCut, WorstPlace, WorstPlaces, area_changes
+from voxflat.surfaces.cuts import close_holes
+from voxflat.surfaces.cutting import sketch_error
+from voxflat.surfaces.manifold import Manifold
+from voxflat.unique_rows import distinct
+
+__all__ = ["worst_places"]
+
+_ON = 3.0  # times as deep as a place at the border is, its cut leads
+
+
+@telling()
+def worst_places(
+    flat_map: FlatMap,
+    count: int = 5,
+    *,
+    beyond: float = 1.5,
+    cuts: bool = True,
+    parcels: object | None = None,
+    table: object | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> WorstPlaces:
+    """Find where a map changes areas most, and which cut would relieve each place.
+
+    A place is a part of the surface whose triangles touch, all stretched or all shrunk by more than a factor, at the
+    scale that keeps the area of the whole. Places are ranked by how much distortion they hold: their area times its
+    change.
+
+    Parameters
+    ----------
+    flat_map : FlatMap
+        A flat map.
+    count : int
+        How many places at most.
+    beyond : float
+        The factor.
+    cuts : bool
+        Find for each the cut that relieves it: the shortest way along edges from the border to it and through it, to
+        its far end; of a place at the border on inwards, three times as deep.
+    parcels : path, ndarray, image object, Volume or Parcels, optional
+        Labels, as in `figures.flat_map`: places have the name of the parcel that holds most of them.
+    table : path, optional
+        Names of the parcels where their file has none.
+    threads, progress
+        As in `flatten`.
+
+    Returns
+    -------
+    WorstPlaces
+
+    Raises
+    ------
+    InputError
+        If the map has no triangles of the surface (method "grossmann2002"), or an argument is none of those above.
+    Cancelled
+        If `progress` returned False.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voxflat
+    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int), sources=20)
+    >>> voxflat.worst_places(flat_map)
+    <WorstPlaces: 0 of 0 where areas change beyond 1.5 times, 0.00 % of the surface>
+    """
+    checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
+    if not is_whole(count) or count < 0:
+        raise InputError(f"count is {shown(count)}; give how many places to find, a whole number")
+    factor = optional_number(beyond, "beyond")
+    if factor is None or not 1 < factor < np.inf:
+        raise InputError(f"beyond is {shown(beyond)}; give a factor greater than 1, such as 1.5")
+    if flat_map.distortion.triangles is None:
+        raise InputError("the map's triangles are not the surface's, so it has no areas: give one of another method")
+    areas, logs = area_changes(flat_map)
+    known = np.isfinite(logs)
+    whole = float(areas[known].sum())
+    groups = [
+        (kind, group)
+        for kind, sign in (("stretched", 1), ("shrunk", -1))
+        for group in _touching(flat_map.faces, known & (sign * np.nan_to_num(logs) > np.log2(factor)), len(flat_map))
+    ]
+    held = [float((areas[group] * np.abs(logs[group])).sum()) for _, group in groups]
+    order = sorted(range(len(groups)), key=lambda at: -held[at])[: int(count)]
+    named = None if parcels is None else _parcels(flat_map, parcels, table)
+    places = [
+        _place(flat_map, number, *groups[at], areas, logs, whole, named) for number, at in enumerate(order, start=1)
+    ]
+    error = np.nan
+    if checked_switch(cuts, "cuts") and places:
+        ways = _Ways(flat_map, checked_threads(threads), progress)
+        error = ways.error
+        places = [replace(place, cut=ways.relieving(place)) for place in places]
+    share = float(sum(areas[group].sum() for _, group in groups)) / whole if whole > 0 else np.nan
+    return WorstPlaces(flat_map, factor, tuple(places), len(groups), share, error)
+
+
+def _parcels(flat_map: FlatMap, parcels: object, table: object) -> Parcels:
+    return parcels if isinstance(parcels, Parcels) else parcels_of(flat_map, parcels, table=table)
+
+
+def _touching(faces: NDArray[Any], chosen: NDArray[np.bool_], count: int) -> list[NDArray[np.int64]]:
+    """Part chosen triangles into groups that share no vertex."""
+    numbers = np.flatnonzero(chosen)
+    if not len(numbers):
+        return []
+    corners = faces[numbers].astype(np.int64)
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
+    links = scipy.sparse.coo_matrix((np.ones(len(ends)), ends.T), shape=(count, count))
+    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+    _, which = np.unique(group[corners[:, 0]], return_inverse=True)
+    order = np.argsort(which, kind="stable")
+    return np.split(numbers[order], np.cumsum(np.bincount(which))[:-1])
+
+
+def _place(
+    flat_map: FlatMap,
+    number: int,
+    kind: str,
+    group: NDArray[np.int64],
+    areas: NDArray[np.float64],
+    logs: NDArray[np.float64],
+    whole: float,
+    parcels: Parcels | None,
+) -> WorstPlace:
+    area, log = areas[group], logs[group]
+    weights = area * np.abs(log)
+    corners = flat_map.faces[group]
+    middle = np.average(flat_map.points[corners].mean(axis=1), axis=0, weights=weights)
+    own = np.unique(corners)
+    centre = own[np.argmin(np.linalg.norm(flat_map.points[own] - middle, axis=1))]
+    order = np.argsort(log)
+    median = log[order][np.searchsorted(np.cumsum(area[order]), area.sum() / 2)]
+    parcel = None
+    if parcels is not None:
+        labels = parcels.labels[corners].ravel()
+        known, which = np.unique(labels, return_inverse=True)
+        most = int(known[np.argmax(np.bincount(which.reshape(-1), np.repeat(area, 3)))])
+        parcel = parcels.names.get(most)
+    return WorstPlace(
+        number,
+        kind,
+        float(area.sum()),
+        float(area.sum()) / whole,
+        float(weights.sum()),
+        float(2.0 ** log[np.argmax(np.abs(log))]),
+        float(2.0**median),
+        flat_map.points[centre],
+        flat_map.uv[centre],
+        flat_map.ids[centre],
+        group,
+        parcel,
+    )
+
+
+class _Ways:
+    """Ways from the border of a map into it, along the edges of its triangles, and what cuts there gain."""
+
+    def __init__(self, flat_map: FlatMap, threads: int | None, progress: Progress | None) -> None:
+        self.flat_map, self.threads, self.progress = flat_map, threads, progress
+        core, _ = _core.Surface.from_triangles(flat_map.points, flat_map.faces.astype(np.int64))
+        voxels = flat_map.ids if flat_map.is_voxels else None
+        part = Manifold(core, voxels, {**flat_map.metadata, "vertices": len(flat_map)})
+        self.part, faces, _ = close_holes(part, progress)
+        self.rows = self.part.vertices  # of the map
+        count = len(self.rows)
+        is_border = np.zeros(count, dtype=np.bool_)
+        for line in rim(self.part.faces, count):
+            is_border[line] = True
+        self.border = is_border
+        self.of_row = np.full(len(flat_map), -1)
+        self.of_row[self.rows] = np.arange(count)
+        sides = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        ends = distinct(np.sort(sides, axis=1)).rows
+        self.ends = ends[~is_border[ends].all(axis=1)]  # a way along the border, or across to it, cuts nothing open
+        self.lengths = np.linalg.norm(np.subtract(*(self.part.points[self.ends[:, end]] for end in (0, 1))), axis=1)
+        self.from_border, self.to_border = self._dijkstra(np.flatnonzero(is_border), self.ends, self.lengths)
+        self.error = self._sketch(None)
+
+    def _sketch(self, path: NDArray[np.int64] | None) -> float:
+        """Return the error of a sketch of the map, with one cut more."""
+        core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
+        if core.topology()["euler"] != 1:
+            return np.nan
+        return sketch_error(self.part.with_core(core), self.threads, self.progress)
+
+    def _dijkstra(
+        self, sources: NDArray[np.int64], ends: NDArray[Any], lengths: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return how far vertices are from the nearest source, and the one before each on the way there."""
+        count = len(self.rows)
+        graph = scipy.sparse.csr_matrix((lengths, ends.T), shape=(count, count))
+        found = scipy.sparse.csgraph.dijkstra(
+            graph, directed=False, indices=sources, min_only=True, return_predecessors=True
+        )
+        return found[0], found[1]
+
+    def relieving(self, place: WorstPlace) -> RelievingCut | None:
+        """Return the cut that relieves a place."""
+        own = self.of_row[np.unique(self.flat_map.faces[place.triangles])]
+        path = self._through(own, place)
+        if path is None:
+            return None
+        points, rows = self.part.points[path], self.rows[path]
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        gain = np.nan if np.isnan(self.error) else self.error - self._sketch(path)
+        return RelievingCut(self.flat_map.ids[rows], points, self.flat_map.uv[rows], length, float(gain))
+
+    def _through(self, own: NDArray[np.int64], place: WorstPlace) -> NDArray[np.int64] | None:
+        """Return the way through a place's vertices, its inner end first; None where none leads to the border.
+
+        It begins where the deepest of them has its shortest way to the border. Through what lies inside it leads to the
+        far end. What touches the border is relieved by what bends beyond it: the way goes on inwards, three times as
+        deep as the place is, or as wide.
+        """
+        own = own[np.isfinite(self.from_border[own])]
+        if not len(own):
+            return None
+        deepest = own[np.argmax(self.from_border[own])]
+        root = _followed(self.to_border, deepest)[-1]
+        is_open = ~(self.border[self.ends] & (self.ends != root)).any(axis=1)
+        far, before = self._dijkstra(np.array([root]), self.ends[is_open], self.lengths[is_open])
+        if self.border[own].any():
+            depth = max(float(self.from_border[deepest]), float(np.sqrt(place.area)))
+            tip = np.argmax(np.where(far <= _ON * depth, self.from_border, -1.0))
+        else:
+            tip = own[np.argmax(np.where(np.isfinite(far[own]), far[own], -1.0))]
+        path = _followed(before, tip)
+        return path if len(path) > 1 and path[-1] == root else None
+
+
+def _followed(before: NDArray[np.int64], start: np.int64) -> NDArray[np.int64]:
+    """Return the way from a vertex back to the source."""
+    path = [int(start)]
+    while before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    return np.array(path)
