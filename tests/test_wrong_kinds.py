@@ -82,7 +82,7 @@ CALLS = {
     "load": (lambda s: voxflat.load(np.ones((2, 2, 2))), "path is array"),
     "figures": (lambda s: figures.heat_maps({}), "comparison is {}; give a Comparison"),
     "save": (lambda s: figures.save([1], "x.png"), r"figure is \[1\]; give a figure of Matplotlib"),
-    "in_patch": (lambda s: s.in_patch(np.arange(3)), "patch is array.*; give a Patch"),
+    "in_patch": (lambda s: s._in_patch(np.arange(3)), "patch is array.*; give a Patch"),
     "nearest": (lambda s: s.nearest((0, 0, 2)), "a surface from a mesh has no voxels"),
     "no voxel": (lambda s: voxflat.surface(VOLUME).nearest("x"), "voxel are 'x'; give numbers"),
     "page": (lambda s: voxflat.map_page(3), "flat map is 3; give a FlatMap"),
@@ -116,7 +116,7 @@ CALLS = {
     "repair": (lambda s: voxflat.surface(VOLUME, repair=np.ma.masked_array([1, 2], [1, 0])), "repair is masked_array"),
     "smoothing": (lambda s: s.mean_curvature(smoothing=None), "smoothing is None; give a length"),
     "flow": (lambda s: s.sulcal_depth(flow=None), "flow is None; give a positive number"),
-    "bridges": (lambda s: s.bridges(3), "faces are int64 of shape"),
+    "bridges": (lambda s: s._bridges(3), "faces are int64 of shape"),
     "jump": (lambda s: voxflat.range_image(np.eye(9), 1.0, jump=np.ones((9, 9))), "the jump is array"),
     "steps": (
         lambda s: voxflat.range_image(np.eye(9), spacing=([1], 1, 2)),

@@ -94,7 +94,7 @@ def calls(folder: Path) -> tuple[dict[str, Callable[..., Any]], dict[str, list[A
         for method, one in inspect.getmembers(type(value), inspect.isfunction):
             if not method.startswith("_"):
                 found[f"{name}.{method}"] = getattr(value, one.__name__)
-    for name in ("with_core", "with_provenance", "atomic_path", "index", "count", "has_triangles", "merged_in"):
+    for name in ("with_core", "_with_provenance", "atomic_path", "index", "count", "has_triangles", "merged_in"):
         found = {label: one for label, one in found.items() if not label.endswith("." + name)}
     return found, _values(folder, made, mesh)
 

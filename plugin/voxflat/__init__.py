@@ -5,9 +5,11 @@
 `path`, certified patches by `Surface.patches`. `flatten` does it all with defaults. `methods` has the methods with
 their options. `check` says beforehand whether an input can be flattened; `load` reads a saved map; `measure` judges any
 map, of whatever tool, and `compare` several of them; `worst_places` says where a map changes areas most, and where to
-cut. `map_page` shows a map beside its surface in a notebook or a browser.
+cut. `samples` has small surfaces to try all of it. `map_page` shows a map beside its surface in a notebook or a
+browser.
 
-``voxflat.vtk`` has filters of VTK; it is imported when it is first asked for.
+`voxflat.figures` draws, `voxflat.io` reads and writes, `voxflat.vtk` has filters of VTK; each is imported when it is
+first asked for. Examples take for granted ``import numpy as np``, ``import pyvista as pv`` and ``import voxflat``.
 
 >>> import numpy as np
 >>> import voxflat
@@ -21,7 +23,7 @@ True
 
 from typing import TYPE_CHECKING
 
-from voxflat import methods
+from voxflat import methods, samples
 from voxflat._core import __version__
 from voxflat.atlases.atlas import Atlas
 from voxflat.atlases.certified import FlatAtlas, load_atlas
@@ -60,21 +62,24 @@ __all__ = [
     "methods",
     "open_rows",
     "range_image",
+    "samples",
     "surface",
     "worst_places",
 ]
 
 if TYPE_CHECKING:
+    from voxflat import figures as figures
+    from voxflat import io as io
     from voxflat import vtk as vtk
     from voxflat.lab.map_page import map_page
 else:
 
     def __getattr__(name: str) -> object:
         """Import what needs packages that not everybody has."""
-        if name == "vtk":
+        if name in ("figures", "io", "vtk"):
             import importlib
 
-            return importlib.import_module("voxflat.vtk")
+            return importlib.import_module(f"voxflat.{name}")
         if name == "map_page":
             from voxflat.lab import map_page as module
 

@@ -4,7 +4,16 @@ from typing import Any
 
 
 class VoxflatError(Exception):
-    """Base of every exception that voxflat raises on purpose."""
+    """Base of every exception that voxflat raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     voxflat.surface("no_such_file.nii.gz")
+    ... except (voxflat.VoxflatError, OSError) as error:
+    ...     print(type(error).__name__)
+    FileNotFoundError
+    """
 
     @property
     def remedy(self) -> str:
@@ -15,7 +24,16 @@ class VoxflatError(Exception):
 
 
 class InputError(VoxflatError, ValueError):
-    """Bad input; the message names the value and the remedy."""
+    """Bad input; the message names the value and the remedy.
+
+    Examples
+    --------
+    >>> try:
+    ...     voxflat.surface(voxflat.samples.ball(), label=7)
+    ... except voxflat.InputError as error:
+    ...     print(error)
+    no voxel has label 7; the volume has labels 3
+    """
 
 
 class AreaBoundError(InputError):
@@ -29,6 +47,15 @@ class AreaBoundError(InputError):
         The map whose worst triangle is the best that was found.
     places : WorstPlaces
         Where its areas are beyond the bound, and the cuts that relieve these places.
+
+    Examples
+    --------
+    >>> bounded = voxflat.methods.Voxflat(max_area=1.02)
+    >>> try:
+    ...     voxflat.surface(voxflat.samples.ball()).flatten(bounded)
+    ... except voxflat.AreaBoundError as error:
+    ...     print(error.best)
+    <FlatMap: 678 points, 24 x 49 mm, relative error 4.1 %>
     """
 
     def __init__(self, message: str, best: Any, places: Any) -> None:
@@ -41,7 +68,16 @@ class AreaBoundError(InputError):
 
 
 class Cancelled(VoxflatError):  # noqa: N818  (nothing went wrong: the user asked for it)
-    """The user stopped a computation before its end."""
+    """The user stopped a computation before its end.
+
+    Examples
+    --------
+    >>> try:
+    ...     voxflat.flatten(voxflat.samples.hill(), progress=lambda stage, done, total: False)
+    ... except voxflat.Cancelled:
+    ...     print("stopped")
+    stopped
+    """
 
 
 def told(error: BaseException) -> str:

@@ -163,6 +163,15 @@ class FlattenSurface(_Filter):
         Of the patch along the surface, in the data's unit.
     cuts, relax, method, seed, threads
         As in `Surface.flatten`.
+
+    Examples
+    --------
+    >>> flatten = voxflat.vtk.FlattenSurface(seed=1)
+    >>> flatten.SetInputData(pv.Plane())
+    >>> flatten.Update()
+    True
+    >>> flatten.GetOutput().GetNumberOfPoints()
+    121
     """
 
     scalars: _Option[str | None] = _Option(None)
@@ -198,6 +207,15 @@ class SurfaceGeodesic(_Filter):
         Where distances are measured from; by default point 0.
     method : {"graph", "marching", "exact"}
         What measures them.
+
+    Examples
+    --------
+    >>> distances = voxflat.vtk.SurfaceGeodesic(sources=0)
+    >>> distances.SetInputData(pv.Plane())
+    >>> distances.Update()
+    True
+    >>> distances.GetOutput().GetPointData().GetNumberOfArrays()
+    3
     """
 
     OUTPUT = "vtkDataSet"
@@ -231,6 +249,15 @@ class SurfacePatches(_Filter):
         Greatest inclination to a patch's plane, degrees; by default 10.
     bound, count, glue, packing, seeds, seed, scalars, label, threshold, threads
         As in ``mesh.voxflat.patches``.
+
+    Examples
+    --------
+    >>> patches = voxflat.vtk.SurfacePatches(max_angle=20)
+    >>> patches.SetInputData(pv.Icosphere(nsub=2))
+    >>> patches.Update()
+    True
+    >>> patches.GetOutput().GetNumberOfCells()
+    320
     """
 
     max_angle: _Option[float | None] = _Option(None)

@@ -71,7 +71,7 @@ def test_each_frame_shows_its_values_where_they_lie(film):
 
 
 def test_frames_are_a_sequence_with_times(film):
-    assert (len(film), film.told(0), film.told(3)) == (FRAMES, "0.00 s", "2.25 s")
+    assert (len(film), film._told(0), film._told(3)) == (FRAMES, "0.00 s", "2.25 s")
     assert repr(film) == f"<Movie: overlay, 5 frames of 320 x {film.size[0]} pixels, 8 a second>"
     np.testing.assert_array_equal(film[-1], film[4])
     assert [len(film[1:3]), len(list(film))] == [2, FRAMES]
@@ -86,7 +86,7 @@ def test_limits_are_of_all_frames(flat_map):
     """Of 40 frames some are looked at; what a frame shows does not depend on which."""
     values = np.linspace(-1, 3, 40)[None] + np.zeros((COUNT, 1))
     film = figures.movie(flat_map, values, size=320)
-    assert film.told(7) == "frame 7"
+    assert film._told(7) == "frame 7"
     low, high = film.colours.limits
     assert (low, high) == (-high, high)
     assert high == pytest.approx(3, abs=0.1)

@@ -41,8 +41,8 @@ def test_each_programs_space_is_known(tmp_path, name, axes):
     assert mesh.remarks == ()
     np.testing.assert_allclose(mesh.space.to_scanner(mesh.points), to_scanner(points, of), atol=1e-4)
     np.testing.assert_allclose(mesh.space.from_scanner(mesh.space.to_scanner(mesh.points)), mesh.points, atol=1e-9)
-    again = Space.of({"space": mesh.space.described()})
-    assert again.described() == mesh.space.described()
+    again = Space._of({"space": mesh.space._described()})
+    assert again._described() == mesh.space._described()
 
 
 @pytest.mark.parametrize("shape", [(256, 256, 256), (320, 300, 257)])
@@ -52,7 +52,7 @@ def test_the_matrix_is_freesurfers(axes, shape):
     volume = VolumeGeometry(np.transpose(axes), np.array(C_RAS), shape, (1.0, 0.8, 1.2))
     matrix = of.get_vox2ras() @ np.linalg.inv(of.get_vox2ras_tkr())
     np.testing.assert_allclose(volume.matrix, matrix, atol=1e-5)
-    np.testing.assert_allclose(VolumeGeometry.of_matrix(matrix).matrix, matrix, atol=1e-5)
+    np.testing.assert_allclose(VolumeGeometry._of_matrix(matrix).matrix, matrix, atol=1e-5)
 
 
 @pytest.mark.parametrize(

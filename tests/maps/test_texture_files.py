@@ -171,7 +171,7 @@ class TestCommand:
         assert f"{len(textured.points)} points, {len(textured.faces)} triangles" in result.output
         (tmp_path / "python").mkdir()
         made = json.loads(run("-o", tmp_path / f"again{ending}", "--texel-size", 0.25, "--repeat", "--json").stdout)
-        textured.with_provenance(made["provenance"]).save(tmp_path / "python" / f"cli{ending}")
+        textured._with_provenance(made["provenance"]).save(tmp_path / "python" / f"cli{ending}")
         for file in (tmp_path / "python").iterdir():
             assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 

@@ -85,7 +85,7 @@ class TestAnyCuts:
         surface = voxflat.surface((points, faces))
         kept = np.ones(len(faces), dtype=bool)
         kept[list(gone)] = False
-        return faces, surface.with_core(surface.core.part_of_faces(kept).largest_piece())
+        return faces, surface._with_core(surface.core.part_of_faces(kept).largest_piece())
 
     def cut_sheet(self, data):
         faces, part = self.sheet_without(data.draw(st.sets(st.integers(0, 111), max_size=6)))
@@ -114,7 +114,7 @@ class TestAnyCuts:
         ids, own = part.vertices, part.faces.astype(np.int64)
         of_mesh = keys(faces.tolist())  # a slit may have been closed for measuring, by triangles of its own
         own = own[[tuple(sorted(triangle)) in of_mesh for triangle in ids[own].tolist()]]
-        rows = listed_points(ids, own, part.bridges())
+        rows = listed_points(ids, own, part._bridges())
         listed = set(ids[rows].tolist())
         assert len(listed) == len(rows)
         read = [tuple(face) for face in faces.tolist() if set(face) <= listed]

@@ -247,5 +247,9 @@ class VoxflatAccessor(Verbs):
             As in `show`; or if the name has another ending.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> pv.Plane().voxflat.export_html("plane.html")
         """
         self.show(title, progress_bar=progress_bar, **options).save(path)

@@ -86,6 +86,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.flatten`; the message names the block. Or if two have one name.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.flatten()["left"]
+        <FlatMap: 121 points, 1 x 1 mm, relative error 0.0 %>
         """
         return self._named(lambda of: of.flatten(scalars, progress_bar=progress_bar, **options))
 
@@ -105,6 +111,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.surface`; the message names the block.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.surface().n_blocks
+        2
         """
         return self._made(lambda of, _: of.surface(scalars, **options))
 
@@ -125,6 +137,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.check`; the message names the block. Or if two have one name.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.check()["right"].can_flatten
+        True
         """
         return self._named(lambda of: of.check(scalars, **options))
 
@@ -145,6 +163,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.patches`; the message names the block.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.patches(max_angle=20).n_blocks
+        2
         """
         return self._made(lambda of, _: of.patches(max_angle, **options))
 
@@ -166,6 +190,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.cut`; the message names the block.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.cut().n_blocks
+        2
         """
         return self._made(lambda of, _: of.cut(scalars, progress_bar=progress_bar, **options))
 
@@ -188,6 +218,12 @@ class BlocksAccessor:
         ------
         InputError, Cancelled
             As in `VoxflatAccessor.measure`; the message names the block. Or if there are more or fewer maps.
+
+        Examples
+        --------
+        >>> both = pv.MultiBlock({"left": pv.Plane(), "right": pv.Plane(center=(2, 0, 0))})
+        >>> both.voxflat.measure(both.voxflat()).keys()
+        ['left', 'right']
         """
         return self._made(lambda of, one: of.measure(one, scalars, **options), flat)
 

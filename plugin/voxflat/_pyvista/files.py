@@ -112,7 +112,7 @@ def _patch(path: str, surface: object | None) -> pv.PolyData:
     whole = _surface(surface)
     row = np.full(whole.count, -1, dtype=np.int64)
     with naming(path, "is it of this surface?"):
-        faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
+        faces = whole.vertices[whole.faces[whole._in_patch(patch)]]
     row[patch.vertex_ids] = np.arange(len(patch.vertex_ids))
     merged, one = whole.merged.T
     row[one] = np.where(row[one] < 0, row[merged], row[one])

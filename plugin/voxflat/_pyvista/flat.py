@@ -39,6 +39,12 @@ def to_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (1, 1)) -
         ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates, by which a picture lies as in
         `FlatMap.texture`. Cell data ``torn``: no surface lies in between. Field data ``voxflat``:
         metadata and distortion figures, ``json.loads(mesh.field_data["voxflat"][0])``.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> pv.Plane().voxflat.to_polydata(flat_map).n_points
+    441
     """
     return _mesh(flat_map, np.column_stack([flat_map.uv, np.zeros(len(flat_map))]), picture_shape)
 
@@ -55,6 +61,12 @@ def to_surface_polydata(flat_map: FlatMap, *, picture_shape: tuple[int, ...] = (
     -------
     pyvista.PolyData
         The same faces and data as in `to_polydata`. Faces that are torn reach across gaps in space.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> pv.Plane().voxflat.to_surface_polydata(flat_map).n_points
+    441
     """
     return _mesh(flat_map, flat_map.points, picture_shape)
 
@@ -76,6 +88,12 @@ def to_page_polydata(atlas: Atlas, *, packing: str = "boxes") -> pv.PolyData:
         same where patches are glued), ``isometric`` (C), ``quasi_conformal`` (K) and ``areal`` (log2 of the areas'
         ratio); point data ``voxel_ids`` or ``vertex_ids``, ``surface_points`` (RAS+ mm) and texture coordinates,
         by which an image of the page lies on it; field data ``voxflat``: the metadata.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> pv.Plane().voxflat.to_page_polydata(atlas).n_cells
+    800
     """
     page = atlas.page(packing=packing)
     corners: Any = atlas.uv_faces

@@ -50,6 +50,13 @@ class Given:
         ------
         InputError
             If the dataset is no ``ImageData``, or the array is missing or has several components.
+
+        Examples
+        --------
+        >>> image = pv.ImageData(dimensions=(8, 8, 8))
+        >>> image["labels"] = np.ones(512, np.uint8)
+        >>> image.voxflat.volume()
+        <Volume: 8 x 8 x 8 of uint8, voxels of 1 x 1 x 1 mm, RAS>
         """
         return volume_of(self._mesh, scalars)
 
@@ -72,6 +79,13 @@ class Given:
         ------
         InputError
             If the point lies outside the image.
+
+        Examples
+        --------
+        >>> image = pv.ImageData(dimensions=(8, 8, 8), spacing=(0.5, 0.5, 0.5))
+        >>> image["labels"] = np.ones(512, np.uint8)
+        >>> image.voxflat.voxel_at((1.0, 1.0, 2.1))
+        (2, 2, 4)
         """
         volume = self.volume(scalars)
         place = np.linalg.solve(volume.affine, [*np.asarray(point, dtype=np.float64), 1.0])[:3]

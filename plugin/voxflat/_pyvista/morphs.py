@@ -88,6 +88,12 @@ class Morph(Sequence[pv.PolyData]):
         ------
         InputError
             If the share is another.
+
+        Examples
+        --------
+        >>> morph = pv.Plane().voxflat.morph(5)
+        >>> morph.at(0.5).n_points
+        121
         """
         if not is_number(share) or not 0 <= share <= 1:
             raise InputError(f"the share is {share!r}; give 0, the surface, to 1, the map")
@@ -122,6 +128,11 @@ class Morph(Sequence[pv.PolyData]):
         ------
         InputError
             If the map has no such array.
+
+        Examples
+        --------
+        >>> pv.OFF_SCREEN = True  # or a window opens
+        >>> plotter = pv.Plane().voxflat.morph(5).plot()
         """
         view, moved = self._view(scalars, cmap, clim, window_size=window_size, off_screen=off_screen)
         plotter: Any = view
@@ -169,6 +180,11 @@ class Morph(Sequence[pv.PolyData]):
             If the ending is another, or a package is missing.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> morph = pv.Plane().voxflat.morph(5)
+        >>> morph.save("morph.gif")
         """
         from voxflat.figures.files import check_movie, save_movie  # brings in matplotlib
 

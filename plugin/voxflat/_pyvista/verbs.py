@@ -92,6 +92,11 @@ class Verbs(Given):
             it; the message says what to do.
         Cancelled
             As in `voxflat.flatten`.
+
+        Examples
+        --------
+        >>> pv.Plane(i_size=20, j_size=20).voxflat.flatten()
+        <FlatMap: 121 points, 20 x 20 mm, relative error 0.0 %>
         """
         given: dict[str, Any] = {**options}
         with shown(progress_bar, given.pop("progress", None)) as progress:
@@ -120,6 +125,11 @@ class Verbs(Given):
         ------
         InputError, Cancelled
             As in `voxflat.surface`.
+
+        Examples
+        --------
+        >>> pv.Icosphere(nsub=2).voxflat.surface().n_points
+        162
         """
         whole = surface(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
         faces: Any = whole.faces.astype(np.int64)
@@ -144,6 +154,11 @@ class Verbs(Given):
         ------
         InputError, Cancelled
             As in `voxflat.check`.
+
+        Examples
+        --------
+        >>> pv.Plane().voxflat.check().can_flatten
+        True
         """
         return check(self.volume(scalars) if self._is_image else self._skin(scalars).mesh, **options)
 
@@ -178,6 +193,12 @@ class Verbs(Given):
         ------
         InputError, Cancelled
             As in `Surface.geodesic`.
+
+        Examples
+        --------
+        >>> distances = pv.Icosphere(nsub=2).voxflat.geodesic(0)
+        >>> distances["geodesic_distance"].shape
+        (162,)
         """
         skin = self._skin(None)
         numbers = np.atleast_1d(skin.points(sources, "sources"))
@@ -213,6 +234,11 @@ class Verbs(Given):
         ------
         InputError
             As in `Surface.path`.
+
+        Examples
+        --------
+        >>> pv.Icosphere(nsub=2).voxflat.path(0, 11).n_points > 1
+        True
         """
         skin = self._skin(None)
         stops = [skin.point(stop, "stops") for stop in (a, b, *further)]
@@ -266,6 +292,11 @@ class Verbs(Given):
         ------
         InputError, Cancelled
             As in `Surface.patches`.
+
+        Examples
+        --------
+        >>> pv.Icosphere(nsub=2).voxflat.patches(max_angle=20).n_cells
+        320
         """
         skin = None if self._is_image else self._skin(scalars)
         given: dict[str, Any] = {**options}

@@ -78,6 +78,12 @@ class Atlas(FlatPieces, ABC):
         ``vertices``, their number; the ``space`` of the points.
     measured : ndarray, shape (pieces, K)
         Figures of each piece, by columns; the last three are area, isometric and quasi_conformal.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> atlas
+    <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
     """
 
     measured: NDArray[np.float64]
@@ -155,6 +161,12 @@ class Atlas(FlatPieces, ABC):
         ------
         InputError
             If the gap or the packing does not fit, or xatlas is missing.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.page()
+        <FlatPage: 8 pieces, 55 x 71 mm, 44 % of it used>
         """
         chosen = usual_gap(self.uv, self.starts) if gap is None else checked_number(gap, "gap")
         key = (chosen, checked_choice(packing, "packing", PACKINGS))
@@ -174,6 +186,12 @@ class Atlas(FlatPieces, ABC):
         -------
         ndarray, shape (P, 2)
             For each row of `uv` its place on the page, mm; pieces are turned and moved, not mirrored.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.layout().shape
+        (559, 2)
         """
         return self.page(gap, packing=packing).uv
 
@@ -199,6 +217,12 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             NaN (colours: alpha 0) beside the pieces and where the volume has no value.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.image(np.arange(441.0))
+        <FlatImage: overlay, 116 x 151 pixels of 0.477758 mm>
         """
         how: dict[str, Any] = {"depth": depth, "interpolation": interpolation, "period": period, "name": name}
         return self.page().image(volume, pixel_size, channel=channel, **how)
@@ -226,6 +250,12 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         FlatStack
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> len(atlas.images(np.ones((441, 3))))
+        3
         """
         how: dict[str, Any] = {"depth": depth, "average": average, "interpolation": interpolation, "name": name}
         how |= {"period": period, "time_step": time_step}
@@ -243,6 +273,12 @@ class Atlas(FlatPieces, ABC):
         -------
         FlatImage
             NaN beside the pieces.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.heat_map(pixel_size=1.0)
+        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1 mm>
         """
         return self.page().heat_map(pixel_size, of=of)
 
@@ -255,6 +291,12 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         dict
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> sorted(atlas.figures())[:3]
+        ['area', 'broken', 'certificate']
         """
 
     @abstractmethod
@@ -264,6 +306,12 @@ class Atlas(FlatPieces, ABC):
         Returns
         -------
         str
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> print(atlas.table().splitlines()[0])
+        patches                            8
         """
 
     @property
@@ -317,6 +365,13 @@ class Atlas(FlatPieces, ABC):
             If the path has another ending, or is a file that the atlas was made of.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.save("hill_atlas.npz")
+        >>> voxflat.load_atlas("hill_atlas.npz")
+        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         path = checked_path(path)
         if path.suffix.lower() not in SAVED_ENDINGS:
@@ -359,6 +414,13 @@ class Atlas(FlatPieces, ABC):
             If the file is damaged or is no such atlas.
         FileNotFoundError
             If there is no such file.
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.save("hill_patches.npz")
+        >>> voxflat.FlatAtlas.load("hill_patches.npz")
+        <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
         """
         with naming(path, AGAIN):
             check_regular(checked_path(path))

@@ -43,6 +43,12 @@ class Certificate:
         No length changes by more than this factor: max(σ1, 1/σ2) ≤ C.
     k : float
         Maximal dilatation: σ1/σ2 ≤ K.
+
+    Examples
+    --------
+    >>> patch = voxflat.samples.hill().patches(max_angle=20)[0]
+    >>> patch.certificate
+    Certificate(angle=20.0, c=1.3639702342662023, k=1.5929690551104496)
     """
 
     angle: float
@@ -62,6 +68,12 @@ class Plane:
         Unit normal.
     axes : ndarray, shape (2, 3)
         Orthogonal unit vectors, the directions of u and v.
+
+    Examples
+    --------
+    >>> patch = voxflat.samples.hill().patches(max_angle=20)[0]
+    >>> patch.plane.normal.shape
+    (3,)
     """
 
     origin: NDArray[np.float64]
@@ -97,6 +109,11 @@ class FlatPatch(Piece):
         On the surface, mm².
     isometric, quasi_conformal : float
         The greatest max(σ1, 1/σ2) and σ1/σ2 of its triangles, measured in the plane.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().patches(max_angle=20)[0]
+    <FlatPatch: 479 triangles, 971.2 mm², C = 1.0641>
     """
 
     plane: Plane
@@ -118,6 +135,12 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         Origin, normal, and the axes u and v of each patch's plane.
     measured : ndarray, shape (patches, 4)
         Tilt, area, isometric and quasi_conformal of each patch.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> len(atlas)
+    8
     """
 
     certificate: Certificate
@@ -152,6 +175,12 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         Returns
         -------
         dict
+
+        Examples
+        --------
+        >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+        >>> atlas.figures()['patches']
+        8
         """
         tilt, area, isometric, quasi_conformal = self.measured.T
         return {
@@ -186,6 +215,11 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
         Returns
         -------
         str
+
+        Examples
+        --------
+        >>> print(voxflat.samples.hill().patches(max_angle=20).table().splitlines()[0])
+        patches                            8
         """
         of, certified = self.figures(), self.certificate
         measured = of["measured"]
@@ -230,6 +264,12 @@ class FlatAtlas(Atlas, Sequence[FlatPatch]):
             If the bound does not fit, or the patches themselves are beyond it.
         Cancelled
             If `progress` returned False.
+
+        Examples
+        --------
+        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+        >>> glued
+        <GluedAtlas of 1 pieces: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
         """
         return _glue(self, self.certificate.c, bound, threads, progress)
 
@@ -260,6 +300,12 @@ def load_atlas(path: str | os.PathLike[str]) -> FlatAtlas | GluedAtlas:
         If the file is damaged or is no atlas.
     FileNotFoundError
         If there is no such file.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().patches(max_angle=20).save("atlas.npz")
+    >>> voxflat.load_atlas("atlas.npz")
+    <FlatAtlas of 8 patches: 800 triangles, C ≤ 1.3640, K ≤ 1.5930>
     """
     with naming(path, REMEDY):
         check_regular(checked_path(path))

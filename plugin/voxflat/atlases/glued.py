@@ -39,6 +39,12 @@ class Seams:
         Cuts between pieces that could not be united within the bound.
     overlap : float
         Cuts that are needed for a piece not to lie on itself.
+
+    Examples
+    --------
+    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+    >>> round(glued.seams.closed_share, 2)
+    1.0
     """
 
     length: float
@@ -58,7 +64,14 @@ class Seams:
         return self.closed / self.length if self.length > 0 else 1.0
 
     def figures(self) -> dict[str, float]:
-        """Return the lengths, mm, and the closed share by their names."""
+        """Return the lengths, mm, and the closed share by their names.
+
+        Examples
+        --------
+        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+        >>> sorted(glued.seams.figures())[:2]
+        ['bound', 'closed']
+        """
         return {**asdict(self), "cuts": self.cuts, "closed_share": self.closed_share}
 
 
@@ -70,6 +83,12 @@ class GluedPiece(Piece):
     ----------
     face_ids, vertex_ids, uv, faces, area, isometric, quasi_conformal
         As of a `FlatPatch`; a vertex that lies on both sides of a cut is there twice.
+
+    Examples
+    --------
+    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+    >>> glued[0]
+    <GluedPiece: 800 triangles, 1740 mm², C = 1.2047>
     """
 
 
@@ -91,6 +110,12 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         The greatest max(σ1, 1/σ2) that was measured in the patches before.
     seams : Seams
         What became of the seams.
+
+    Examples
+    --------
+    >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+    >>> glued
+    <GluedAtlas of 1 pieces: 800 triangles, C ≤ 1.5, 100.0 % of the seams closed>
     """
 
     bound: float
@@ -138,6 +163,12 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         Returns
         -------
         dict
+
+        Examples
+        --------
+        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+        >>> glued.figures()['pieces']
+        1
         """
         return {
             "pieces": len(self),
@@ -155,6 +186,12 @@ class GluedAtlas(Atlas, Sequence[GluedPiece]):
         Returns
         -------
         str
+
+        Examples
+        --------
+        >>> glued = voxflat.samples.hill().patches(max_angle=20).glue(bound=1.5)
+        >>> print(glued.table().splitlines()[0])
+        patches                                    8
         """
         of, seams = self.figures(), self.seams
 

@@ -35,6 +35,12 @@ class FlatPage(Planar):
         left corner.
     gap : float
         At least so much lies between pieces, mm.
+
+    Examples
+    --------
+    >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+    >>> page
+    <FlatPage: 8 pieces, 55 x 71 mm, 44 % of it used>
     """
 
     atlas: FlatPieces
@@ -94,6 +100,12 @@ class FlatPage(Planar):
         -------
         ndarray of int64, shape (H, W)
             Rows of the atlas's `faces`; −1 beside the pieces.
+
+        Examples
+        --------
+        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+        >>> page.face_ids(pixel_size=1.0).ndim
+        2
         """
         raster = self.raster(pixel_size)
         return np.where(raster.inside, raster.corners[..., 0].astype(np.int64) // 3, -1)
@@ -118,6 +130,12 @@ class FlatPage(Planar):
         ------
         InputError
             If there is no such figure.
+
+        Examples
+        --------
+        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+        >>> page.heat_map(pixel_size=1.0)
+        <FlatImage: C: by what factor lengths change at most, 56 x 73 pixels of 1 mm>
         """
         checked_choice(of, "of", FIGURES)
         return self._carried(getattr(self.atlas, of), FIGURES[of], pixel_size)
@@ -135,6 +153,12 @@ class FlatPage(Planar):
         -------
         FlatImage
             NaN beside the pieces.
+
+        Examples
+        --------
+        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+        >>> page.label_image(pixel_size=1.0)
+        <FlatImage: number of the patch, 56 x 73 pixels of 1 mm>
         """
         numbers = self.atlas.patch_ids + 1  # 0 is grey: unlabelled
         return replace(self._carried(numbers, "number of the patch", pixel_size), labels=True)
@@ -162,6 +186,12 @@ class FlatPage(Planar):
         ------
         InputError
             If the image does not hold the whole page.
+
+        Examples
+        --------
+        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+        >>> page.texture_coordinates().shape
+        (559, 2)
         """
         if image is None:
             raster = self.raster()
@@ -202,6 +232,12 @@ class FlatPage(Planar):
         ------
         InputError
             If the image is none of this page, shows nothing, or there is no such colour map.
+
+        Examples
+        --------
+        >>> page = voxflat.samples.hill().patches(max_angle=20).page()
+        >>> page.textured(page.heat_map(pixel_size=1.0))
+        <TexturedSurface: 441 points, 800 triangles, 56 x 73 texels>
         """
         shown = self.label_image() if image is None else image
         coordinates = self.texture_coordinates(shown)

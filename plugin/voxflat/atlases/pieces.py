@@ -83,14 +83,14 @@ class FlatPieces:
     @property
     def space(self) -> Space:
         """The space of its points, as `Surface.space`."""
-        return Space.of(self.metadata)
+        return Space._of(self.metadata)
 
     @property
     def provenance(self) -> Record:
         """What made it: version, function, parameters, and the files that were read."""
         return dict(self.metadata.get("provenance", {}))
 
-    def with_provenance(self: Own, record: Record) -> Own:
+    def _with_provenance(self: Own, record: Record) -> Own:
         """Return the same with a record of what made it.
 
         Parameters

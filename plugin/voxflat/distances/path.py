@@ -36,6 +36,12 @@ class Path:
         The surface's.
     provenance : dict
         What made it.
+
+    Examples
+    --------
+    >>> path = voxflat.samples.hill().path(0, 440)
+    >>> round(path.length, 1)
+    60.4
     """
 
     ids: NDArray[np.int64]
@@ -47,7 +53,7 @@ class Path:
     def __repr__(self) -> str:
         return f"<Path over {len(self.ids)} points, {self.length:.1f} mm>"
 
-    def with_provenance(self, record: Record) -> Path:
+    def _with_provenance(self, record: Record) -> Path:
         """Return the same path with a record of what made it.
 
         Parameters
@@ -69,7 +75,7 @@ def path(surface: Manifold, stops: Sequence[Sequence[int] | int], geodesic: str,
         graph = voxel_graph(surface, link_lengths or LINK_LENGTHS)
         core: Any = graph.whole
         vertices = core.find(voxel_indices(stops, "the stops"))
-        ids, find, space = core.voxels, core.path, Space.of(graph.metadata)
+        ids, find, space = core.voxels, core.path, Space._of(graph.metadata)
     else:
         if link_lengths is not None:
             raise InputError(f"link_lengths is given, but {geodesic!r} knows none; leave it out")

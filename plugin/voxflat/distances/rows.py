@@ -56,6 +56,12 @@ class DistanceRows:
         The store's directory.
     provenance : dict
         What made them; a store keeps it.
+
+    Examples
+    --------
+    >>> rows = voxflat.samples.hill().geodesic(5)
+    >>> rows.shape, rows.dtype
+    ((5, 441), dtype('float32'))
     """
 
     rows: NDArray[np.float32] | Table
@@ -65,7 +71,7 @@ class DistanceRows:
     store: Path | None = None
     provenance: Record = field(default_factory=dict)
 
-    def with_provenance(self, record: Record) -> DistanceRows:
+    def _with_provenance(self, record: Record) -> DistanceRows:
         """Return the same rows with a record of what made them, which goes into their store, too.
 
         Parameters
@@ -128,6 +134,11 @@ class DistanceRows:
         ------
         InputError
             If rows do not agree; the message names them.
+
+        Examples
+        --------
+        >>> rows = voxflat.samples.hill().geodesic(5, store="hill.rows")
+        >>> rows.verify()  # every row is read, and compared with its checksum
         """
         if self.store is None:
             return
@@ -157,6 +168,12 @@ def open_rows(path: str | os.PathLike[str]) -> DistanceRows:
     ------
     InputError
         If it is no store, is not complete or is damaged.
+
+    Examples
+    --------
+    >>> rows = voxflat.samples.hill().geodesic(5, store="five.rows")
+    >>> voxflat.open_rows("five.rows").shape
+    (5, 441)
     """
     path = checked_path(path)
     if not path.exists():

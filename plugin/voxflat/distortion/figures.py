@@ -33,6 +33,12 @@ class Figures:
         √(Σ(d − δ)² / Σδ²), Kruskal.
     sammon_stress : float
         (1/Σδ) Σ (d − δ)²/δ, Schwartz et al. 1989, equation 1.0.
+
+    Examples
+    --------
+    >>> figures = voxflat.samples.hill().flatten().distortion.raw
+    >>> round(figures.relative_error, 3)  # of all distances, as a fraction
+    0.036
     """
 
     scale: float
@@ -91,6 +97,12 @@ class TriangleFigures:
     area_beyond_1_25, area_beyond_1_5, area_beyond_2 : float
         The share of the surface, by its area, in triangles whose area changes by more than this factor, either way, at
         `equal_area_scale`. NaN in maps that were saved before there was such a figure.
+
+    Examples
+    --------
+    >>> triangles = voxflat.samples.hill().flatten().distortion.triangles
+    >>> triangles.flipped
+    0
     """
 
     areal_median: float
@@ -135,6 +147,12 @@ class StandardErrors:
         Of the figures of that name; their `scale` is NaN.
     pearson_r, mean_geodesic : float
         Of the figures of that name.
+
+    Examples
+    --------
+    >>> error = voxflat.samples.hill().flatten().distortion.standard_error
+    >>> error.raw.relative_error < 0.01
+    True
     """
 
     raw: Figures

@@ -30,6 +30,12 @@ def atlas_page(atlas: Atlas, *, packing: str = "boxes") -> Figure:
     -------
     matplotlib.figure.Figure
         All at the same scale, in mm; a colour for each patch, as in `atlas_3d`, image files and textures.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> figure = voxflat.figures.atlas_page(atlas)
+    >>> voxflat.figures.save(figure, "atlas_page.svg")
     """
     checked_kind(atlas, "atlas", "layout", "an atlas")
     places = atlas.layout(packing=packing)
@@ -62,6 +68,12 @@ def atlas_heat_map(atlas: Atlas, pixel_size: float | None = None, *, of: str = "
     -------
     matplotlib.figure.Figure
         From 1, no change, to the 99th percentile of the triangles; of areas from the 1st.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> figure = voxflat.figures.atlas_heat_map(atlas)
+    >>> voxflat.figures.save(figure, "atlas_heat_map.png")
     """
     checked_kind(atlas, "atlas", "heat_map", "an atlas")
     image = atlas.heat_map(pixel_size, of=of)

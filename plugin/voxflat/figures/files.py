@@ -51,6 +51,11 @@ def save(figure: Figure, path: str | os.PathLike[str], record: Record | None = N
         If the ending is another.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> voxflat.figures.save(voxflat.figures.scatter(flat_map), "scatter.pdf")
     """
     path = checked_path(path)
     checked_kind(figure, "figure", "canvas", "a figure of Matplotlib")
@@ -89,6 +94,10 @@ def save_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str], recor
         If the ending is another.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> voxflat.figures.save_picture(np.zeros((4, 4, 3), np.uint8), "black.png")
     """
     path, array = checked_path(path), array_of(picture, "values of the picture")
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
@@ -158,6 +167,12 @@ def save_movie(
         If `progress` returned False.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> movie = voxflat.figures.movie(flat_map, np.random.default_rng(0).random((441, 3)), size=320)
+    >>> voxflat.figures.save_movie(movie, "noise.gif")
     """
     path = checked_path(path)
     check_movie(path)

@@ -78,12 +78,18 @@ def flat_map(
     ------
     InputError
         As in `FlatMap.image`; if a value is none of those above, or the overlay lies elsewhere than the map.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> figure = voxflat.figures.flat_map(flat_map, flat_map.points[:, 2], title="height")
+    >>> voxflat.figures.save(figure, "height.png")
     """
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     checked_text(title, "title")
     check_underlay(underlay)
-    of = None if overlay is None else Overlay.of(overlay)
-    strength = None if of is None or of.strength is None else Overlay.of(of.strength)
+    of = None if overlay is None else Overlay._of(overlay)
+    strength = None if of is None or of.strength is None else Overlay._of(of.strength)
     if opacity is not None and not 0 <= checked_number(opacity, "opacity") <= 1:
         raise InputError(f"the opacity is {shown(opacity)}; give a number from 0 to 1")
     depths = Depths.of(depth, fraction, layering)

@@ -38,6 +38,12 @@ def scatter(flat_map: FlatMap) -> Figure:
     -------
     matplotlib.figure.Figure
         Colours say how many pairs there are; on the diagonal distances are kept.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> figure = voxflat.figures.scatter(flat_map)
+    >>> voxflat.figures.save(figure, "scatter.png")
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     distortion = flat_map.distortion
@@ -74,6 +80,12 @@ def heat_map(flat_map: FlatMap, pixel_size: float | None = None) -> Figure:
     -------
     matplotlib.figure.Figure
         Mean relative error in %, from 0 to the 99th percentile of the points: a few torn places would take all colours.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> figure = voxflat.figures.heat_map(flat_map)
+    >>> voxflat.figures.save(figure, "heat_map.png")
     """
     checked_kind(flat_map, "flat map", "heat_map", "a FlatMap")
     image = flat_map.heat_map(pixel_size)
@@ -97,6 +109,12 @@ def heat_maps(comparison: Comparison) -> Figure:
         Above, how well each place's distances are kept, in % from 0 to the 99th percentile over all maps; below, how
         much each place's area has changed, to the 99th percentile either way. The maps are as they are, at scale 1;
         what is undefined is left white.
+
+    Examples
+    --------
+    >>> surface = voxflat.samples.hill()
+    >>> comparison = voxflat.compare(surface, {"seen from above": surface.points[:, :2]})
+    >>> figure = voxflat.figures.heat_maps(comparison)
     """
     checked_kind(comparison, "comparison", "maps", "a Comparison, as compare returns it")
     maps = comparison.maps
@@ -138,6 +156,11 @@ def spectrum(flat_map: FlatMap) -> Figure:
     ------
     InputError
         If the map was made without sources, and so without a scaling.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten("zigelman2002")
+    >>> figure = voxflat.figures.spectrum(flat_map)
     """
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")
     values = flat_map.eigenvalues

@@ -48,6 +48,12 @@ class Movie(Sequence[NDArray[np.uint8]]):
         What is below the data and above.
     rate : float
         Frames a second.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> voxflat.figures.movie(flat_map, np.ones((441, 3)), size=320)
+    <Movie: overlay, 3 frames of 320 x 358 pixels, 10 a second>
     """
 
     def __init__(
@@ -77,7 +83,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
         """Height and width of each picture, pixels; both are even."""
         return (self._below.height, self._below.width)
 
-    def told(self, n: int) -> str:
+    def _told(self, n: int) -> str:
         """Return what is written above a frame: its time, else its name, else its number from 0."""
         times = self.stack.times
         if times is None:
@@ -102,7 +108,7 @@ class Movie(Sequence[NDArray[np.uint8]]):
         drawn = self._below.copy()
         drawn.alpha_composite(Image.fromarray(data[rows][:, columns]), (left, top))
         drawn.alpha_composite(self._above)
-        ImageDraw.Draw(drawn).text((self._corner, self._corner), self.told(n), (0, 0, 0), self._font)
+        ImageDraw.Draw(drawn).text((self._corner, self._corner), self._told(n), (0, 0, 0), self._font)
         return np.asarray(drawn.convert("RGB"))
 
 
@@ -155,8 +161,15 @@ def movie(
     ------
     InputError
         As `flat_map`; if there is one frame only, or a number is out of bounds.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> movie = voxflat.figures.movie(flat_map, np.random.default_rng(0).random((441, 3)), size=320)
+    >>> len(movie)
+    3
     """
-    of = Overlay.of(overlay)
+    of = Overlay._of(overlay)
     if of.channel is not None or of.strength is not None or of.period is not None:
         raise InputError("channel, strength and period are for figures: a movie shows the values of all frames")
     checked_kind(flat_map, "flat map", "eigenvalues", "a FlatMap")

@@ -86,7 +86,7 @@ class Overlay:
             raise InputError("strength is what has to pass the thresholds; give above, below or both")
 
     @classmethod
-    def of(cls, overlay: object) -> Overlay:
+    def _of(cls, overlay: object) -> Overlay:
         """Return an overlay; of data alone with defaults."""
         return overlay if isinstance(overlay, Overlay) else cls(overlay)
 

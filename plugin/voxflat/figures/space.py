@@ -63,6 +63,12 @@ def patch_3d(
     ------
     InputError
         If PyVista is missing or cannot draw, or the volume or mesh is another.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> voxflat.figures.patch_3d(flat_map, size=(200, 150)).shape
+    (150, 200, 3)
     """
     checked_kind(flat_map, "flat map", "is_voxels", "a FlatMap")
     width, height = _both(size)
@@ -101,6 +107,12 @@ def atlas_3d(atlas: FlatPieces, *, towards: Any = (0.6, -1.0, 0.5), size: int = 
     ------
     InputError
         If `towards` is no direction.
+
+    Examples
+    --------
+    >>> atlas = voxflat.samples.hill().patches(max_angle=20)
+    >>> voxflat.figures.atlas_3d(atlas, size=200).shape
+    (200, 200, 3)
     """
     checked_kind(atlas, "atlas", "patch_ids", "an atlas")
     checked_pixels(size, "size")

@@ -40,6 +40,11 @@ def worst_places(worst: WorstPlaces) -> Figure:
     -------
     matplotlib.figure.Figure
         Areas at the scale that keeps the area of the whole, to twice `WorstPlaces.beyond` either way; cuts are green.
+
+    Examples
+    --------
+    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    >>> figure = voxflat.figures.worst_places(worst)
     """
     checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
     flat_map = worst.flat_map
@@ -87,6 +92,12 @@ def worst_places_3d(worst: WorstPlaces, *, size: tuple[int, int] = (1800, 800)) 
     ------
     InputError
         If PyVista is missing or cannot draw.
+
+    Examples
+    --------
+    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    >>> voxflat.figures.worst_places_3d(worst, size=(200, 100)).shape
+    (100, 200, 3)
     """
     checked_kind(worst, "worst", "places", "WorstPlaces, as worst_places returns them")
     pyvista = load_pyvista()

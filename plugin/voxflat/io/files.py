@@ -300,6 +300,11 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     ------
     OSError
         Nothing can be written at `path`, which the error names: there is no room, no such directory, no permission.
+
+    Examples
+    --------
+    >>> with voxflat.io.atomic_path("notes.txt") as temporary:
+    ...     size = temporary.write_text("all of it, or nothing")
     """
     path = checked_path(path)
     temporary = temporary_beside(path)

@@ -56,6 +56,12 @@ class Mesh:
         What the reader noticed or changed.
     space : Space
         Whose coordinates the points are: scanner RAS, FreeSurfer's tkRAS, or unknown.
+
+    Examples
+    --------
+    >>> mesh = voxflat.io.Mesh(np.eye(3), [[0, 1, 2]])
+    >>> mesh
+    <Mesh: 3 points, 1 triangles>
     """
 
     points: NDArray[np.float64]
@@ -137,6 +143,13 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         The file is damaged, of another format than its ending says, or no surface of triangles.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> mesh = voxflat.io.Mesh(np.eye(3), [[0, 1, 2]])
+    >>> voxflat.io.write_mesh("triangle.ply", mesh)
+    >>> voxflat.io.read_mesh("triangle.ply")
+    <Mesh triangle.ply: 3 points, 1 triangles>
     """
     path = checked_path(path)
     with naming(path, REMEDY):
@@ -164,7 +177,7 @@ def holds_mesh(path: str | os.PathLike[str]) -> bool:
     with naming(path, REMEDY):
         data = contents(path)
         kind = formats.by_content(data) or formats.by_name(path)
-        return gifti.has_triangles(gifti.load(data)) if kind == formats.GIFTI else kind in READERS
+        return gifti._has_triangles(gifti.load(data)) if kind == formats.GIFTI else kind in READERS
 
 
 def _format(path: Path, data: bytes) -> str:
@@ -237,6 +250,11 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, record: Record | None =
         The format cannot hold the mesh.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> mesh = voxflat.io.Mesh(np.eye(3), [[0, 1, 2]])
+    >>> voxflat.io.write_mesh("triangle.surf.gii", mesh)
     """
     path = checked_path(path)
     write = check_mesh_name(path)

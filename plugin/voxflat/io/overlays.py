@@ -52,6 +52,12 @@ def read_overlay(path: str | os.PathLike[str], points: int, *, structure: str | 
         The file is damaged, has another number of values, or more maps than memory holds.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> np.save("height.npy", np.arange(4.0))
+    >>> voxflat.io.read_overlay("height.npy", points=4)
+    array([0., 1., 2., 3.])
     """
     path = checked_path(path)
     with naming(path, REMEDY):
@@ -137,6 +143,12 @@ def read_region(
         The file is damaged, belongs to another surface, or has no label of that name.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> np.save("region.npy", np.array([True, False, True, False]))
+    >>> voxflat.io.read_region("region.npy", 4)
+    array([ True, False,  True, False])
     """
     name = None if name is None else checked_text(name, "name of a label")
     path = checked_path(path)
@@ -155,7 +167,7 @@ def read_region(
             return _mask(patches.parse_patch(path, data).vertex_ids, points)
         if kind == "FreeSurfer label" or path.name.lower().endswith(".label"):
             return freesurfer.read_label(data, points)
-        if kind in READERS and (image is None or gifti.has_triangles(image)):
+        if kind in READERS and (image is None or gifti._has_triangles(image)):
             mesh = parsed(path, data)
             _fitting(mesh.points[:, 0], points)
             return _mask(np.unique(mesh.faces), points)

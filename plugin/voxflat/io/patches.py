@@ -47,6 +47,12 @@ class Patch:
         Which of them lie at the border of the patch; `patch_border` finds them.
     path : Path or None
         The file it came from.
+
+    Examples
+    --------
+    >>> patch = voxflat.io.Patch(np.array([0, 1, 2]), np.eye(3), np.array([True, True, True]))
+    >>> patch
+    <Patch: 3 points, 3 of them at the border>
     """
 
     vertex_ids: NDArray[np.int64]
@@ -92,6 +98,13 @@ def read_patch(path: str | os.PathLike[str]) -> Patch:
         The file is no patch, cut short, or names a point twice.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> patch = voxflat.io.Patch(np.array([0, 1, 2]), np.eye(3), np.array([True, True, True]))
+    >>> voxflat.io.write_patch("lh.other.patch.3d", patch)
+    >>> voxflat.io.read_patch("lh.other.patch.3d")
+    <Patch: 3 points, 3 of them at the border>
     """
     path = checked_path(path)
     with naming(path, _REMEDY):
@@ -140,6 +153,11 @@ def write_patch(path: str | os.PathLike[str], patch: Patch) -> None:
         The file cannot hold the patch.
     OSError
         It cannot be written.
+
+    Examples
+    --------
+    >>> patch = voxflat.io.Patch(np.array([0, 1, 2]), np.eye(3), np.array([True, True, True]))
+    >>> voxflat.io.write_patch("lh.some.patch.3d", patch)
     """
     path = checked_path(path)
     with atomic_path(path) as temporary, naming(path, "can a patch file hold it?"):
@@ -180,6 +198,12 @@ def patch_faces(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.int
     ------
     InputError
         As in `in_patch`.
+
+    Examples
+    --------
+    >>> faces = [[0, 1, 2], [1, 2, 3]]
+    >>> voxflat.io.patch_faces(faces, [0, 1, 2], 4)
+    array([[0, 1, 2]])
     """
     triangles, rows = _rows(faces, vertices, n)
     return rows[triangles[in_patch(faces, vertices, n)]]
@@ -201,6 +225,12 @@ def patch_border(faces: ArrayLike, vertices: ArrayLike, n: int) -> NDArray[np.bo
     ------
     InputError
         As in `in_patch`.
+
+    Examples
+    --------
+    >>> faces = [[0, 1, 2], [1, 2, 3]]
+    >>> voxflat.io.patch_border(faces, [0, 1, 2], 4)
+    array([ True,  True,  True])
     """
     triangles, rows = _rows(faces, vertices, n)
     corners = rows[triangles]

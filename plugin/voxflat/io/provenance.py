@@ -51,7 +51,7 @@ _Given = ParamSpec("_Given")
 
 
 class _Told(Protocol):
-    def with_provenance(self, record: Record) -> Any: ...
+    def _with_provenance(self, record: Record) -> Any: ...
 
 
 _Made = TypeVar("_Made", bound=_Told)
@@ -63,7 +63,7 @@ def telling(
     """Let the result of a function say what made it.
 
     `**told_as`: what a parameter of this name is told as, where that is not the value which was given. Returns: a
-    decorator: the record is handed to the result's ``with_provenance``, whose result is returned. A function's
+    decorator: the record is handed to the result's ``_with_provenance``, whose result is returned. A function's
     ``memory_limit``, if it has one, holds for reading files, too.
     """
 
@@ -93,7 +93,7 @@ def _telling(function: Callable[_Given, _Made], told_as: dict[str, Callable[[Any
             "parameters": described(told),
             "files": dict(sorted(files.items())),
         }
-        found: _Made = made.with_provenance(record)
+        found: _Made = made._with_provenance(record)
         return found
 
     return wrapped

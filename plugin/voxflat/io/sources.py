@@ -65,6 +65,11 @@ def as_volume(obj: object, *, spacing: Sequence[float] | None = None, affine: Ar
     ------
     InputError
         The object is no volume, or its place is given twice.
+
+    Examples
+    --------
+    >>> voxflat.io.as_volume(voxflat.samples.ball(), spacing=(0.5, 0.5, 1.0))
+    <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 1 mm, RAS>
     """
     given = given_affine(spacing, affine)
     is_file = isinstance(obj, str | os.PathLike)
@@ -93,7 +98,7 @@ def _of_polydata(mesh: Any) -> Mesh:
 
 def _of_image(read: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], Volume]:
     def of(image: Any) -> Volume:
-        return Volume.placed(*read(image))
+        return Volume._placed(*read(image))
 
     return of
 
@@ -121,5 +126,5 @@ _VOLUMES: _Kinds[Volume] = (
         _of_image(from_itk),
     ),
     (lambda given: isinstance(given, np.ma.MaskedArray), _of_masked),
-    (lambda _: True, lambda given: Volume.placed(as_array(given), None)),
+    (lambda _: True, lambda given: Volume._placed(as_array(given), None)),
 )

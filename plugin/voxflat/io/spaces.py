@@ -44,6 +44,12 @@ class VolumeGeometry:
         mm.
     filename : str
         The volume's file.
+
+    Examples
+    --------
+    >>> geometry = voxflat.io.VolumeGeometry.of_volume(np.diag([1.0, 1.0, 1.0, 1.0]), (256, 256, 256))
+    >>> geometry.c_ras
+    array([128., 128., 128.])
     """
 
     cosines: NDArray[np.float64]
@@ -87,6 +93,11 @@ class VolumeGeometry:
         Returns
         -------
         VolumeGeometry
+
+        Examples
+        --------
+        >>> voxflat.io.VolumeGeometry.conformed().shape
+        (256, 256, 256)
         """
         return cls(_CONFORMED, numbers_of(c_ras, "coordinates of the centre"), filename=filename)
 
@@ -109,6 +120,12 @@ class VolumeGeometry:
         -------
         VolumeGeometry
             Of the volume itself if it runs left, inferior, anterior.
+
+        Examples
+        --------
+        >>> geometry = voxflat.io.VolumeGeometry.of_volume(np.diag([1.0, 1.0, 1.0, 1.0]), (256, 256, 256))
+        >>> geometry.shape
+        (256, 256, 256)
         """
         matrix, counts = numbers_of(affine, "affine"), array_of(shape, "numbers of voxels")
         sizes = np.linalg.norm(matrix[:3, :3], axis=0)
@@ -118,7 +135,7 @@ class VolumeGeometry:
         return cls(_CONFORMED, c_ras, tuple(counts.tolist()), tuple(sizes.tolist()), filename)
 
     @classmethod
-    def of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
+    def _of_matrix(cls, matrix: ArrayLike) -> VolumeGeometry:
         """Return the geometry of some volume whose tkRAS a matrix takes to scanner RAS.
 
         Parameters
@@ -163,6 +180,12 @@ class Space:
         The volume that links scanner RAS and tkRAS; None if it is not known.
     doubt : str
         What speaks against the above, for messages: empty if nothing does.
+
+    Examples
+    --------
+    >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
+    >>> space
+    <Space: tkRAS: for scanner RAS add c_ras (128, 128, 128) mm>
     """
 
     name: str = "unknown"
@@ -170,7 +193,7 @@ class Space:
     doubt: str = ""
 
     @classmethod
-    def of(cls, metadata: Mapping[str, Any]) -> Space:
+    def _of(cls, metadata: Mapping[str, Any]) -> Space:
         """Return the space that the metadata of a surface, a map or an atlas tell.
 
         Parameters
@@ -191,7 +214,7 @@ class Space:
             volume = VolumeGeometry(cosines, volume["cras"], volume["volume"], volume["voxelsize"], volume["filename"])
         return cls(told["name"], volume, told["doubt"])
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return what metadata tell of it, ready for JSON.
 
         Returns
@@ -239,6 +262,12 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             As they are where the way is not known, or none.
+
+        Examples
+        --------
+        >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
+        >>> space.to_scanner(np.zeros((1, 3)))
+        array([[128., 128., 128.]])
         """
         return _carried(points, self._matrix)
 
@@ -254,6 +283,12 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             As they are where the way is not known, or none.
+
+        Examples
+        --------
+        >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
+        >>> space.from_scanner(np.zeros((1, 3)))
+        array([[-128., -128., -128.]])
         """
         matrix = self._matrix
         return _carried(points, None if matrix is None else np.asarray(np.linalg.inv(matrix), dtype=np.float64))
@@ -270,6 +305,12 @@ class Space:
         -------
         ndarray of float64, shape (..., 3)
             As they are where the way is not known, or none.
+
+        Examples
+        --------
+        >>> space = voxflat.io.Space("tkRAS", voxflat.io.VolumeGeometry.of_volume(np.eye(4), (256, 256, 256)))
+        >>> space.to_tkras(np.zeros((1, 3)))
+        array([[0., 0., 0.]])
         """
         if self.name != "scanner" or self.volume is None:
             return _carried(points, None)

@@ -43,6 +43,12 @@ class Volume:
         The file it came from.
     is_placed : bool
         Whether its place was given; otherwise the affine is the identity for want of a better one.
+
+    Examples
+    --------
+    >>> volume = voxflat.io.Volume(voxflat.samples.ball(), np.diag([0.5, 0.5, 0.5, 1]))
+    >>> volume
+    <Volume: 24 x 24 x 24 of uint8, voxels of 0.5 x 0.5 x 0.5 mm, RAS>
     """
 
     data: NDArray[Any]
@@ -60,7 +66,7 @@ class Volume:
         object.__setattr__(self, "affine", check_affine(self.affine))
 
     @classmethod
-    def placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> Volume:
+    def _placed(cls, data: NDArray[Any], affine: NDArray[Any] | None, path: Path | None = None) -> Volume:
         """Return voxels that lie where their affine says, or with the identity where there is none."""
         return cls(data, np.eye(4) if affine is None else affine, path, is_placed=affine is not None)
 
@@ -103,6 +109,12 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
         The file is damaged, of another format, no single volume, sheared, or not in mm.
     FileNotFoundError, PermissionError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> voxflat.io.write_volume("labels.npz", voxflat.samples.ball(), np.eye(4))
+    >>> voxflat.io.read_volume("labels.npz")
+    <Volume labels.npz: 24 x 24 x 24 of uint8, voxels of 1 x 1 x 1 mm, RAS>
     """
     path = checked_path(path)
     with naming(path, REMEDY):
@@ -111,7 +123,7 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
 
 def volume_of_file(path: str | os.PathLike[str]) -> Volume:
     """Read a volume; errors do not name the file."""
-    return Volume.placed(*read(Path(path)), Path(path))
+    return Volume._placed(*read(Path(path)), Path(path))
 
 
 def write_volume(
@@ -137,6 +149,10 @@ def write_volume(
         The format cannot hold the volume.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> voxflat.io.write_volume("ball.nii.gz", voxflat.samples.ball(), np.eye(4))
     """
     path = checked_path(path)
     write = check_volume_name(path)

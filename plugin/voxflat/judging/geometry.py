@@ -85,7 +85,7 @@ def geometry_of(whole: Manifold, maps: Mapping[str, object]) -> Geometry:
         _called(first),
         _made_on(ours[first]),
     )
-    return Geometry(whole.with_core(whole.core.moved(points)), known, first)
+    return Geometry(whole._with_core(whole.core.moved(points)), known, first)
 
 
 def _agree(flat: FlatMap, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:

@@ -35,6 +35,12 @@ class MapPage:
     ----------
     html : str
         All of it.
+
+    Examples
+    --------
+    >>> page = voxflat.map_page(voxflat.samples.hill().flatten())
+    >>> type(page).__name__
+    'MapPage'
     """
 
     html: str
@@ -60,6 +66,10 @@ class MapPage:
             If it has another ending.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> voxflat.map_page(voxflat.samples.hill().flatten()).save("hill.html")
         """
         path = checked_path(path)
         if path.suffix.lower() not in (".html", ".htm"):

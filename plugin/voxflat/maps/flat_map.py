@@ -80,6 +80,14 @@ class FlatMap(Planar):
         How deep in a fold they lie, mm, positive in sulci: `Surface.sulcal_depth`, likewise.
     white_points, pial_points : ndarray of float64, shape (N, 3), or None
         The points on the white and on the pial surface, in `space`, where both are known: between them lies the cortex.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> flat_map
+    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 %>
+    >>> flat_map.uv.shape
+    (441, 2)
     """
 
     uv: NDArray[np.float64]
@@ -122,7 +130,7 @@ class FlatMap(Planar):
     @property
     def space(self) -> Space:
         """The space of its points, as `Surface.space`; `Space.to_scanner` carries them to where volumes lie."""
-        return Space.of(self.metadata)
+        return Space._of(self.metadata)
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -157,6 +165,12 @@ class FlatMap(Planar):
         -------
         FlatImage
             Mean relative error of the distances from each place, as a fraction; NaN outside the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.heat_map(pixel_size=1.0)
+        <FlatImage: distortion: mean relative error of distances, 43 x 43 pixels of 1 mm>
         """
         raster = self.raster(pixel_size)
         data = raster.interpolate(self.distortion.per_point)
@@ -174,6 +188,12 @@ class FlatMap(Planar):
         -------
         ndarray, shape (N,) or (N, C)
             The picture's value at each surface voxel, of the picture's type.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.texture(np.zeros((64, 64))).shape
+        (441,)
         """
         values = check_values(picture)
         found = values_at(values, place(self.uv, values.shape))
@@ -207,6 +227,12 @@ class FlatMap(Planar):
             If it is no picture, or does not cover the map and is not to be repeated.
         FileNotFoundError, PermissionError
             If the file cannot be opened.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         colours, source = as_picture(picture)
         coordinates = place(self.uv, colours.shape, texel_size)
@@ -233,6 +259,13 @@ class FlatMap(Planar):
         ------
         InputError
             If there is not one value a point, or the type of the values cannot hold the background.
+
+        Examples
+        --------
+        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
+        >>> flat_map = disk.flatten()
+        >>> flat_map.paint(flat_map.uv[:, 0]).shape
+        (24, 24, 24)
         """
         values = array_of(values, "values")
         if not is_number(background):
@@ -273,6 +306,13 @@ class FlatMap(Planar):
             If they cannot be understood, are empty, or lie beside the map.
         FileNotFoundError, PermissionError
             If a file cannot be opened.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> triangle = {"V1": [[-5, -5], [5, -5], [0, 5]]}
+        >>> flat_map.regions(triangle)
+        <Regions: V1>
         """
         return regions_of(self, rois, layer=layer, pixel_size=pixel_size)
 
@@ -283,6 +323,12 @@ class FlatMap(Planar):
         -------
         dict
             ``metadata``, and ``distortion`` as from `Distortion.figures`.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.description()["method"]
+        'voxflat'
         """
         return {**self.metadata, "distortion": self.distortion.figures()}
 
@@ -292,7 +338,7 @@ class FlatMap(Planar):
         told = {name: self.metadata[name] for name in ("space", "warnings") if name in self.metadata}
         return {**self.metadata.get("provenance", {}), **told, "figures": self.distortion.figures()}
 
-    def with_provenance(self, record: Record) -> FlatMap:
+    def _with_provenance(self, record: Record) -> FlatMap:
         """Return the same map with a record of what made it; its store of rows gets the record, too.
 
         Parameters
@@ -333,6 +379,12 @@ class FlatMap(Planar):
             If the path has another ending, or is a file that the map was made of.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.save("hill.npz")  # everything, for voxflat.load
+        >>> flat_map.save("hill.surf.gii")  # a flat surface for other tools
         """
         path = checked_path(path)
         name = path.name.lower()
@@ -443,5 +495,11 @@ def load(path: str | os.PathLike[str]) -> FlatMap:
         If the file is damaged or is no flat map.
     FileNotFoundError
         If there is no such file.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().flatten().save("map.npz")
+    >>> voxflat.load("map.npz")
+    <FlatMap: 441 points, 42 x 42 mm, relative error 3.6 %>
     """
     return FlatMap(**read_map(path))

@@ -67,8 +67,8 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
             triangles |= {name: arrays.pop(f"distortion_{name}") for name in ("areal", "is_flipped")}
         distances = undefined_as_nan(distortion)
         distances |= {name: arrays.pop(f"distortion_{name}") for name in ("per_point", "scatter")}
-        Space.of(metadata)  # a damaged one ends here
-        return {"distortion": Distortion.of(distances, triangles, **more), "metadata": metadata, **arrays}
+        Space._of(metadata)  # a damaged one ends here
+        return {"distortion": Distortion._of(distances, triangles, **more), "metadata": metadata, **arrays}
 
 
 def mesh_of_vertices(

@@ -116,13 +116,13 @@ def _check_count(whole: Manifold, count: int) -> None:
 def _of_places(whole: Manifold, places: NDArray[np.float64], mesh: Mesh | None) -> Matched:
     _check_count(whole, len(places))
     is_placed = np.asarray(np.isfinite(places).all(axis=1))
-    faces = whole.vertices[whole.faces] if mesh is None else whole.merged_in(mesh.faces)
+    faces = whole.vertices[whole.faces] if mesh is None else whole._merged_in(mesh.faces)
     return _matched(whole, faces[is_placed[faces].all(axis=1)], places)
 
 
 def _of_patch(whole: Manifold, path: Any) -> Matched:
     patch = read_patch(path)
-    faces = whole.vertices[whole.faces[whole.in_patch(patch)]]
+    faces = whole.vertices[whole.faces[whole._in_patch(patch)]]
     places = np.full((whole.count, 3), np.nan)
     places[patch.vertex_ids] = patch.points
     return _matched(whole, faces, places)
@@ -135,7 +135,7 @@ def _of_texture(whole: Manifold, mesh: Mesh, path: Path) -> Matched:
         faces, coordinates, _ = read_obj_texture(contents(path))
     is_placed = np.isfinite(coordinates).all(axis=(1, 2))
     faces, coordinates = faces[is_placed], coordinates[is_placed]
-    faces = whole.merged_in(faces)
+    faces = whole._merged_in(faces)
     _check_triangles(whole, faces)
     corners = np.column_stack([faces.ravel(), coordinates.reshape(-1, 2) + 0.0])  # + 0.0, so that −0 is 0
     rows, _, numbers, _ = distinct(corners)
@@ -198,7 +198,7 @@ def vertices_of(whole: Manifold, flat: FlatMap) -> NDArray[np.int64]:
 
 def _matched(whole: Manifold, faces: NDArray[np.int64], places: NDArray[np.float64]) -> Matched:
     _check_triangles(whole, faces)
-    is_mapped = whole.has_triangles(faces)
+    is_mapped = whole._has_triangles(faces)
     if is_mapped is not None:
         core = whole.core.part_of_faces(is_mapped)
     else:  # the map's triangles are others than the surface's
@@ -223,7 +223,7 @@ def _check_triangles(whole: Manifold, faces: NDArray[np.int64]) -> None:
         raise InputError(
             f"the map has a triangle with vertex {strange[0]}, which no triangle of the surface has: is it of this one?"
         )
-    if whole.has_triangles(faces) is None:
+    if whole._has_triangles(faces) is None:
         log.warning("the map has triangles that the surface does not have; the map's own are judged")
 
 

@@ -43,6 +43,12 @@ class FlatTriangles:
         The same N points on the surface.
     piece_ids : ndarray of int64, shape (F,), or None
         The piece of each triangle, where there are several.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> len(flat_map.faces)
+    800
     """
 
     uv: NDArray[np.float64]
@@ -90,6 +96,12 @@ class Planar(ABC):
         ------
         InputError
             If the pixel size is not positive, or so small that the image would be too large.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.raster(pixel_size=1.0).shape
+        (43, 43)
         """
         size = self.pixel_size if pixel_size is None else checked_number(pixel_size, "pixel size")
         if size not in self._rasters:
@@ -111,6 +123,13 @@ class Planar(ABC):
             The nearest surface voxel or vertex; −1 where nothing is shown.
         points : ndarray of float64, shape (H, W, 3)
             RAS+ mm in the surface's `space`, linear between its vertices; NaN where nothing is shown.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> ids, points = flat_map.locate(pixel_size=1.0)
+        >>> ids.shape, points.shape
+        ((43, 43), (43, 43, 3))
         """
         return self._triangles.on_surface.locate(self.raster(pixel_size))
 
@@ -132,6 +151,13 @@ class Planar(ABC):
         ------
         InputError
             If the places have another shape.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> places = flat_map.look_up([[0.0, 0.0], [500.0, 0.0]])
+        >>> places.face_ids[1]  # outside the map
+        np.int64(-1)
         """
         of = self._triangles
         return self._finder.look_up(places, of.on_surface.points, of.faces, torn=of.torn, piece_ids=of.piece_ids)
@@ -173,6 +199,13 @@ class Planar(ABC):
         ------
         InputError
             If the points have another shape, or the limit or the space is none.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> uv, far = flat_map.points_to_map([[0.0, 0.0, 10.0]])
+        >>> uv.shape, far.round(1)
+        ((1, 2), array([0.]))
         """
         wanted = numbers_of(points, "points")
         if wanted.ndim == 0 or wanted.shape[-1] != 3:
@@ -257,6 +290,12 @@ class Planar(ABC):
         InputError
             If the volume does not fit or cannot be read, or there are several and none is chosen; if a mean of labels
             is asked for, or fractions where no pial surface is known.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> flat_map.image(flat_map.points[:, 2], pixel_size=1.0)  # heights, a value a vertex
+        <FlatImage: overlay, 43 x 43 pixels of 1 mm>
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "interpolation": interpolation, "period": period, "name": name}
@@ -303,6 +342,12 @@ class Planar(ABC):
         ------
         InputError
             As `image`.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> len(flat_map.images(np.ones((441, 4)), pixel_size=1.0))  # four frames
+        4
         """
         depths = Depths.of(depth, fraction, layering)
         how: dict[str, Any] = {"depths": depths, "average": average, "interpolation": interpolation, "name": name}

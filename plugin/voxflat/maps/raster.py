@@ -100,6 +100,15 @@ class FlatImage:
         form areas.
     provenance : dict
         What made it: the volume and how it was sampled, and the record of the map or atlas.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
+    >>> image
+    <FlatImage: overlay, 43 x 43 pixels of 1 mm>
+    >>> image.data.shape
+    (43, 43)
     """
 
     data: NDArray[Any]
@@ -113,7 +122,7 @@ class FlatImage:
         height, width = self.data.shape[:2]
         return f"<FlatImage: {self.name or 'no name'}, {width} x {height} pixels of {self.pixel_size:g} mm>"
 
-    def with_provenance(self, record: Record) -> FlatImage:
+    def _with_provenance(self, record: Record) -> FlatImage:
         """Return the same image with a record of what made it.
 
         Parameters
@@ -156,6 +165,13 @@ class FlatImage:
         ------
         InputError
             If there is no such colour map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
+        >>> image.colours().dtype
+        dtype('uint8')
         """
         return coloured(self.data, colour_map, limits, labels=self.is_labels)
 
@@ -194,6 +210,12 @@ class FlatImage:
             If the ending is another, the values do not fit, or it is a file that was read.
         OSError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> image = flat_map.image(flat_map.points[:, 2], pixel_size=1.0)
+        >>> image.save("heights.tif")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_image(path, self.data, self.affine, self.name, labels=self.is_labels, record=self.provenance)
@@ -217,6 +239,13 @@ class FlatStack(Sequence[FlatImage]):
         As of `FlatImage`.
     layers : tuple of str
         The names of the depths, where each channel is shown at several: all those of the first channel come first.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+    >>> len(frames)
+    4
     """
 
     channels: Channels
@@ -226,7 +255,7 @@ class FlatStack(Sequence[FlatImage]):
     provenance: Record = field(default_factory=dict)
     layers: tuple[str, ...] = ()
 
-    def with_provenance(self, record: Record) -> FlatStack:
+    def _with_provenance(self, record: Record) -> FlatStack:
         """Return the same images with a record of what made them.
 
         Parameters
@@ -287,6 +316,13 @@ class FlatStack(Sequence[FlatImage]):
         Returns
         -------
         FlatStack
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+        >>> frames.of_channel(2)
+        <FlatStack: overlay, 1 images (0 to 0)>
         """
         if not is_whole(channel) or not 0 <= channel < len(self.channels) // max(1, len(self.layers)):
             raise InputError(f"the channel is {shown(channel)}; give the number of one, from 0")
@@ -315,6 +351,13 @@ class FlatStack(Sequence[FlatImage]):
             If these are colours.
         Cancelled
             If `progress` returned False.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+        >>> len(frames.percent_change())
+        4
         """
         each = max(1, len(self.layers))
         total: list[Any] = [0.0] * each
@@ -383,6 +426,12 @@ class FlatStack(Sequence[FlatImage]):
             If `progress` returned False.
         OSError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> frames = flat_map.images(np.arange(1764.0).reshape(441, 4), pixel_size=1.0)
+        >>> frames.save("frames.nii.gz")
         """
         with saving(path, self.provenance, sidecar=sidecar, overwrite=overwrite):
             write_stack(path, self, self.provenance, progress)

@@ -63,6 +63,13 @@ class Regions:
         What knows which region lies where: ``labels(places)``.
     provenance : dict
         What made them.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+    >>> regions
+    <Regions: V1>
     """
 
     of: Planar
@@ -87,7 +94,7 @@ class Regions:
     def _surface(self) -> Sampler:
         return self.of._triangles.on_surface
 
-    def with_provenance(self, record: Record) -> Regions:
+    def _with_provenance(self, record: Record) -> Regions:
         """Return the same regions with a record of what made them.
 
         Parameters
@@ -113,6 +120,13 @@ class Regions:
         -------
         ndarray of int64, shape (...)
             Its key; 0 for none. Where several lie over each other, that of the last.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions.at(np.array([[0.0, 0.0], [30.0, 0.0]]))
+        array([1, 0])
         """
         wanted = numbers_of(places, "places")
         if wanted.ndim == 0 or wanted.shape[-1] != 2:
@@ -149,6 +163,13 @@ class Regions:
         -------
         FlatImage
             Keys; 0 for none, NaN outside the map.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions.image(pixel_size=1.0)
+        <FlatImage: regions, 43 x 43 pixels of 1 mm>
         """
         raster = self.of.raster(pixel_size)
         data = np.where(raster.inside, self.at(_centres(raster)), np.nan)
@@ -182,6 +203,13 @@ class Regions:
         ------
         InputError
             If the volume or the depths do not fit, or no voxel's centre lies in a region.
+
+        Examples
+        --------
+        >>> disk = voxflat.surface(voxflat.samples.ball()).disk((4, 12, 12), 6)
+        >>> regions = disk.flatten().regions({"patch": [[-3, -3], [3, -3], [0, 3]]})
+        >>> regions.volume(voxflat.samples.ball(), depth=(-1.0, 1.0))
+        <Volume: 24 x 24 x 24 of int32, voxels of 1 x 1 x 1 mm, RAS>
         """
         grid = as_volume(like)
         if not grid.is_placed:
@@ -225,6 +253,12 @@ class Regions:
             If the ending is another, the file cannot hold them, or it is a file that was read.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> regions = flat_map.regions({"V1": [[-5, -5], [5, -5], [0, 5]]})
+        >>> regions.save("v1.label")
         """
         path = checked_path(path)
         name = path.name.lower()

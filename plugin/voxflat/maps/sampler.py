@@ -117,7 +117,7 @@ class Sampler:
     @property
     def space(self) -> Space:
         """The space of the points."""
-        return Space.of(self.metadata)
+        return Space._of(self.metadata)
 
     @cached_property
     def affine(self) -> NDArray[np.float64]:

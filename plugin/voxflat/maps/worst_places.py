@@ -46,6 +46,12 @@ class RelievingCut:
         By how much less a sketch of the map gets distances wrong with it, as a fraction: what relaxation cuts are
         judged by. Negative where distances get worse, which a cut that mends areas may cost; NaN where there is no
         sketch.
+
+    Examples
+    --------
+    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    >>> worst.places[0].cut
+    <RelievingCut along 19 vertices, 38.5 mm, gain -0.97 %>
     """
 
     ids: NDArray[np.int64]
@@ -89,6 +95,12 @@ class WorstPlace:
         The parcel that holds most of it, where parcels were given.
     cut : RelievingCut or None
         Which cut relieves it; None where none was asked for, or no way leads from it to the border.
+
+    Examples
+    --------
+    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    >>> worst.places[0].kind
+    'shrunk'
     """
 
     number: int
@@ -111,7 +123,14 @@ class WorstPlace:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Return it ready for JSON, without its triangles, with units in the names."""
+        """Return it ready for JSON, without its triangles, with units in the names.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> sorted(worst.places[0].figures())[:2]
+        ['area_mm2', 'cut_gain']
+        """
         at = {f"{axis}_mm": float(value) for axis, value in zip("xyzuv", (*self.point, *self.uv), strict=True)}
         told: dict[str, Any] = {
             "number": self.number,
@@ -151,6 +170,12 @@ class WorstPlaces:
         there is none.
     provenance : dict
         What made it.
+
+    Examples
+    --------
+    >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+    >>> worst
+    <WorstPlaces: 1 of 2 where areas change beyond 1.01 times, 87.69 % of the surface>
     """
 
     flat_map: FlatMap
@@ -167,7 +192,7 @@ class WorstPlaces:
             f"{100 * self.share:.2f} % of the surface>"
         )
 
-    def with_provenance(self, record: Record) -> WorstPlaces:
+    def _with_provenance(self, record: Record) -> WorstPlaces:
         """Return the same with a record of what made it.
 
         Parameters
@@ -214,6 +239,12 @@ class WorstPlaces:
         ------
         InputError
             If there is no place of that number.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> len(worst.cuts())
+        1
         """
         metadata = self.flat_map.metadata
         known = [*(metadata.get("cuts") or []), *(cut["ids"] for cut in metadata.get("automatic_cuts", []))]
@@ -246,6 +277,11 @@ class WorstPlaces:
             If there is no place of that number, or it is a file that was read.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> worst.save_cuts("relieving_cuts.json")
         """
         content: dict[str, Any] = {"cuts": self.cuts(*numbers), "drop": []}
         if not self.flat_map.is_voxels:
@@ -255,7 +291,14 @@ class WorstPlaces:
             beside.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
     def figures(self) -> dict[str, Any]:
-        """Return all of it, without arrays of triangles, ready for JSON."""
+        """Return all of it, without arrays of triangles, ready for JSON.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> sorted(worst.figures())[:2]
+        ['beyond', 'found']
+        """
         return {
             "beyond": self.beyond,
             "found": self.found,
@@ -265,7 +308,14 @@ class WorstPlaces:
         }
 
     def table(self) -> str:
-        """Return the places as a table of text."""
+        """Return the places as a table of text.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> print(worst.table().splitlines()[0])
+        2 places where areas change beyond 1.01 times, 87.69 % of the surface
+        """
         share = f"{100 * self.share:.2f} % of the surface"
         about = f"{self.found} places where areas change beyond {self.beyond:g} times, {share}"
         if not self.places:
@@ -306,6 +356,11 @@ class WorstPlaces:
             If the path has another ending, or is a file that was read.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> worst = voxflat.worst_places(voxflat.samples.hill().flatten(), 1, beyond=1.01)
+        >>> worst.save("worst.tsv")
         """
         name = checked_path(path).name.lower()
         if not name.endswith(WORST_ENDINGS):

@@ -84,11 +84,8 @@ def worst_places(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import voxflat
-    >>> flat_map = voxflat.flatten(np.ones((9, 9, 1), dtype=int), sources=20)
-    >>> voxflat.worst_places(flat_map)
-    <WorstPlaces: 0 of 0 where areas change beyond 1.5 times, 0.00 % of the surface>
+    >>> voxflat.worst_places(voxflat.samples.hill().flatten(), beyond=1.01)
+    <WorstPlaces: 2 of 2 where areas change beyond 1.01 times, 87.69 % of the surface>
     """
     checked_kind(flat_map, "flat map", "distortion", "a FlatMap")
     if not is_whole(count) or count < 0:
@@ -208,7 +205,7 @@ class _Ways:
         core = self.part.core if path is None else self.part.core.cut([path.astype(np.uint32)])
         if core.topology()["euler"] != 1:
             return np.nan
-        return sketch_error(self.part.with_core(core), self.threads, self.progress)
+        return sketch_error(self.part._with_core(core), self.threads, self.progress)
 
     def _dijkstra(
         self, sources: NDArray[np.int64], ends: NDArray[Any], lengths: NDArray[np.float64]

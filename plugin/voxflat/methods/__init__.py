@@ -25,7 +25,6 @@ __all__ = [
     "Schwartz1989",
     "Voxflat",
     "Zigelman2002",
-    "flattened",
     "method_of",
 ]
 
@@ -54,7 +53,7 @@ def method_of(method: str | Method) -> Method:
 
     Examples
     --------
-    >>> method_of("zigelman2002").sources
+    >>> voxflat.methods.method_of("zigelman2002").sources
     625
     """
     if isinstance(method, Method):
@@ -68,5 +67,5 @@ def method_of(method: str | Method) -> Method:
 def flattened(surface: Manifold | Cutout, method: str | Method, where: Where, how: How) -> FlatMap:
     """Flatten a surface, or one that is cut already, by a method; see `voxflat.Surface.flatten`."""
     chosen = method_of(method)
-    chosen.check(how)
-    return chosen.flatten(surface, where, how)
+    chosen._check(how)
+    return chosen._flatten(surface, where, how)

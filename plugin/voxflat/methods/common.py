@@ -44,7 +44,7 @@ def _judged(part: Manifold, result: dict[str, Any], geodesic: str, links_error: 
         judged = judge([result["uv"]], sources, "exact", _core.KEPT_BYTES, how.seed, how.threads, how.progress)
         reference, distances = "exact", judged[0]
     of_triangles = part.core.measure(result["uv"], how.progress)
-    return Distortion.of(distances, of_triangles, reference, voxel_size=part.voxel_size)
+    return Distortion._of(distances, of_triangles, reference, voxel_size=part.voxel_size)
 
 
 def map_over_triangles(
@@ -85,7 +85,7 @@ def map_over_triangles(
         )
     anatomy = cut.anatomy(how.threads, how.progress)
     uv, framed = _framed(result["uv"], cut, how)
-    merged, places = part.also_merged()
+    merged, places = part._also_merged()
     rows_of: Any = slice(None)
     ids = part.ids
     if len(merged):  # each has a row of its own, at the same place
@@ -114,7 +114,7 @@ def map_over_triangles(
             **more,
         },
         rows=rows,
-        bridges=part.bridges(cut.faces),
+        bridges=part._bridges(cut.faces),
         **{name: values[rows_of] for name, values in anatomy.items()},
         white_points=None if part.white_points is None else part.white_points[ids],
         pial_points=None if part.pial_points is None else part.pial_points[ids],

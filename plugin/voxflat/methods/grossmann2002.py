@@ -79,7 +79,7 @@ class Grossmann2002(Method):
         checked_choice(self.sampling, "sampling", [one for one in SAMPLINGS if one != "curvature"])
         checked_choice(self.link_lengths, "link_lengths", ("chain-code", "euclidean"))
 
-    def flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
         """Flatten the surface voxels that a surface was made of."""
         if isinstance(surface, Cutout) or where.is_given:
             raise InputError(
@@ -125,7 +125,7 @@ class Grossmann2002(Method):
             torn=torn,
             sources=chosen.astype(np.int64),
             eigenvalues=result["eigenvalues"],
-            distortion=Distortion.of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
+            distortion=Distortion._of(result["distortion"], None, "chain", voxel_size=graph.voxel_size),
             metadata=metadata,
             rows=rows,
         )

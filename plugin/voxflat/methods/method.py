@@ -89,7 +89,13 @@ class How:
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A way from a surface to a flat map."""
+    """A way from a surface to a flat map.
+
+    Examples
+    --------
+    >>> voxflat.methods.method_of("zigelman2002").sources
+    625
+    """
 
     name: ClassVar[str]
     summary: ClassVar[str]
@@ -101,7 +107,7 @@ class Method:
         """The method and its options, for records."""
         return {"method": self.name, **{one.name: described(getattr(self, one.name)) for one in fields(self)}}
 
-    def check(self, how: How) -> None:
+    def _check(self, how: How) -> None:
         """Refuse what the method cannot do with rows."""
         if how.rows is not False and not self.takes_rows:
             raise InputError(f"the method {self.name!r} measures no distances, so there are no rows; leave rows out")
@@ -110,7 +116,7 @@ class Method:
                 f"the method {self.name!r} cannot write a store; give rows=True to keep the distances in memory"
             )
 
-    def flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
         """Flatten a surface.
 
         Parameters
@@ -133,19 +139,19 @@ class Method:
 class OverTriangles(Method):
     """A method that works on the triangles of a disk."""
 
-    def flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
+    def _flatten(self, surface: Manifold | Cutout, where: Where, how: How) -> FlatMap:
         """Cut the surface open, and flatten it."""
         if isinstance(surface, Cutout):
             if where.is_given:
                 raise InputError("the surface is cut already; leave out cuts, sphere, relax and adapt")
-            return self.map(surface, how)
-        return self.map(self.cut(surface, where, how), how)
+            return self._map(surface, how)
+        return self._map(self._cut(surface, where, how), how)
 
-    def cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
         """Cut a surface open to the disk that is flattened."""
         return cut_open(surface, where, how.threads, how.progress)
 
-    def map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk."""
         raise NotImplementedError
 

@@ -63,17 +63,17 @@ class Saucan2006(OverTriangles):
                 f"bound is {shown(self.bound)}; give a number above 1, up to 10: how much lengths may change at most"
             )
 
-    def cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
         """Cut a surface open to a disk; no further unless that is asked for, since gluing cuts where it must."""
         where = replace(where, relax=False) if where.relax is None else where
         return cut_open(surface, where, how.threads, how.progress)
 
-    def map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk in patches that are glued to one piece, and cut it open where seams remain."""
         need = how.check_memory(cut.part.core.saucan2006_memory_need(how.workers), "take a smaller patch")
         bound = float(self.bound)
         result = cut.part.core.saucan2006(bound, how.seed, how.threads, how.progress)
-        part, seams = cut.part.with_core(result["surface"]), Seams(**result["seams"])
+        part, seams = cut.part._with_core(result["surface"]), Seams(**result["seams"])
         faces = part.faces[: len(cut.faces)]  # holes that were closed come last
         cut = replace(cut, part=part, faces=faces, metadata={**cut.metadata, "points": len(np.unique(part.vertices))})
         told = {

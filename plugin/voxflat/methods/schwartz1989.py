@@ -78,7 +78,7 @@ class Schwartz1989(OverTriangles):
             checked_count(self.neighbourhood, "the neighbourhood", "a number of rings, 1 or more, or 'all'")
         checked_count(self.starts, "starts", "a number of random starts, 1 or more")
 
-    def map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles."""
         part = cut.part
         if is_whole(self.sources) and self.sources == 0:

@@ -23,10 +23,10 @@ def cut_as(whole: Manifold, start: Matched, threads: int | None, progress: Progr
     `whole`: the surface that the map is of. `threads`, `progress`: as in `voxflat.flatten`. Raises InputError if the
     map has triangles that the surface does not have.
     """
-    kept = whole.has_triangles(start.vertices[start.core.faces])
+    kept = whole._has_triangles(start.vertices[start.core.faces])
     if kept is None:
         raise InputError("the start has triangles that the surface does not have: give a map of this surface")
-    part = whole.with_core(whole.core.part_of_faces(kept))
+    part = whole._with_core(whole.core.part_of_faces(kept))
     places, _ = _at_corners(part.vertices, part.faces, start)
     cut = cut_out_as(whole, part, _chains(_seams(part.faces, places)), "start")
     return opened_to_disk(cut, False, threads, progress)

@@ -111,13 +111,13 @@ class Voxflat(OverTriangles):
         if self.max_area is not None and not (is_number(self.max_area) and 1 < self.max_area < np.inf):
             raise InputError(f"max_area is {shown(self.max_area)}; give a factor greater than 1, such as 2")
 
-    def cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
+    def _cut(self, surface: Manifold, where: Where, how: How) -> Cutout:
         """Cut a surface open to a disk: as the start is, where nothing else says where."""
         if self.start is None or where.is_given or surface.steps:
-            return super().cut(surface, where, how)
+            return super()._cut(surface, where, how)
         return cut_as(surface, match(surface, self.start), how.threads, how.progress)
 
-    def map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles, from nothing or from a map."""
         part, weighting = cut.part, float(self.weighting)
         max_area = None if self.max_area is None else float(self.max_area)

@@ -65,7 +65,7 @@ class Zigelman2002(OverTriangles):
         """Check the options."""
         checked_choice(self.sampling, "sampling", ("decimation", *SAMPLINGS, "grid"))
 
-    def map(self, cut: Cutout, how: How) -> FlatMap:
+    def _map(self, cut: Cutout, how: How) -> FlatMap:
         """Flatten a disk of triangles, or a range image."""
         part = cut.part
         choice = source_choice(part, self.sources, self.sampling, how.seed, fewest=3, at_most_all=True)

@@ -40,6 +40,12 @@ class Cut:
         Why it was made.
     name : str or None
         That of a template's cut, such as ``"calcarine"``.
+
+    Examples
+    --------
+    >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
+    >>> cut_open.cuts[0]
+    <Cut along 21 vertices, 26.3 mm, closed sphere>
     """
 
     ids: NDArray[np.int64]
@@ -114,7 +120,7 @@ class CutSurface(Generic[_Surface]):
     cutout: Cutout | None = None
 
     @classmethod
-    def of(cls, cutout: Cutout, surface: _Surface) -> CutSurface[_Surface]:
+    def _of(cls, cutout: Cutout, surface: _Surface) -> CutSurface[_Surface]:
         """Return what was cut, with its cuts one by one.
 
         Parameters
@@ -201,6 +207,12 @@ class CutSurface(Generic[_Surface]):
         ------
         InputError
             If there is no such cut.
+
+        Examples
+        --------
+        >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
+        >>> cut_open.title(0)
+        'cut 1, posterior, right'
         """
         if not is_whole(number) or not 0 <= number < len(self.cuts):
             raise InputError(f"the number of a cut is {shown(number)}; there are {len(self.cuts)}, counted from 0")
@@ -211,7 +223,7 @@ class CutSurface(Generic[_Surface]):
         points = of.space.to_scanner(of.points)
         return f"{name}, {whereabouts(points[of.find(cut.ids)], points)}"
 
-    def with_provenance(self, record: Record) -> CutSurface[_Surface]:
+    def _with_provenance(self, record: Record) -> CutSurface[_Surface]:
         """Return the same with a record of what made it.
 
         Parameters
@@ -223,7 +235,7 @@ class CutSurface(Generic[_Surface]):
         -------
         CutSurface
         """
-        return replace(self, surface=self.surface.with_provenance(record), provenance=record)
+        return replace(self, surface=self.surface._with_provenance(record), provenance=record)
 
     def save(self, path: str | os.PathLike[str], *, sidecar: bool = False, overwrite: bool = False) -> None:
         """Write the cuts, and what was left out, to a file that `cuts` of `flatten` takes.
@@ -241,6 +253,11 @@ class CutSurface(Generic[_Surface]):
             If it is a file that was read.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> cut_open = voxflat.surface(voxflat.samples.ball()).cut()
+        >>> cut_open.save("ball_cuts.json")
         """
         content: dict[str, Any] = {"cuts": [cut.ids.tolist() for cut in self.cuts], "drop": self.left_out.tolist()}
         content["provenance"] = self.provenance
@@ -266,12 +283,19 @@ class CutSurface(Generic[_Surface]):
             If no sphere was given to `Surface.cut`, or a cut begins neither at a border nor at another cut.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> from nilearn.datasets import fetch_surf_fsaverage
+        >>> left = fetch_surf_fsaverage()  # fsaverage5, which comes with nilearn
+        >>> cut_open = voxflat.surface(left.white_left).cut("standard", sphere=left.sphere_left)
+        >>> cut_open.save_template("five_cuts.json")
         """
         if self.sphere is None or self.whole is None:
             raise InputError("a template lies on the sphere, and none is known: give sphere (--sphere)")
         if not self.cuts and not len(self.left_out):
             raise InputError("nothing is cut and nothing left out: that makes no template")
-        kept = self.whole.has_triangles(self.surface.vertices[self.surface.faces])
+        kept = self.whole._has_triangles(self.surface.vertices[self.surface.faces])
         assert kept is not None
         names: dict[str, int] = {}
         cuts = []

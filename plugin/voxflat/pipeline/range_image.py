@@ -50,6 +50,12 @@ def range_image(
     ------
     InputError
         If the depths are no image, not finite, or leave no triangle; the message names the pixel.
+
+    Examples
+    --------
+    >>> heights = np.add.outer(np.arange(20.0), np.zeros(30))
+    >>> voxflat.range_image(heights, spacing=1.0)
+    <Surface from a mesh: 600 vertices, 1102 triangles>
     """
     heights = _heights(depth, mask)
     steps = _steps(spacing)

@@ -65,7 +65,7 @@ class Surface(Manifold):
     """
 
     @classmethod
-    def of(cls, made: Manifold) -> Surface:
+    def _of(cls, made: Manifold) -> Surface:
         """Return what the core made as a surface.
 
         Parameters
@@ -82,7 +82,7 @@ class Surface(Manifold):
         >>> import numpy as np
         >>> import voxflat
         >>> whole = voxflat.surface(np.ones((3, 3, 3), dtype=bool))
-        >>> type(voxflat.Surface.of(whole)).__name__
+        >>> type(voxflat.Surface._of(whole)).__name__
         'Surface'
         """
         return cls(**{one.name: getattr(made, one.name) for one in fields(Manifold)})
@@ -295,7 +295,7 @@ class Surface(Manifold):
         made = cut_open(self, Where(cuts, sphere, relax, adapt), checked_threads(threads), progress)
         for remark in made.remarks:
             log.warning(remark)
-        return CutSurface.of(made, Surface.of(made.part))
+        return CutSurface._of(made, Surface._of(made.part))
 
     @telling(method=method_of)
     def flatten(
@@ -736,7 +736,7 @@ def surface(
         made = of_volume(
             inside, probability=probability, sheet=sheet, repair=repair, threads=threads, progress=progress
         )
-    return Surface.of(cut_handles(made, threads, progress) if repair == "cuts" else made)
+    return Surface._of(cut_handles(made, threads, progress) if repair == "cuts" else made)
 
 
 def _refuse_options(what: str, **options: object) -> None:

@@ -141,7 +141,7 @@ def cut_along(part: Manifold, paths: list[Any] | None) -> tuple[Manifold, list[A
     found = [_vertices_along(part, path, f"cut {number}") for number, path in enumerate(paths or [])]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in found)
     if found:
-        part = part.with_core(part.core.cut(found))
+        part = part._with_core(part.core.cut(found))
     return part, [np.asarray(path).tolist() for path in paths or []], length
 
 
@@ -179,7 +179,7 @@ def close_holes(part: Manifold, progress: Progress | None) -> tuple[Manifold, ND
     if not filled:
         return part, part.faces, []
     return (
-        part.with_core(core),
+        part._with_core(core),
         part.faces,
         [f"{filled} hole(s) up to {longest:g} mm around were closed for measuring"],
     )
@@ -216,7 +216,7 @@ def opened(
             f"open along {paths}, {total:.0f} mm in all; give cuts, or a smaller patch, for a better map"
         )
         _name(part, cuts)
-        part = part.with_core(core)
+        part = part._with_core(core)
     was_closed = any(cut["reason"] == "closed sphere" for cut in cuts)
     if relax is False or (relax is None and is_cut and not was_closed and adapt is None):
         return part, cuts, remarks
@@ -233,7 +233,7 @@ def opened(
             f"{before:.1f} % off; relax=False leaves them out"
         )
     _name(part, further)
-    return part.with_core(core), cuts + further, remarks
+    return part._with_core(core), cuts + further, remarks
 
 
 def _counted(cuts: list[dict[str, Any]], name: str) -> tuple[str, float]:

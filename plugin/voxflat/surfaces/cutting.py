@@ -104,7 +104,7 @@ def cut_open(
         "cuts": cut_paths,
         "cut_names": [cut.name for cut in named] if named else [None] * len(cut_paths),
         "cuts_by": _cuts_by(choice, paths),
-        "sphere": None if choice.sphere is None else choice.sphere.described(),
+        "sphere": None if choice.sphere is None else choice.sphere._described(),
         "automatic_cuts": [],
         "surface_points": len(whole),
         "points": len(np.unique(part.vertices)),
@@ -144,7 +144,7 @@ def cut_out_as(whole: Manifold, part: Manifold, cuts: Sequence[NDArray[np.int64]
     named = [part.ids[path] for path in cuts]
     length = sum(float(np.linalg.norm(np.diff(part.points[path], axis=0), axis=1).sum()) for path in cuts)
     if cuts:
-        part = part.with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
+        part = part._with_core(part.core.cut([path.astype(np.uint32) for path in cuts]))
     part = largest_piece(part if is_all else replace(part, steps=(Step("keep"),)))
     metadata = {
         **whole.metadata,
@@ -220,7 +220,7 @@ def _with_outlines(whole: Manifold, choice: Choice, part: Manifold) -> tuple[Man
     kept = kept_by(choice.template, whole, choice.sphere)
     told: list[str] = []
     if part.steps:
-        region = whole.has_triangles(part.vertices[part.faces])
+        region = whole._has_triangles(part.vertices[part.faces])
         assert region is not None
         covered = float((~region)[~kept].mean()) if not kept.all() else 1.0
         if covered >= _COVERED:
@@ -248,7 +248,7 @@ def _cut_by(choice: Choice, part: Manifold, progress: Progress | None) -> tuple[
     cuts, remarks = traced(choice.template, part, choice.sphere, progress)
     if not cuts:
         return part, cuts, remarks
-    opened_part = part.with_core(part.core.cut([cut.vertices.astype(np.uint32) for cut in cuts]))
+    opened_part = part._with_core(part.core.cut([cut.vertices.astype(np.uint32) for cut in cuts]))
     after = opened_part.core.topology()
     if (after["euler"], len(after["loops"])) != (min(topology["euler"], 1), max(len(topology["loops"]), 1)):
         raise InputError(

@@ -74,6 +74,11 @@ class Check:
         The verdict.
     advice : tuple of str
         What to know and what to do.
+
+    Examples
+    --------
+    >>> voxflat.samples.hill().check()
+    <Check of an array: mesh, 441 vertices, can be flattened>
     """
 
     path: str | None
@@ -104,7 +109,13 @@ class Check:
         return f"<Check of {self.path or 'an array'}: {self.kind}, {size}{verdict} be flattened>"
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return the findings, a name and what was found each, without the advice."""
+        """Return the findings, a name and what was found each, without the advice.
+
+        Examples
+        --------
+        >>> voxflat.samples.hill().check().rows()[0]
+        ('input', 'array')
+        """
         rows = [("input", self.path or "array"), *self._contents()]
         rows += [(name, f"{len(places)}: {_shortened(places)}") for name, places in self.defects.items() if places]
         if self.surface_points is not None:
@@ -113,7 +124,13 @@ class Check:
         return rows
 
     def table(self) -> str:
-        """Return the findings as a table of text."""
+        """Return the findings as a table of text.
+
+        Examples
+        --------
+        >>> print(voxflat.samples.hill().check().table().splitlines()[0])
+        input                 array
+        """
         rows = self.rows()
         width = max(len(name) for name, _ in rows) + 2
         text = [f"{name:{width}}{value}" for name, value in rows]
@@ -124,7 +141,7 @@ class Check:
         if self.kind == "mesh":
             size = " x ".join(f"{side:.4g}" for side in of["size"])
             rows = [("mesh", f"{of['vertices']} vertices, {of['triangles']} triangles"), ("size", f"{size} mm")]
-            rows.append(("coordinates", str(Space.of(of))))
+            rows.append(("coordinates", str(Space._of(of))))
             return rows + ([("structure", of["structure"])] if of["structure"] else [])
         labels = of["labels"]
         return [

@@ -80,7 +80,7 @@ def foreground_of(
         "input_sha256": hashlib.sha256(np.packbits(mask).tobytes() + str(mask.shape).encode()).hexdigest(),
         "shape": [int(n) for n in volume.data.shape],
         "affine": volume.affine.tolist(),
-        "space": (Space("scanner") if volume.is_placed else UNKNOWN).described(),
+        "space": (Space("scanner") if volume.is_placed else UNKNOWN)._described(),
         "label": None if label is None else int(label),
         "threshold": threshold,
         "foreground": int(np.count_nonzero(mask)),

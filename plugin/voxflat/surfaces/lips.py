@@ -2,7 +2,7 @@
 
 A cut doubles the vertices along it. GIFTI surfaces and FreeSurfer's patches number the vertices of the mesh and have
 one place for each, so that triangles on one of the lips are lost. A patch has no triangles of its own, either: whoever
-reads it takes those of the mesh whose corners are all listed (`io.patches.in_patch`), and among them would be some that
+reads it takes those of the mesh whose corners are all listed (`in_patch`), and among them would be some that
 bridge the cut. So vertices at the lips are left out, until none is.
 """
 

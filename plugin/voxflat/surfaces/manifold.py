@@ -136,7 +136,7 @@ class Manifold:
     @property
     def space(self) -> Space:
         """The space of its points: that of the volume, or what the mesh's file says."""
-        return Space.of(self.metadata)
+        return Space._of(self.metadata)
 
     @property
     def faces(self) -> NDArray[np.uint32]:
@@ -190,6 +190,12 @@ class Manifold:
         ------
         InputError
             If one of them is not on this surface.
+
+        Examples
+        --------
+        >>> surface = voxflat.samples.hill()
+        >>> surface.find([0, 440])
+        array([  0, 440], dtype=uint32)
         """
         wanted = array_of(ids, checked_text(name, "name").removeprefix("the "))
         shape, what = (
@@ -238,6 +244,13 @@ class Manifold:
         vertex : int
         distance : float
             From the voxel's centre to that of the vertex's voxel, mm.
+
+        Examples
+        --------
+        >>> surface = voxflat.surface(voxflat.samples.ball())
+        >>> vertex, distance = surface.nearest((4, 12, 12))
+        >>> distance
+        0.0
         """
         if not self.is_voxels:
             raise InputError("a surface from a mesh has no voxels; give the number of a vertex where one is wanted")
@@ -273,6 +286,12 @@ class Manifold:
             If the smoothing is negative or not finite.
         Cancelled
             If `progress` returned False.
+
+        Examples
+        --------
+        >>> surface = voxflat.samples.hill()
+        >>> surface.mean_curvature().shape
+        (441,)
         """
         if not (is_number(smoothing) and 0 <= smoothing < np.inf):
             raise InputError(f"smoothing is {shown(smoothing)}; give a length in mm, 0 for none")
@@ -305,12 +324,18 @@ class Manifold:
             If the flow is not positive.
         Cancelled
             If `progress` returned False.
+
+        Examples
+        --------
+        >>> surface = voxflat.surface(voxflat.samples.ball())
+        >>> surface.sulcal_depth().shape
+        (632,)
         """
         if not (is_number(flow) and 0 < flow < np.inf):
             raise InputError(f"flow is {shown(flow)}; give a positive number of mm²")
         return self.core.sulcal_depth(float(flow), checked_threads(threads), progress)
 
-    def merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _merged_in(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return vertices of the whole surface, each replaced by the one that it was merged with.
 
         Parameters
@@ -327,7 +352,7 @@ class Manifold:
         one[self.merged[:, 0]] = self.merged[:, 1]
         return np.asarray(one[vertices])
 
-    def also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _also_merged(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Find the vertices of the whole surface that were merged with one of this surface.
 
         Returns
@@ -343,7 +368,7 @@ class Manifold:
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         return np.repeat(self.merged[:, 0], counts), order[np.repeat(sides[0], counts) + within]
 
-    def has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
+    def _has_triangles(self, faces: NDArray[np.int64]) -> NDArray[np.bool_] | None:
         """Find triangles that are given by vertices of the whole surface.
 
         Parameters
@@ -356,13 +381,13 @@ class Manifold:
         ndarray of bool, shape (F,), or None
             Which of this surface's triangles they are; None if some of them are none of this surface.
         """
-        faces = self.merged_in(faces)
+        faces = self._merged_in(faces)
         a, b, c = faces.T
         wanted = distinct(np.sort(faces[(a != b) & (b != c) & (c != a)], axis=1)).rows
         found = are_triangles(self.vertices[self.faces], wanted)
         return found if found.sum() == len(wanted) else None
 
-    def in_patch(self, patch: Patch) -> NDArray[np.bool_]:
+    def _in_patch(self, patch: Patch) -> NDArray[np.bool_]:
         """Find the triangles of a FreeSurfer patch: as its other readers do, those whose corners are all listed.
 
         Parameters
@@ -384,7 +409,7 @@ class Manifold:
         listed = np.concatenate([patch.vertex_ids, self.merged[is_listed, 1]])
         return in_patch(self.vertices[self.faces], np.unique(listed), self.count)
 
-    def bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
+    def _bridges(self, faces: NDArray[Any] | None = None) -> NDArray[np.int64]:
         """Find the triangles of the mesh that were left out although all their corners are there.
 
         Parameters
@@ -415,6 +440,12 @@ class Manifold:
         ------
         InputError
             If the surface came from a mesh.
+
+        Examples
+        --------
+        >>> surface = voxflat.surface(voxflat.samples.ball(), repair="voxels")
+        >>> int(surface.changed_voxels().sum())
+        0
         """
         if not self.is_voxels:
             raise InputError("the surface came from a mesh, which has no voxels to change")
@@ -425,7 +456,7 @@ class Manifold:
                 labels[tuple(np.asarray(report.get(name, []), dtype=np.int64).reshape(-1, 3).T)] = value
         return labels
 
-    def with_core(self, core: _core.Surface) -> Self:
+    def _with_core(self, core: _core.Surface) -> Self:
         """Return a part of this surface, or a cut one, that is the same otherwise.
 
         Parameters
@@ -444,7 +475,7 @@ class Manifold:
         """What made it: version, function, parameters, and the files that were read."""
         return dict(self.metadata.get("provenance", {}))
 
-    def with_provenance(self, record: Record) -> Self:
+    def _with_provenance(self, record: Record) -> Self:
         """Return the same surface with a record of what made it.
 
         Parameters
@@ -480,6 +511,11 @@ class Manifold:
             If the path has another ending, or is a file that the surface was made of.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> surface = voxflat.samples.hill()
+        >>> surface.save("hill.ply")
         """
         space, structure = self.space, self.metadata.get("structure")
         if space.name == "scanner" and self.is_voxels:
@@ -504,13 +540,13 @@ class Manifold:
         if self.is_voxels:
             raise InputError("a patch file numbers the vertices of a mesh, and voxels have none; save as .surf.gii")
         points, _ = in_tkras(self.points, space)
-        write_patch(path, patch_of(points, self.vertices, self.faces, self.bridges(), self.count, self.merged))
+        write_patch(path, patch_of(points, self.vertices, self.faces, self._bridges(), self.count, self.merged))
 
 
 def size_and_space(points: NDArray[Any], triangles: int, structure: str | None, space: Space) -> dict[str, Any]:
     """Return what a check says of a mesh: its size, which hemisphere it is, and the space of its points."""
     size = tuple(float(side) for side in np.ptp(points, axis=0))
-    about = {"structure": structure, "space": space.described()}
+    about = {"structure": structure, "space": space._described()}
     return {"vertices": len(points), "triangles": triangles, "size": size, **about}
 
 

@@ -52,7 +52,7 @@ def of_mesh(mesh: Mesh, pial: object | None = None, *, mend: bool = True) -> Man
         "input_sha256": digest.hexdigest(),
         "vertices": len(mesh.points),
         "structure": mesh.structure,
-        "space": mesh.space.described(),
+        "space": mesh.space._described(),
         "measured_on": measured_on,
     }
     merged = told["merged"].astype(np.int64)

@@ -53,7 +53,7 @@ def pial_of(core: _core.Surface, mesh: Mesh, pial: object) -> tuple[NDArray[np.f
 
 def _in_space_of(mesh: Mesh, other: Mesh) -> NDArray[np.float64]:
     """Return the points of another mesh in the space of one, as they are where a space is not known."""
-    is_same = mesh.space.described()["to_scanner"] == other.space.described()["to_scanner"]
+    is_same = mesh.space._described()["to_scanner"] == other.space._described()["to_scanner"]
     if is_same or not (mesh.space.is_known and other.space.is_known):
         return other.points
     return mesh.space.from_scanner(other.space.to_scanner(other.points))

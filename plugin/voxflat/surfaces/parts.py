@@ -117,7 +117,7 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
         elif not holds_mesh(keep):
             return None
     if isinstance(keep, Patch):
-        return whole.in_patch(keep)
+        return whole._in_patch(keep)
     mesh = as_mesh(keep)
     if mesh is None:
         return None
@@ -126,7 +126,7 @@ def _triangles(whole: Manifold, keep: object) -> NDArray[np.bool_] | None:
             f"the surface to keep has {len(mesh.points)} vertices, the surface {whole.metadata['vertices']}; they must "
             "correspond one by one"
         )
-    found = whole.has_triangles(mesh.faces)
+    found = whole._has_triangles(mesh.faces)
     if found is None:
         raise InputError("the surface to keep has triangles that the surface does not have: is it of this one?")
     return found

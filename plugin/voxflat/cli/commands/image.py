@@ -135,7 +135,7 @@ def command(
         else:
             stack = flat_map.images(volume, pixel_size, **how)
             picture = stack[0]
-    picture = picture.with_provenance({**picture.provenance, "files": files})
+    picture = picture._with_provenance({**picture.provenance, "files": files})
     count, step = 1, None
     if volume is not None:
         _check_overlap(picture.data[..., 3] > 0 if picture.is_colour else ~np.isnan(picture.data), volume)
@@ -143,7 +143,7 @@ def command(
         count = len(stack)
         step = None if stack.timing is None else stack.timing.step
         with bars(quiet) as shown:
-            stack.with_provenance({**stack.provenance, "files": files}).save(output, **saved, progress=shown.progress)
+            stack._with_provenance({**stack.provenance, "files": files}).save(output, **saved, progress=shown.progress)
     elif heat_map and output.suffix.lower() == ".png":
         from voxflat import figures  # brings in matplotlib
 

@@ -66,7 +66,7 @@ def command(
         with saving(output, found.provenance, sidecar=sidecar, overwrite=overwrite), atomic_path(output) as beside:
             np.savetxt(beside, found.ids, fmt="%d")
     if as_json:
-        points = {"points": found.points.tolist(), "space": found.space.described()}
+        points = {"points": found.points.tolist(), "space": found.space._described()}
         told = {"length": found.length, "ids": found.ids.tolist(), **points}
         print_json({**told, "provenance": found.provenance})
     else:

@@ -90,7 +90,7 @@ def command(
     with reading() as files:
         flat_map = load(map_)
         regions = flat_map.regions(drawn[0], pixel_size=pixel_size, **({} if layer is None else {"layer": layer}))
-        regions = regions.with_provenance({**regions.provenance, "files": files})
+        regions = regions._with_provenance({**regions.provenance, "files": files})
         regions.save(output, volume=volume, depth=depth, sidecar=sidecar, overwrite=overwrite)
     counts = {
         name: int(np.count_nonzero(regions.labels == key))

@@ -53,7 +53,7 @@ def command(
     check_output(output, TEXTURED_ENDINGS, beside=files_beside(output), sidecar=sidecar, overwrite=overwrite)
     with reading() as files:
         textured = load(map_).textured(picture, texel_size, repeat=repeat)
-    textured = textured.with_provenance({**textured.provenance, "files": files})
+    textured = textured._with_provenance({**textured.provenance, "files": files})
     if output.suffix.lower() == ".ply":
         textured = textured.subdivided()
     textured.save(output, sidecar=sidecar, overwrite=overwrite)

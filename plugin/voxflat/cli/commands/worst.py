@@ -89,7 +89,7 @@ def command(
             check_output(file, endings, sidecar=sidecar, overwrite=overwrite)
     with bars() as shown, reading() as read:
         worst = worst_places(load(map_), **given, progress=shown.progress)
-        worst = worst.with_provenance({**worst.provenance, "files": read})
+        worst = worst._with_provenance({**worst.provenance, "files": read})
     saved = [file for file in files if file is not None]
     if output is not None:
         worst.save(output, sidecar=sidecar, overwrite=overwrite)

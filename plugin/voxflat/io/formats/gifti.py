@@ -185,7 +185,7 @@ def surface(image: Any) -> tuple[NDArray[Any], NDArray[Any], str | None, Space, 
     return points.data, triangles.data, structure or None, _space(points), _remarks(points)
 
 
-def has_triangles(image: Any) -> bool:
+def _has_triangles(image: Any) -> bool:
     """Tell whether a file holds a surface."""
     return bool(image.get_arrays_from_intent(_TRIANGLES))
 
@@ -241,7 +241,7 @@ def _space(points: Any) -> Space:
         volume = _volume_geometry(meta)
         is_led = dataspace == 0 and xformspace == _SCANNER
         if is_led and volume is None:
-            volume = VolumeGeometry.of_matrix(_transform(points))
+            volume = VolumeGeometry._of_matrix(_transform(points))
     except (InputError, ValueError) as error:
         doubt = f"its volume geometry (VolGeom...) is damaged: {error}"
         return Space("scanner") if dataspace == _SCANNER else Space("unknown", None, doubt)

@@ -49,6 +49,13 @@ class TexturedSurface:
         several; None where they are those of `faces`.
     provenance : dict
         What made it.
+
+    Examples
+    --------
+    >>> flat_map = voxflat.samples.hill().flatten()
+    >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+    >>> textured
+    <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
     """
 
     points: NDArray[np.float64]
@@ -64,7 +71,7 @@ class TexturedSurface:
         height, width = self.picture.shape[:2]
         return f"<TexturedSurface: {len(self.points)} points, {len(self.faces)} triangles, {width} x {height} texels>"
 
-    def with_provenance(self, record: Record) -> TexturedSurface:
+    def _with_provenance(self, record: Record) -> TexturedSurface:
         """Return the same surface with a record of what made it.
 
         Parameters
@@ -90,6 +97,13 @@ class TexturedSurface:
         -------
         TexturedSurface
             Itself if there are none.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured.opened()
+        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         if self.texture_faces is None:
             return self
@@ -118,6 +132,13 @@ class TexturedSurface:
         ------
         InputError
             If the tolerance is not positive, or the picture is so fine that there would be too many triangles.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured.subdivided()
+        <TexturedSurface: 441 points, 800 triangles, 8 x 8 texels>
         """
         whole = self.opened()
         points, faces, coordinates = subdivide(
@@ -146,6 +167,12 @@ class TexturedSurface:
             If the ending is another, a file would replace one that was read, or one beside is not of voxflat.
         OSError
             If a file cannot be written.
+
+        Examples
+        --------
+        >>> flat_map = voxflat.samples.hill().flatten()
+        >>> textured = flat_map.textured(np.full((8, 8, 3), 255, np.uint8))
+        >>> textured.save("hill_textured.glb")
         """
         path = checked_path(path)
         with naming(path, "can this format hold it?"):

@@ -47,6 +47,14 @@ class Registration:
         What the user should know of it.
     provenance : dict
         What made it.
+
+    Examples
+    --------
+    >>> from nilearn.datasets import fetch_surf_fsaverage
+    >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
+    >>> registration = voxflat.surface(white).register()
+    >>> registration
+    <Registration: 10242 vertices, left, confidence 1.00>
     """
 
     surface: Manifold
@@ -69,7 +77,7 @@ class Registration:
         places[merged[:, 0]] = places[merged[:, 1]]
         return places
 
-    def with_provenance(self, record: Record) -> Registration:
+    def _with_provenance(self, record: Record) -> Registration:
         """Return the same with a record of what made it.
 
         Parameters
@@ -100,6 +108,13 @@ class Registration:
             If the path has another ending, or is a file that was read.
         OSError
             If it cannot be written.
+
+        Examples
+        --------
+        >>> from nilearn.datasets import fetch_surf_fsaverage
+        >>> white = fetch_surf_fsaverage().white_left  # of fsaverage5, which comes with nilearn
+        >>> registration = voxflat.surface(white).register()
+        >>> registration.save("lh.sphere.reg.surf.gii")
         """
         of = self.surface
         faces = of.faces.astype(np.int64) if of.is_voxels or of.mesh_faces is None else of.mesh_faces
@@ -133,7 +148,7 @@ def _one_piece(whole: Manifold) -> tuple[Manifold, tuple[str, ...]]:
     if not others:
         return whole, whole.remarks
     core = whole.core.largest_piece()
-    return whole.with_core(core), (
+    return whole._with_core(core), (
         *whole.remarks,
         f"{others} smaller component(s) were left out, {len(whole.core) - len(core)} vertices",
     )

@@ -60,7 +60,7 @@ class Sphere:
     def __repr__(self) -> str:
         return f"<Sphere {self.name}: {self.side}, {self.space}, {len(self.places)} vertices>"
 
-    def described(self) -> dict[str, Any]:
+    def _described(self) -> dict[str, Any]:
         """Return what a map's metadata say of it."""
         told = {"input": self.name, "space": self.space, "side": self.side}
         return {**told, "folded": self.folded, "distance": round(self.distance, 2)}
@@ -114,7 +114,7 @@ def sphere_of(whole: Manifold, sphere: object) -> tuple[Sphere, list[str]]:
         places = np.asarray(points / np.linalg.norm(points, axis=1)[:, None], dtype=np.float64)
     if isinstance(mesh, Mesh):
         own = whole.vertices[whole.faces]
-        shared = float(are_triangles(own, whole.merged_in(mesh.faces)).mean())
+        shared = float(are_triangles(own, whole._merged_in(mesh.faces)).mean())
         if shared < _SHARED:
             raise InputError(
                 f"{name} has other triangles than the surface ({100 * shared:.0f} % are the same): it is of another "

@@ -248,7 +248,7 @@ def template_of(
     int64): names, and paths of neighbouring vertices of the whole mesh. `sphere`: the surface's. Raises InputError if a
     cut begins neither at a border nor at another cut, or is closed.
     """
-    part = whole.with_core(whole.core.part_of_faces(faces))
+    part = whole._with_core(whole.core.part_of_faces(faces))
     beyond = _beyond(whole, faces, sphere)
     outlines = []
     at: dict[int, str] = {}

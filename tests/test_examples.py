@@ -1,0 +1,82 @@
+"""Every public class and method has an example in its docstring, which runs and prints what it says."""
+
+import doctest
+import importlib
+import inspect
+
+import numpy as np
+import pytest
+
+import voxflat
+
+pv = pytest.importorskip("pyvista")
+pytest.importorskip("nilearn")
+
+NAMES = {
+    "voxflat": voxflat.__all__,
+    "voxflat.methods": voxflat.methods.__all__,
+    "voxflat.figures": voxflat.figures.__all__,
+    "voxflat.io": voxflat.io.__all__,
+    "voxflat.samples": voxflat.samples.__all__,
+    "voxflat.vtk": voxflat.vtk.__all__,
+    # what a user is handed and never makes
+    "voxflat._pyvista.accessor": ["VoxflatAccessor"],
+    "voxflat._pyvista.blocks": ["BlocksAccessor"],
+    "voxflat._pyvista.morphs": ["Morph"],
+    "voxflat.atlases.certified": ["Certificate", "FlatPatch", "Plane"],
+    "voxflat.atlases.glued": ["GluedAtlas", "GluedPiece", "Seams"],
+    "voxflat.atlases.page": ["FlatPage"],
+    "voxflat.distances.path": ["Path"],
+    "voxflat.distortion.figures": ["Figures", "StandardErrors", "TriangleFigures"],
+    "voxflat.judging.measure": ["Comparison", "JudgedMap"],
+    "voxflat.lab.map_page": ["MapPage"],
+    "voxflat.maps.plane": ["FlatTriangles"],
+    "voxflat.maps.raster": ["FlatImage", "FlatStack"],
+    "voxflat.maps.regions": ["Regions"],
+    "voxflat.maps.textures.textured": ["TexturedSurface"],
+    "voxflat.maps.worst_places": ["RelievingCut", "WorstPlace", "WorstPlaces"],
+    "voxflat.pipeline.cut_surface": ["Cut"],
+    "voxflat.surfaces.findings": ["Check"],
+    "voxflat.surfaces.standard.registration": ["Registration"],
+}
+
+
+def public():
+    """Return all public classes, functions and methods, once each, by the names of where they are written."""
+    found = {}
+    for module, names in NAMES.items():
+        for name in names:
+            thing = getattr(importlib.import_module(module), name)
+            bases = thing.__mro__ if inspect.isclass(thing) else ()
+            methods = [
+                getattr(value, "__func__", value)
+                for base in bases
+                if not base.__name__.startswith("_")
+                for key, value in vars(base).items()
+                if not key.startswith("_")
+            ]
+            for one in (thing, *(one for one in methods if inspect.isfunction(one))):
+                is_ours = getattr(one, "__module__", "").startswith("voxflat") and hasattr(one, "__qualname__")
+                if is_ours and not one.__name__.startswith("Request"):  # which VTK calls
+                    found[f"{one.__module__}.{one.__qualname__}"] = one
+    return found
+
+
+PUBLIC = public()
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_there_is_an_example(name):
+    assert ">>> " in (inspect.getdoc(PUBLIC[name]) or "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PUBLIC)
+def test_the_example_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pv, "OFF_SCREEN", True)
+    known = {"np": np, "pv": pv, "voxflat": voxflat}
+    test = doctest.DocTestParser().get_doctest(inspect.getdoc(PUBLIC[name]), known, name, None, None)
+    told = []
+    doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test, out=told.append)
+    assert "".join(told) == ""
