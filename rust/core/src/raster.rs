@@ -148,25 +148,6 @@ pub struct Faces {
 ///
 /// # Errors
 /// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::raster::map_faces;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let uv: Vec<[f64; 2]> = surface.points().iter().map(|p| [p.x, p.y]).collect();
-/// let faces = map_faces(&uv, &graph, &control)?;
-/// assert_eq!(faces.corners.len(), 2 * 7 * 7);
-/// assert!(!faces.torn.contains(&true));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
     let places =
@@ -196,23 +177,6 @@ pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Resu
 }
 
 /// The median flat distance between neighbours, mm.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::raster::usual_step;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let uv: Vec<[f64; 2]> = surface.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// assert_eq!(usual_step(&uv, &graph), 2.0); // more neighbours are direct than diagonal ones
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn usual_step(uv: &[[f64; 2]], graph: &VoxelGraph) -> f64 {
     let steps = |v: usize| {
         let [x, y] = uv[v];

@@ -21,22 +21,6 @@ const DENSEST: f64 = 4.0;
 const BEND_RINGS: usize = 3;
 
 /// How sources are chosen. Every choice is the same for the same seed, on every machine.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 10, seed: 0 }.choose(&graph, &control)?;
-/// assert_eq!(sources.len(), 10);
-/// assert!(Sources::Given(vec![3, 3]).choose(&graph, &control).is_err()); // twice the same
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sources {
     /// Each source is the point farthest, along the surface, from those before it; the first is random. Covers evenly.
@@ -88,15 +72,6 @@ impl Sources {
 }
 
 /// `count` different vertices of `points`, in ascending order.
-///
-/// # Examples
-/// ```
-/// use voxflat::sources::random;
-///
-/// let chosen = random(100, 3, 7);
-/// assert!(chosen.len() == 3 && chosen.is_sorted() && chosen[2] < 100);
-/// assert_eq!(chosen, random(100, 3, 7)); // the same for the same seed
-/// ```
 pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut chosen: Vec<u32> = index::sample(&mut rng, points, count).iter().map(|v| v as u32).collect();
@@ -107,17 +82,6 @@ pub fn random(points: usize, count: usize, seed: u64) -> Vec<u32> {
 /// Weights by which `count` sources come to lie closer together where the surface bends, as Grossmann et al. (2002) and Zigelman
 /// et al. (2002) advise: 1 + |H| a, where a = √(area / count) is about how far apart even ones would be, mm, and H the mean
 /// curvature, 1/mm; four at most.
-///
-/// # Examples
-/// ```
-/// use voxflat::sources::by_curvature;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// assert!(by_curvature(&sheet, 10).iter().all(|&weight| weight == 1.0));
-/// assert!(by_curvature(&sphere, 10).iter().all(|&weight| weight > 1.0));
-/// ```
 pub fn by_curvature(surface: &Surface, count: usize) -> Vec<f32> {
     let apart = (surface.areas().iter().sum::<f64>() / count.max(1) as f64).sqrt();
     let weight = |bend: f64| (1.0 + bend.abs() * apart).min(DENSEST) as f32;

@@ -171,13 +171,6 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
 ///
 /// # Errors
 /// [`Error::GlueBoundOutOfRange`].
-///
-/// # Examples
-/// ```
-/// use voxflat::atlas::glue::check_bound;
-///
-/// assert!(check_bound(1.5).is_ok() && check_bound(1.0).is_err());
-/// ```
 pub fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }

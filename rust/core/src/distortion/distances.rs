@@ -23,20 +23,6 @@ const COMPARED: usize = 10_000;
 ///
 /// # Errors
 /// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::distances::error_of_distances;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// assert!(error_of_distances(&sheet, &graph, 0, &control)? < 0.002);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn error_of_distances<S: Solver>(surface: &Surface, solver: &S, seed: u64, control: &Control) -> Result<f64> {
     let count = if is_large(surface.len()) { MORE_SOURCES } else { FEW_SOURCES };
     error_from(&reference_sources(surface.len(), count, seed), surface, solver, control)

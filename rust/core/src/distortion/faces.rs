@@ -108,20 +108,6 @@ pub struct Flipped {
 ///
 /// # Panics
 /// If there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::faces::measure_faces;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let wide: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, p.y]).collect();
-/// let found = measure_faces(sheet.points(), sheet.faces(), &wide, &Control::default())?;
-/// assert!((found.areal.summary.median - 1.0).abs() < 1e-12); // log2 of twice the area
-/// assert_eq!(found.flipped.count, 0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],
@@ -179,16 +165,6 @@ pub fn measure_faces(
 ///
 /// # Panics
 /// If there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::faces::equal_area_scale;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let twice: Vec<[f64; 2]> = sheet.points().iter().map(|p| [2.0 * p.x, 2.0 * p.y]).collect();
-/// assert!((equal_area_scale(sheet.points(), sheet.faces(), &twice) - 0.5).abs() < 1e-12);
-/// ```
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();

@@ -15,13 +15,6 @@ pub const KEPT_BYTES: u64 = 256 << 20;
 
 /// The memory in bytes that judging a map of so many points by [`REFERENCE_SOURCES`] needs at most: rows of four bytes a point,
 /// and what is made of them.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::judge::memory_need;
-///
-/// assert!(memory_need(1_000_000) > 800_000_000);
-/// ```
 pub fn memory_need(points: usize) -> u64 {
     let (rows, of_points) = (4 * points.min(REFERENCE_SOURCES) as u64, 16);
     (rows + of_points) * points as u64 + WORK_BYTES
@@ -31,37 +24,12 @@ pub fn memory_need(points: usize) -> u64 {
 ///
 /// # Errors
 /// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::judge::judge;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// assert!(judge(&graph, &uv, 20, 0, &control)?.raw.relative_error < 0.01);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
     Ok(judge_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
 }
 
 /// Random reference sources, other ones than a map of the same seed has.
-///
-/// # Examples
-/// ```
-/// use voxflat::distortion::judge::reference_sources;
-/// use voxflat::sources::random;
-///
-/// let reference = reference_sources(1000, 200, 0);
-/// assert_eq!(reference.len(), 200);
-/// assert_ne!(reference, random(1000, 200, 0));
-/// ```
 pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
     sources::random(points, points.min(count), seed.wrapping_add(1))
 }

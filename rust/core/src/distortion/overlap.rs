@@ -35,19 +35,6 @@ pub struct Overlap {
 ///
 /// # Errors
 /// [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::overlap::overlaps;
-///
-/// let control = Control::default();
-/// let places = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [5.0, 1.0], [1.0, 5.0]];
-/// let found = overlaps(&[[0, 1, 2], [3, 4, 5]], &places, &control)?; // one triangle lies on a corner of the other
-/// assert_eq!((found.covering, found.crossings), (2, 2));
-/// assert_eq!(overlaps(&[[0, 1, 2]], &places, &control)?.covering, 0);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn overlaps(faces: &[[u32; 3]], uv: &[[f64; 2]], control: &Control) -> Result<Overlap> {
     all_exist(faces, uv.len())?;
     let place = |vertex: u32| Coord { x: uv[vertex as usize][0], y: uv[vertex as usize][1] };

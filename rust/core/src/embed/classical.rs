@@ -141,13 +141,6 @@ fn leading_eigenpairs(b: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>)> {
 
 /// The memory in bytes that [`classical_scaling`] needs at most, or a system of as many radial functions: distances of four
 /// bytes between any two sources, a matrix of f64, and its factor.
-///
-/// # Examples
-/// ```
-/// use voxflat::embed::classical::memory_need;
-///
-/// assert_eq!(memory_need(1000), 20_000_000);
-/// ```
 pub const fn memory_need(sources: usize) -> u64 {
     (4 + 8 + 8) * (sources as u64).pow(2)
 }

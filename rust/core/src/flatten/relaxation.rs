@@ -100,19 +100,6 @@ pub struct Relaxed {
 ///
 /// # Errors
 /// [`Error::RelaxationOption`], [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::Cancelled`], and those of flattening.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::flatten::relax;
-/// use voxflat::flatten::relaxation::Relaxation;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let relaxed = relax(&sheet, Relaxation::default(), &Control::default())?;
-/// assert!(relaxed.cuts.is_empty()); // nothing to gain: it is flat
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;

@@ -140,23 +140,6 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
 ///
 /// # Errors
 /// As [`ChainWeights::new`] and [`VoxelGraph::of`].
-///
-/// # Examples
-/// ```
-/// use voxflat::adjacency::Links;
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// assert_eq!(graph.extremes(), [0.9016, 1.615]); // mm, as published
-/// assert_eq!(graph.components().count(), 1);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     VoxelGraph::of(surface, weights.lengths(), control)

@@ -55,20 +55,6 @@ struct Front {
 }
 
 /// Fast marching over a surface: for each vertex the triangles, or parts of them, across which a front leaves it.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::marching::{Marching, Wave};
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let rows = DistanceRows::compute(&Marching::new(&sheet, Wave::Circle, &control)?, &[0], &control)?;
-/// assert!((f64::from(rows.row(0)[80]) / 128.0_f64.sqrt() - 1.0).abs() < 0.01); // from corner to corner
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct Marching<'a> {
     surface: &'a Surface,

@@ -181,18 +181,6 @@ fn merge(row: &[Near], sources: &[u32], to: &mut Vec<Near>) {
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::neighbourhood::sizes_of_rings;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let square = shapes::surface(shapes::sheet(1, 1)); // two triangles
-/// // the ends of the diagonal have three neighbours, the other corners two
-/// assert_eq!(sizes_of_rings(&square, Some(1), &Control::default())?, [3.5]);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn sizes_of_rings(surface: &Surface, most: Option<u32>, control: &Control) -> Result<Vec<f64>> {
     let edges = Network::of(surface);
     let counted = surface.len().min(COUNTED);

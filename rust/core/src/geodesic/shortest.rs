@@ -151,26 +151,6 @@ fn pass_many(graph: &impl Links, some: &[(u32, f32)], distance: &mut [f32], mut 
 ///
 /// # Errors
 /// [`Error::Unreachable`] if the row is infinite at `target`, or is none from `source`; [`Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::{LinkLengths, chain_graph};
-/// use voxflat::geodesic::shortest::trace_path;
-/// use voxflat::rows::DistanceRows;
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let graph = chain_graph(&surface, LinkLengths::ChainCode, &control)?;
-/// let [from, to] = [[0, 0, 1], [7, 7, 1]].map(|voxel| surface.find(voxel).unwrap() as u32);
-/// let rows = DistanceRows::compute(&graph, &[from], &control)?;
-/// let path = trace_path(&graph, rows.row(0), from, to, &control)?;
-/// assert_eq!((path.len(), path[0], path[7]), (8, from, to)); // along the diagonal
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn trace_path(graph: &impl Links, row: &[f32], source: u32, target: u32, control: &Control) -> Result<Vec<u32>> {
     let unreachable = || Error::Unreachable { source_vertex: source as usize, vertex: target as usize };
     if row[target as usize].is_infinite() {

@@ -38,13 +38,6 @@ const PATIENCE: Duration = Duration::from_millis(500);
 
 /// The memory in bytes that computing a store needs at most: for each thread a bundle of rows, what is written at once, and what
 /// it computes them in.
-///
-/// # Examples
-/// ```
-/// use voxflat::store::memory_need;
-///
-/// assert!(memory_need(1_000_000, 1000, 2) < 4 * 1_000_000 * 1000 / 10); // less than a tenth of the rows
-/// ```
 pub fn memory_need(columns: usize, rows: usize, threads: usize) -> u64 {
     let height = MOST_SOURCES.min(rows.div_ceil(threads.max(1)));
     let at_once = threads.min(rows) as u64;

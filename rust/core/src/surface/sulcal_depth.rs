@@ -30,20 +30,6 @@ const LEAST_AREA: f64 = 1.0 / 3.0;
 ///
 /// # Errors
 /// [`Error::Cancelled`](crate::Error::Cancelled).
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::sulcal_depth::sulcal_depth;
-///
-/// let sheet = shapes::surface(shapes::sheet(30, 30));
-/// let waves = sheet.points().iter().map(|p| [p.x, p.y, (p.x * std::f64::consts::PI / 5.0).cos()].into()).collect();
-/// let depth = sulcal_depth(&sheet.moved(waves)?, 70.0, &Control::default())?;
-/// let at = |x: usize| depth[31 * x + 15]; // in the middle of its row
-/// assert!(at(15) - at(10) > 1.8); // from a valley to a ridge
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn sulcal_depth(surface: &Surface, flow: f64, control: &Control) -> Result<Vec<f64>> {
     if surface.len() > FINEST { by_fewer(surface, FINEST / 3, flow, control) } else { by_all(surface, flow, control) }
 }

@@ -25,32 +25,6 @@ const WITHIN: f64 = 0.98;
 ///
 /// # Panics
 /// As [`flatten`](super::levels::flatten); or if there is not one place a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::area_bound::bounded;
-/// use voxflat::embed::stress::levels::{Levels, flatten};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::Rows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let (mut points, faces) = shapes::sheet(8, 8);
-/// points.iter_mut().for_each(|point| point[2] = -0.05 * ((point[0] - 4.0).powi(2) + (point[1] - 4.0).powi(2))); // a dome
-/// let dome = shapes::surface((points, faces));
-/// let graph = GeodesicGraph::new(&dome, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&dome, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
-/// let (_, found) = bounded(&levels, &rows, &uv, 0.5, 1.1, &control)?;
-/// assert!(found.converged);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn bounded(
     levels: &Levels,
     rows: &DistanceRows,

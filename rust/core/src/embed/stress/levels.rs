@@ -41,13 +41,6 @@ const VERTEX_BYTES: u64 = 1110;
 
 /// The memory in bytes that [`flatten`] needs at most, its levels and rows among it: of distances of four bytes to the
 /// vertices that are judged there are three copies, the rows, the pairs, and those of the level at hand.
-///
-/// # Examples
-/// ```
-/// use voxflat::embed::stress::levels::memory_need;
-///
-/// assert!(memory_need(100_000, 200) < memory_need(100_000, 400));
-/// ```
 pub fn memory_need(points: usize, sources: usize) -> u64 {
     let sizes = || iter::successors(Some(points), |&size| coarser(size, sources));
     let judged = sizes().find(|&size| size <= MOST_JUDGED).or_else(|| sizes().last()).unwrap_or(points);
@@ -136,29 +129,6 @@ pub struct Convergence {
 ///
 /// # Panics
 /// If the rows are others than those of [`Levels::measure`] and [`Levels::take`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::embed::stress::levels::{Levels, flatten};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::orient::map_area;
-/// use voxflat::rows::Rows;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let start = classical_scaling(&rows.among(&control)?)?.places;
-/// let (uv, _) = flatten(&mut levels, &rows, &start, 0.5, &control)?;
-/// assert!((map_area(sheet.faces(), &uv).abs() / 64.0 - 1.0).abs() < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn flatten(
     levels: &mut Levels,
     rows: &DistanceRows,

@@ -61,29 +61,6 @@ impl Start<'_> {
 ///
 /// # Panics
 /// As [`flatten`](super::levels::flatten).
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::embed::stress::levels::Levels;
-/// use voxflat::embed::stress::start::{Start, flatten_from};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::orient::map_area;
-/// use voxflat::sources::Sources;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let sources = Sources::Farthest { count: 20, seed: 0 }.choose(&graph, &control)?;
-/// let mut levels = Levels::new(&sheet, &sources, &control)?;
-/// let rows = levels.measure(&graph, &control)?;
-/// let stretched: Vec<[f64; 2]> = sheet.points().iter().map(|point| [3.0 * point.x, 2.0 * point.y]).collect();
-/// let (uv, found) = flatten_from(&mut levels, &rows, Start { places: &stretched, patience: 1 }, 0.5, &control)?;
-/// assert!(found.energies[found.energies.len() - 1] < 0.01 * found.energies[0]);
-/// assert!((map_area(sheet.faces(), &uv) / 64.0 - 1.0).abs() < 0.05);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn flatten_from(
     levels: &mut Levels,
     rows: &DistanceRows,

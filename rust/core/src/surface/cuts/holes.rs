@@ -31,18 +31,6 @@ pub struct Filled {
 }
 
 /// The boundary loops up to a length (mm), but for the longest loop of each component, its rim; the longest first.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::cuts::holes::small_holes;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let is_kept: Vec<bool> = (0..sheet.faces().len()).map(|face| face / 2 != 27).collect();
-/// let holed = sheet.part(&is_kept); // without a square in the middle
-/// let holes = small_holes(&holed, 10.0);
-/// assert_eq!((holes.len(), holes[0].length), (1, 4.0));
-/// ```
 pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
     let mut has_rim = vec![false; surface.components().count()];
     let mut loops = Topology::of(surface).loops;

@@ -59,17 +59,6 @@ const RINGS: usize = 3;
 ///
 /// # Errors
 /// [`Error::NoSuchPoint`], [`Error::NotAnEdge`].
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::cuts::cut;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let open = cut(&sheet, &[vec![4, 13, 22]])?; // from the boundary inwards
-/// assert_eq!(open.len(), sheet.len() + 2); // the vertex where it ends is not doubled
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn cut(surface: &Surface, paths: &[Vec<u32>]) -> Result<Surface> {
     let network = Network::of(surface);
     let half_edges: Vec<_> = paths.iter().map(|path| network.along(surface, path)).collect::<Result<_>>()?;

@@ -16,15 +16,6 @@ const STEPS: usize = 3;
 /// An edge with exterior angle β carries the integral ½ β · length (Cohen-Steiner, Morvan 2003), half of which falls to either
 /// end; a face carries a third of its area to each corner. Both are summed over a neighbourhood of so many `rings` before they
 /// are divided, which tames the steps of surfaces from voxels. The boundary has no angle. Takes O(n) for each ring.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::curvature::mean_curvature;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sphere = shapes::surface(shapes::sphere(4)); // of radius 1
-/// assert!(mean_curvature(&sphere, 4).iter().all(|bend| (bend - 1.0).abs() < 0.05));
-/// ```
 pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
     let mut bend = bends(surface);
     let mut area = masses(surface.points(), surface.faces());
@@ -42,18 +33,6 @@ pub fn mean_curvature(surface: &Surface, rings: usize) -> Vec<f64> {
 ///
 /// # Errors
 /// [`Error::Cancelled`](crate::Error::Cancelled).
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::curvature::smooth_mean_curvature;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sphere = shapes::surface(shapes::sphere(4)); // of radius 1
-/// let curvature = smooth_mean_curvature(&sphere, 0.2, &Control::default())?;
-/// assert!(curvature.iter().all(|bend| (bend - 1.0).abs() < 0.05));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn smooth_mean_curvature(surface: &Surface, smoothing: f64, control: &Control) -> Result<Vec<f64>> {
     control.begin("mean curvature", STEPS as u64);
     let (bend, area) = (bends(surface), masses(surface.points(), surface.faces()));

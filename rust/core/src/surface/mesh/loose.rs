@@ -96,19 +96,6 @@ impl Surface {
     ///
     /// # Errors
     /// As [`Surface::from_triangles`], for what has no one right answer.
-    ///
-    /// # Examples
-    /// ```
-    /// use voxflat::surface::Surface;
-    ///
-    /// // above the line from 0 to 1 are two triangles, with 4 on it, below is one, and between them one without area
-    /// let points = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0]];
-    /// let faces = [[0, 4, 2], [4, 1, 2], [1, 0, 3], [0, 1, 4]];
-    /// assert!(Surface::from_triangles(&points, &faces).is_err());
-    /// let (square, mended) = Surface::mended(&points, &faces)?;
-    /// assert_eq!((square.len(), square.faces().len(), mended.flipped), (5, 4, 1));
-    /// # Ok::<(), voxflat::Error>(())
-    /// ```
     pub fn mended(points: &[[f64; 3]], faces: &[[i64; 3]]) -> Result<(Self, Mended)> {
         let given = checked(points, faces)?;
         let mut faces = given.clone();

@@ -43,26 +43,12 @@ pub struct Surface {
 }
 
 /// The next half-edge of the same face.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::next;
-///
-/// assert_eq!([6, 7, 8].map(next), [7, 8, 6]); // of face 2
-/// ```
 #[inline]
 pub const fn next(half_edge: u32) -> u32 {
     if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
 }
 
 /// The half-edge before, of the same face.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::previous;
-///
-/// assert_eq!([6, 7, 8].map(previous), [8, 6, 7]); // of face 2
-/// ```
 #[inline]
 pub const fn previous(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
@@ -73,14 +59,6 @@ pub const fn previous(half_edge: u32) -> u32 {
 ///
 /// # Panics
 /// If a corner is no point.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::{shapes, vertex_normals};
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// assert!(vertex_normals(sheet.points(), sheet.faces()).iter().all(|normal| normal.z == 1.0));
-/// ```
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {

@@ -189,18 +189,6 @@ impl EdgeSearch {
 /// # Errors
 /// [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
 /// what lies between.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::paths::along_path;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let half_edges = along_path(&sheet, &[0, 1, 2])?;
-/// assert_eq!(half_edges.len(), 2);
-/// assert!(along_path(&sheet, &[0, 2]).is_err()); // no edge joins them
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
 }
@@ -215,17 +203,6 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 ///
 /// # Panics
 /// If there is not one factor a vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::paths::shortest_path;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// assert_eq!(shortest_path(&sheet, &[0, 3], None, &Control::default())?, [0, 1, 2, 3]);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(surface, stops)?;
     let network = match factors {

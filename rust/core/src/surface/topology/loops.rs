@@ -72,19 +72,6 @@ pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`].
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-/// use voxflat::surface::topology::loops::cut_handles;
-///
-/// let torus = shapes::surface(shapes::torus(24, 12));
-/// let (open, handles) = cut_handles(&torus, &Control::default())?;
-/// assert_eq!((handles.len(), Topology::of(&open).genus), (1, 0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
     let mut open = surface.clone();
     let mut handles = Vec::new();

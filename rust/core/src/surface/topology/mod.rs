@@ -10,15 +10,6 @@ pub mod thin;
 use crate::surface::mesh::Surface;
 
 /// What a surface is, topologically.
-///
-/// # Examples
-/// ```
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::Topology;
-///
-/// let torus = Topology::of(&shapes::surface(shapes::torus(12, 6)));
-/// assert_eq!((torus.euler, torus.genus, torus.is_closed()), (0, 1, true));
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topology {
     /// Number of vertices.

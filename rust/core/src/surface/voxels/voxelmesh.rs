@@ -35,20 +35,6 @@ pub enum Kind {
 }
 
 /// The surface of a label volume. Its vertices are surface voxels, each seen from one side.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::topology::Topology;
-/// use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let ball = Mask::from_fn([15; 3], |v| v.iter().map(|&x| (x as f64 - 7.0).powi(2)).sum::<f64>() < 30.0)?;
-/// let mesh = VoxelMesh::of(&ball, &Affine::from_spacing([1.0; 3])?, None, None, &control)?;
-/// assert_eq!((mesh.kind, Topology::of(&mesh.surface).euler), (Kind::Solid, 2));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct VoxelMesh {
     /// What the label was taken for.
