@@ -65,9 +65,6 @@ impl Control {
     }
 
     /// Called by the work at least every few milliseconds.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`] once [`cancel`](Self::cancel) was called.
     #[inline]
     pub fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }

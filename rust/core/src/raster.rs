@@ -43,9 +43,6 @@ impl Raster {
 
     /// Draws faces over the plane; pixels of a face that is `torn` show its nearest corner. Where faces overlap, the first is
     /// kept.
-    ///
-    /// # Errors
-    /// [`Error::PixelSizeNotPositive`], [`Error::RasterTooLarge`], [`Error::Cancelled`].
     pub fn draw(uv: &[[f64; 2]], faces: &Faces, pixel_size: f64, control: &Control) -> Result<Self> {
         if !(pixel_size > 0.0 && pixel_size.is_finite()) {
             return Err(Error::PixelSizeNotPositive { pixel_size });
@@ -260,37 +257,6 @@ mod tests {
             let shown = weights.iter().position(|&w| w == 1.0).unwrap();
             assert_eq!(weights.iter().sum::<f32>(), 1.0);
             assert!(apart.iter().all(|&other| apart[shown] <= other + 1e-9));
-        }
-    }
-
-    #[test]
-    fn where_faces_overlap_the_first_is_kept() {
-        let uv = [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0], [9.0, 9.0]];
-        for (first, second) in [([0, 1, 2], [0, 1, 3]), ([0, 1, 3], [0, 1, 2])] {
-            let (alone, both) = (draw(&uv, &[first], false, 1.0), draw(&uv, &[first, second], false, 1.0));
-            let mut shared = 0;
-            for (pixel, weights) in alone.weights.iter().enumerate().filter(|(_, w)| !w[0].is_nan()) {
-                assert_eq!((both.corners[pixel], both.weights[pixel]), (first, *weights));
-                shared += 1;
-            }
-            assert!(shared > 20 && both.corners.contains(&second));
-        }
-    }
-
-    #[test]
-    fn a_face_is_torn_where_a_side_takes_more_than_two_links() {
-        // a chain of four voxels whose places are the corners of a square: a side takes three links, a diagonal two
-        let mask = Mask::from_fn([4, 1, 1], |_| true).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-        let at = |voxel: u32| [[0.0, 0.0], [1.0, 0.1], [1.1, 1.1], [0.1, 1.0]][voxel as usize];
-        let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|voxel| at(voxel[0])).collect();
-        let faces = map_faces(&uv, &graph, &control).unwrap();
-        assert_eq!(faces.corners.len(), 2);
-        for (corners, torn) in faces.corners.iter().zip(&faces.torn) {
-            let voxels = corners.map(|vertex| surface.voxels()[vertex as usize][0]);
-            assert_eq!(*torn, voxels.contains(&0) && voxels.contains(&3), "{voxels:?}");
         }
     }
 

@@ -40,9 +40,6 @@ pub struct InColumn {
 /// - `numbers`: What each vertex is; the sides of a cut share one.
 /// - `shape`: Of the volume.
 ///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
 /// # Examples
 /// ```
 /// use voxflat::control::Control;

@@ -52,9 +52,6 @@ pub enum Sources {
 
 impl Sources {
     /// The chosen vertices of a connected graph.
-    ///
-    /// # Errors
-    /// [`Error::TooManySources`], [`Error::NoSuchPoint`], [`Error::DuplicateSource`], [`Error::Cancelled`].
     pub fn choose(&self, graph: &impl Links, control: &Control) -> Result<Vec<u32>> {
         let points = graph.vertices();
         let checked = |count: usize| {

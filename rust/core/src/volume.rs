@@ -27,9 +27,6 @@ pub struct Mask {
 
 impl Mask {
     /// A mask from its values in C order.
-    ///
-    /// # Errors
-    /// [`Error::ShapeMismatch`], [`Error::VolumeTooLarge`], [`Error::EmptyForeground`].
     pub fn new(shape: [usize; 3], inside: Vec<bool>) -> Result<Self> {
         if shape.iter().any(|&n| n > LONGEST_AXIS) {
             return Err(Error::VolumeTooLarge { shape });
@@ -49,9 +46,6 @@ impl Mask {
     }
 
     /// A mask from a rule over voxel indices.
-    ///
-    /// # Errors
-    /// As [`Mask::new`].
     pub fn from_fn(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Result<Self> {
         let mut inside = Vec::with_capacity(shape.iter().product());
         for i in 0..shape[0] {
@@ -115,10 +109,6 @@ impl Affine {
     const SHEAR: f64 = 1e-3;
 
     /// From a homogeneous 4 × 4 matrix.
-    ///
-    /// # Errors
-    /// [`Error::AffineNotFinite`], [`Error::AffineTooFar`], [`Error::AffineNotAffine`], [`Error::SpacingNotPositive`],
-    /// [`Error::SpacingTooSmall`], [`Error::AffineSheared`].
     pub fn new(matrix: [[f64; 4]; 4]) -> Result<Self> {
         if let Some(n) = (0..16).find(|n| !matrix[n / 4][n % 4].is_finite()) {
             let (row, column) = (n / 4, n % 4);
@@ -152,9 +142,6 @@ impl Affine {
     }
 
     /// Axis-aligned, with the origin at voxel 0.
-    ///
-    /// # Errors
-    /// As [`Affine::new`].
     pub fn from_spacing(spacing: [f64; 3]) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&axis| spacing[axis] <= 0.0) {
             return Err(Error::SpacingNotPositive { axis, spacing: spacing[axis] });
@@ -178,9 +165,6 @@ impl Affine {
     }
 
     /// Do all voxels of a volume lie where lengths can be computed with?
-    ///
-    /// # Errors
-    /// [`Error::VoxelTooFar`].
     pub(crate) fn check_reach(&self, shape: [usize; 3]) -> Result<()> {
         for corner in 0..8 {
             let voxel = [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { 0 } else { shape[axis].saturating_sub(1) });

@@ -108,10 +108,6 @@ impl Atlas {
 ///
 /// The pieces do not depend on the numbers of vertices and triangles.
 ///
-/// # Errors
-/// [`Error::GlueBoundOutOfRange`], [`Error::PatchesBeyondBound`], [`Error::DegenerateFace`], [`Error::TooManySprings`],
-/// [`Error::Cancelled`].
-///
 /// # Panics
 /// If there is not one label and one triple of places a face.
 ///
@@ -168,9 +164,6 @@ pub fn glue(surface: &Surface, labels: &[u32], flat: &[[[f64; 2]; 3]], bound: f6
 }
 
 /// Can patches be glued within this bound on C?
-///
-/// # Errors
-/// [`Error::GlueBoundOutOfRange`].
 pub fn check_bound(bound: f64) -> Result<()> {
     let [least, most] = BOUNDS;
     if (least..=most).contains(&bound) { Ok(()) } else { Err(Error::GlueBoundOutOfRange { bound, least, most }) }

@@ -33,9 +33,6 @@ pub struct StandardErrors {
 
 /// The standard errors of the figures of all sources together, given each one's sums at scale 1 and at the best scale, and of
 /// how many points the sources were drawn without replacement: from all of them, nothing is left to chance.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(super) fn standard_errors(
     raw: &[Sums],
     best: &[Sums],

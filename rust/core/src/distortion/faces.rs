@@ -103,9 +103,6 @@ pub struct Flipped {
 
 /// Measures a flat map of triangles: `points` (mm) on the surface, `uv` (mm) in the plane, the same vertices in both.
 ///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::Cancelled`].
-///
 /// # Panics
 /// If there is not one place a vertex.
 pub fn measure_faces(

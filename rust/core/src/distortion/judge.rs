@@ -21,9 +21,6 @@ pub fn memory_need(points: usize) -> u64 {
 }
 
 /// What a map does to the distances from `count` random reference sources.
-///
-/// # Errors
-/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
 pub fn judge<S: Solver>(solver: &S, uv: &[[f64; 2]], count: usize, seed: u64, control: &Control) -> Result<Distortion> {
     let reference = reference_sources(uv.len(), count, seed);
     Ok(judge_all(solver, &[uv], &reference, u64::MAX, seed, control)?.remove(0))
@@ -36,9 +33,6 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 
 /// What several maps of the same vertices do to the distances from the same sources. If their rows take more than `kept` bytes,
 /// they are computed twice instead of being kept; the figures are the same.
-///
-/// # Errors
-/// [`crate::Error::Unreachable`], [`crate::Error::Cancelled`].
 ///
 /// # Examples
 /// ```
@@ -78,21 +72,6 @@ mod tests {
     use crate::geodesic::exact::Exact;
     use crate::surface::mesh::shapes;
     use std::sync::atomic::{AtomicUsize, Ordering};
-
-    #[test]
-    fn memory_is_816_bytes_a_point_and_less_where_there_are_fewer_points_than_sources() {
-        assert_eq!(memory_need(1000) - WORK_BYTES, 816 * 1000);
-        assert_eq!(memory_need(100) - WORK_BYTES, (4 * 100 + 16) * 100);
-        assert_eq!((WORK_BYTES >> 20, KEPT_BYTES >> 20), (40, 256));
-    }
-
-    #[test]
-    fn reference_sources_are_the_random_ones_of_the_next_seed() {
-        assert_eq!(reference_sources(1000, 200, 4), sources::random(1000, 200, 5));
-        let mut all = reference_sources(50, 200, u64::MAX);
-        all.sort_unstable();
-        assert_eq!(all, (0..50).collect::<Vec<u32>>());
-    }
 
     #[test]
     fn rows_that_are_not_kept_are_computed_twice_and_figures_are_the_same() {

@@ -64,9 +64,6 @@ pub struct Distortion {
 }
 
 /// Measures flat maps (places in mm, of the same vertices) against distance rows to all of their points.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`], and those of the rows.
 pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Control) -> Result<Vec<Distortion>> {
     let mut maps: Vec<Judged> = maps.iter().map(|uv| Judged::new(uv, rows.sources().len(), seed)).collect();
     control.begin("measuring distortion", 2);
@@ -82,9 +79,6 @@ pub fn measure<R: Rows>(maps: &[&[[f64; 2]]], rows: &R, seed: u64, control: &Con
 
 /// The scale at which a map's distances are nearest to those of rows to all of its points: argmin mean |s·d − δ|/δ. NaN where
 /// all places are one.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`], and those of the rows.
 pub fn best_scale<R: Rows>(uv: &[[f64; 2]], rows: &R, control: &Control) -> Result<f64> {
     let mut map = [Judged::new(uv, 0, 0)];
     pass(&mut map, rows, control, |map, block, control| {

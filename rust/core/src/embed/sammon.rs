@@ -81,9 +81,6 @@ impl Pull {
 }
 
 /// Sammon's stress of a map: 0 if it keeps all distances of pairs.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn stress(pairs: &Neighbourhoods, uv: &[[f64; 2]], control: &Control) -> Result<f64> {
     Ok(step(pairs, uv, control)?.0)
 }
@@ -119,9 +116,6 @@ pub struct Descended {
 }
 
 /// Moves a map until its stress does not change any more.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn descend(pairs: &Neighbourhoods, start: Vec<[f64; 2]>, control: &Control) -> Result<Descended> {
     let mut found = Descended { uv: Vec::new(), least: f64::INFINITY, stresses: Vec::new(), converged: false };
     let mut uv = start;

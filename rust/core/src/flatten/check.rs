@@ -7,9 +7,6 @@ use crate::surface::voxels::cubes::CubeTopology;
 use crate::surface::{Surface, VoxelSurface};
 
 /// Can this surface be flattened as it is?
-///
-/// # Errors
-/// [`Error::TooFewPoints`], [`Error::NotADisk`].
 pub fn check_disk(surface: &Surface) -> Result<()> {
     if surface.len() < FEWEST_SOURCES {
         return Err(Error::TooFewPoints { points: surface.len(), needed: FEWEST_SOURCES });
@@ -25,9 +22,6 @@ pub fn check_disk(surface: &Surface) -> Result<()> {
 }
 
 /// Can this connected surface be flattened?
-///
-/// # Errors
-/// [`Error::TooFewPoints`], [`Error::Closed`], [`Error::Cancelled`].
 pub fn check_flattenable(surface: &VoxelSurface, control: &Control) -> Result<CubeTopology> {
     let points = surface.len();
     if points < FEWEST_SOURCES {

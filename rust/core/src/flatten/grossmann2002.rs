@@ -18,9 +18,6 @@ use crate::surface::voxels::graph::VoxelGraph;
 
 /// Flattens a connected part of a voxel surface after Grossmann, Kiryati and Kimmel (2002): chain-code geodesics, classical
 /// scaling of the sources, radial functions for the rest. The rows from the sources are kept in the map if so wished.
-///
-/// # Errors
-/// Those of [`check_flattenable`] and of the stages.
 pub fn grossmann2002(
     surface: &VoxelSurface,
     graph: &VoxelGraph,

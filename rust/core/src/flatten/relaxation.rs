@@ -59,9 +59,7 @@ impl Default for Relaxation {
 }
 
 impl Relaxation {
-    /// # Errors
-    /// [`Error::RelaxationOption`].
-    pub fn validate(&self) -> Result<()> {
+    fn validate(&self) -> Result<()> {
         let refuse = |name, value| Err(Error::RelaxationOption { name, value });
         if self.length.is_nan() || self.length < 0.0 {
             return refuse("length", self.length);
@@ -97,9 +95,6 @@ pub struct Relaxed {
 }
 
 /// Cuts a disk open where that relieves its map most. The result is the same each time, for any number of threads.
-///
-/// # Errors
-/// [`Error::RelaxationOption`], [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::Cancelled`], and those of flattening.
 pub fn relax(surface: &Surface, relaxation: Relaxation, control: &Control) -> Result<Relaxed> {
     relaxation.validate()?;
     check_disk(surface)?;

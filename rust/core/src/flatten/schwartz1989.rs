@@ -54,10 +54,6 @@ pub struct Mapped {
 /// Flattens a disk after Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a few sources, and from
 /// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
 ///
-/// # Errors
-/// [`crate::Error::NotADisk`], [`crate::Error::TooFewPoints`], [`crate::Error::NoSuchPoint`], [`crate::Error::Cancelled`],
-/// [`crate::Error::DuplicateSource`], [`crate::Error::NotPlanar`].
-///
 /// # Panics
 /// If there is no start.
 pub fn schwartz1989(
@@ -129,9 +125,6 @@ fn spectrum(pairs: &Neighbourhoods, sources: &[u32]) -> Result<(Vec<f64>, f64)> 
 
 /// The least number of rings with which neighbourhoods cover a tenth of the vertices on average, and a hundred if there are so
 /// many.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn usual_rings(surface: &Surface, control: &Control) -> Result<u32> {
     control.begin("counting neighbours", 1);
     let vertices = surface.len() as f64;
@@ -162,9 +155,6 @@ const WAVE_BYTES: u64 = 400;
 
 /// The memory in bytes that [`schwartz1989`] needs at most beside the surface's input; neighbourhoods are counted around some
 /// vertices.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn memory_need(
     surface: &Surface,
     rings: Option<u32>,

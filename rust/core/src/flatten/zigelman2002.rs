@@ -53,9 +53,6 @@ enum Rest<'a> {
 /// Vertices that decimation cannot take away without harm to the surface become sources, too. The rows from the sources are kept
 /// in the map if so wished.
 ///
-/// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`], [`Error::TooManySources`] and those of the stages.
-///
 /// # Panics
 /// If there is not one pixel a vertex.
 pub fn zigelman2002(

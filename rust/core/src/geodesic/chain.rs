@@ -55,9 +55,6 @@ pub struct ChainWeights([f64; 8]);
 
 impl ChainWeights {
     /// The weights for voxels of this spacing (mm).
-    ///
-    /// # Errors
-    /// [`Error::TooAnisotropic`].
     pub fn new(spacing: [f64; 3], lengths: LinkLengths) -> Result<Self> {
         let longest = spacing.iter().fold(0.0, |a: f64, &b| a.max(b));
         let shortest = spacing.iter().fold(f64::INFINITY, |a: f64, &b| a.min(b));
@@ -137,9 +134,6 @@ fn octant_directions() -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// The 26-neighbour graph of a surface.
-///
-/// # Errors
-/// As [`ChainWeights::new`] and [`VoxelGraph::of`].
 pub fn chain_graph(surface: &VoxelSurface, lengths: LinkLengths, control: &Control) -> Result<VoxelGraph> {
     let weights = ChainWeights::new(surface.affine().spacing(), lengths)?;
     VoxelGraph::of(surface, weights.lengths(), control)

@@ -71,9 +71,6 @@ impl GeodesicGraph {
     }
 
     /// The graph of a surface.
-    ///
-    /// # Errors
-    /// [`Error::TooManyLinks`](crate::Error::TooManyLinks), [`Error::Cancelled`](crate::Error::Cancelled).
     pub fn new(surface: &Surface, control: &Control) -> Result<Self> {
         Self::in_layers(surface, edges_crossed(surface.len()), LAYERS, control)
     }

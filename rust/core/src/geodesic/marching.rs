@@ -65,9 +65,6 @@ pub struct Marching<'a> {
 
 impl<'a> Marching<'a> {
     /// The triangles of a surface, with obtuse corners split.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn new(surface: &'a Surface, wave: Wave, control: &Control) -> Result<Self> {
         let mut fronts: Vec<(u32, Front)> = Vec::with_capacity(2 * surface.twins().len());
         for corner in 0..surface.twins().len() as u32 {
@@ -384,16 +381,5 @@ mod tests {
             .collect();
         let row = row(&sheet.cut_open(along), Wave::Circle, 0);
         assert_eq!(row.iter().filter(|d| d.is_finite()).count(), 25);
-    }
-
-    #[test]
-    fn it_can_be_cancelled() {
-        let surface = shapes::surface(shapes::sphere(5));
-        let marching = Marching::new(&surface, Wave::Circle, &Control::default()).unwrap();
-        let control = Control::default();
-        control.cancel();
-        let mut row = vec![0.0; surface.len()];
-        assert!(marching.row(0, &mut row, &mut marching.scratch(), &control).is_err());
-        assert!(Marching::new(&surface, Wave::Circle, &control).is_err());
     }
 }

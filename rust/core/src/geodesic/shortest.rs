@@ -55,9 +55,6 @@ impl Search {
     /// With `distance` infinite but for one seed at 0 this is a distance row. What it was before is a limit, too: with a
     /// radius in place of infinity only a disk is searched, with the distances to a set of sources only what comes nearer
     /// to a new one.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn lower(&mut self, graph: &impl Links, seeds: &[u32], distance: &mut [f32], control: &Control) -> Result<()> {
         let Self { per_mm, buckets, current, lowered } = self;
         let ring = buckets.len();
@@ -359,14 +356,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn cancelling_stops_a_row() {
-        let (_, graph) = graph_of(&Mask::from_fn([5, 5, 1], |_| true).unwrap(), [1.0; 3]);
-        let control = Control::default();
-        control.cancel();
-        let result = graph.row(0, &mut vec![0.0; graph.len()], &mut graph.scratch(), &control);
-        assert_eq!(result, Err(Error::Cancelled));
     }
 }

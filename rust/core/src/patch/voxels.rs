@@ -28,9 +28,6 @@ pub struct Disk {
 }
 
 /// The mask's part of a surface.
-///
-/// # Errors
-/// [`Error::ShapeMismatch`], [`Error::EmptyPatch`].
 pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
     if mask.shape() != surface.shape() {
         let [given, needed] = [mask.shape(), surface.shape()].map(|shape| shape.iter().product());
@@ -44,9 +41,6 @@ pub fn keep(surface: &VoxelSurface, mask: &Mask) -> Result<VoxelSurface> {
 }
 
 /// A geodesic disk of a surface with its graph. The seed point is the nearest surface voxel to the one that is asked for.
-///
-/// # Errors
-/// [`Error::RadiusNotPositive`], [`Error::SeedOffSurface`], [`Error::Cancelled`].
 pub fn geodesic_disk(
     surface: &VoxelSurface,
     graph: &VoxelGraph,

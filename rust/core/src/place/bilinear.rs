@@ -55,9 +55,6 @@ impl<'a> Lattice<'a> {
 
     /// The places of all vertices from those of the sources.
     ///
-    /// # Errors
-    /// [`Error::Cancelled`].
-    ///
     /// # Panics
     /// If there is not one place a source.
     pub fn place(&self, places: &[[f64; 2]], control: &Control) -> Result<Vec<[f64; 2]>> {

@@ -42,9 +42,6 @@ impl Default for Placing {
 /// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs. Returns how many vertices had no place
 /// from which their triangles keep their orientation.
 ///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
 /// # Panics
 /// If `uv` is shorter than the surface has vertices.
 ///

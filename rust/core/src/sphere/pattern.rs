@@ -34,9 +34,6 @@ pub struct Pattern {
 }
 
 /// The pattern of a closed surface.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn pattern(surface: &Surface, control: &Control) -> Result<Pattern> {
     let smoothing = Smoothing::new(surface.points(), surface.faces());
     let areas = smoothing.areas.clone();

@@ -118,9 +118,6 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 
 /// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
 ///
-/// # Errors
-/// As [`spherical_map`](super::map::spherical_map).
-///
 /// # Panics
 /// If there is no template, or not the one that is named.
 ///

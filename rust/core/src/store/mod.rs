@@ -119,9 +119,6 @@ impl Store {
     }
 
     /// Makes a store whose rows others compute, or finds what is in it.
-    ///
-    /// # Errors
-    /// Those of [`Store::compute`].
     pub fn lay_out(directory: &Path, identity: &str, rows: usize, columns: usize, control: &Control) -> Result<Found> {
         Ok(open(directory, identity, rows, columns, control)?.found)
     }
@@ -159,9 +156,6 @@ impl Store {
 
 /// Reads rows of a store's table, whoever wrote them: the numbers of those that do not agree with their checksum, where one is known.
 ///
-/// # Errors
-/// [`Error::StoreFailed`], [`Error::Cancelled`].
-///
 /// # Examples
 /// ```
 /// use voxflat::control::Control;
@@ -190,9 +184,6 @@ impl Rows for Store {
     }
 
     /// Reads some rows at a time, and compares checksums.
-    ///
-    /// # Errors
-    /// [`Error::StoreDamaged`], [`Error::StoreFailed`], [`Error::Cancelled`].
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         let mut rows = vec![0.0; MOST_SOURCES.min(self.sources.len()) * self.columns];
         for (n, checksums) in self.checksums.chunks(MOST_SOURCES).enumerate() {

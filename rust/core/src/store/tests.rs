@@ -138,17 +138,6 @@ fn rows_of_many_sources_are_those_that_memory_would_hold() {
 }
 
 #[test]
-fn threads_do_not_change_a_bit() {
-    let graph = sheet();
-    let of = |threads| {
-        let folder = Folder::new("threads");
-        with_threads(threads, || compute(&folder, &graph).map(drop)).unwrap();
-        folder.bytes("rows.npy")
-    };
-    assert!(of(1) == of(2) && of(1) == of(7));
-}
-
-#[test]
 fn a_complete_store_is_read_and_not_touched() {
     let graph = sheet();
     let folder = Folder::new("complete");
@@ -284,36 +273,6 @@ fn two_at_once_are_refused() {
     assert_eq!(refused, Error::StoreInUse { path: folder.path().display().to_string(), holder });
     drop(first);
     assert!(compute(&folder, &graph).is_ok());
-}
-
-#[test]
-fn what_cannot_be_reached_is_told() {
-    let mask = Mask::from_fn([9, 4, 1], |[i, _, _]| i != 4).unwrap();
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-    let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-    let folder = Folder::new("unreachable");
-    let told = Store::compute(folder.path(), "a1", &graph, &[0], &control).unwrap_err();
-    assert!(matches!(told, Error::Unreachable { source_vertex: 0, .. }));
-}
-
-#[test]
-fn a_missing_directory_is_told() {
-    let told = Store::compute(Path::new("/nowhere/at/all"), "a1", &sheet(), &[0], &Control::default()).unwrap_err();
-    assert!(
-        matches!(told, Error::StoreFailed { code: Some(_), .. }) && told.to_string().contains("/nowhere/at/all/lock"),
-        "{told}"
-    );
-}
-
-#[test]
-fn memory_is_that_of_a_bundle_a_thread() {
-    let of = |rows, height: usize, threads: usize| {
-        let one = (CHUNK + 72 * height * VALUE) as u64 + BundleScratch::memory_need(72);
-        threads as u64 * one == memory_need(72, rows, threads)
-    };
-    assert!(of(4000, 16, 8) && of(5, 1, 5) && of(20, 10, 2));
-    assert_eq!(memory_need(72, 5, 8), memory_need(72, 5, 5)); // no more threads than rows
 }
 
 #[test]

@@ -228,17 +228,6 @@ fn surfaces_that_do_not_hang_together_stay_apart() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_matter() {
-    let surface = shapes::surface(shapes::torus(30, 16));
-    let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| glued(&surface, 12.0, 1.5))
-    };
-    let one = with(1);
-    assert!(one == with(2) && one == with(5));
-}
-
-#[test]
 fn bounds_that_cannot_be_kept_are_refused_and_cancelling_is_obeyed() {
     let surface = shapes::surface(shapes::torus(30, 16));
     let control = Control::default();

@@ -20,9 +20,6 @@ const WITHIN: f64 = 0.98;
 /// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
 /// found, and is told as not converged.
 ///
-/// # Errors
-/// Those of [`flatten`](super::levels::flatten).
-///
 /// # Panics
 /// As [`flatten`](super::levels::flatten); or if there is not one place a vertex.
 pub fn bounded(

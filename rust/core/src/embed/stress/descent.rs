@@ -27,15 +27,9 @@ const JUDGED: usize = 5;
 /// What is made less.
 pub trait Objective {
     /// The energy of a map, infinite where it is not allowed, and its gradient.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     fn evaluate(&self, uv: &[Vector2<f64>], control: &Control) -> Result<(f64, Vec<Vector2<f64>>)>;
 
     /// The factor of the springs that are about as stiff as the energy around a map.
-    ///
-    /// # Errors
-    /// [`crate::Error::TooManySprings`], [`crate::Error::Uneven`].
     fn factor(&self, uv: &[Vector2<f64>]) -> Result<Factor>;
 
     /// The largest step along a direction that is allowed.
@@ -71,9 +65,6 @@ fn add(to: &mut [Vector2<f64>], by: &[Vector2<f64>], times: f64) {
 }
 
 /// Moves a map downhill. Every step makes the energy less.
-///
-/// # Errors
-/// Those of the objective.
 pub fn descend(
     objective: &impl Objective,
     uv: &mut Vec<Vector2<f64>>,

@@ -142,9 +142,6 @@ pub fn flatten(
 }
 
 /// The same by any dials, whatever the energy in the end.
-///
-/// # Errors
-/// As [`flatten`].
 pub(crate) fn unfold(
     levels: &mut Levels,
     rows: &DistanceRows,
@@ -197,9 +194,6 @@ pub(super) struct Level {
 
 impl<'a> Levels<'a> {
     /// The levels of a disk.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn new(finest: &'a Surface, landmarks: &[u32], control: &Control) -> Result<Self> {
         let vertices = vec![(0..finest.len() as u32).collect()];
         let mut levels = Self { finest, landmarks: landmarks.to_vec(), coarser: Vec::new(), vertices };
@@ -242,17 +236,11 @@ impl<'a> Levels<'a> {
     }
 
     /// The distances from the landmarks to the vertices that are judged, all of them numbered as these.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`], [`Error::Cancelled`].
     pub fn measure<S: Solver>(&self, solver: &S, control: &Control) -> Result<DistanceRows> {
         Ok(self.numbered(DistanceRows::compute_to(solver, &self.landmarks, self.judged(), control)?))
     }
 
     /// The same of whole rows that were measured before.
-    ///
-    /// # Errors
-    /// Those of reading rows.
     ///
     /// # Panics
     /// If the rows are from others than the landmarks, or do not reach to every vertex.

@@ -24,9 +24,6 @@ const BATCH: usize = 1 << 12;
 
 /// Moves the vertices that may move, one after the other, until little is gained. The triangles' energy falls, and none is
 /// turned over.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn ease(
     triangles: &TriangleEnergy,
     shape: Shape,

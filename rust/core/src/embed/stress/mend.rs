@@ -28,9 +28,6 @@ pub(super) enum Fault {
 }
 
 /// Mends a map; if that cannot be done, says what is wrong with it as it was given.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub(super) fn mend(
     triangles: &TriangleEnergy,
     outline: &Outline,

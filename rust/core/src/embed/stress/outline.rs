@@ -156,9 +156,6 @@ impl Outline {
     }
 
     /// Number of times that the boundary crosses itself.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn crossings(&self, uv: &[Place], control: &Control) -> Result<usize> {
         let place = |end: Place| Coord { x: end.x, y: end.y };
         let segments: Vec<_> = (0..self.edges.len()).map(|edge| self.ends(edge, uv).map(place)).collect();

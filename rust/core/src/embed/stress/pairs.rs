@@ -60,9 +60,6 @@ pub struct Pairs {
 
 impl Pairs {
     /// Distance rows among some vertices: their sources and columns are numbers of these.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn new(rows: &DistanceRows, vertices: &[u32], control: &Control) -> Result<Self> {
         let landmarks: Vec<u32> = rows.sources().iter().map(|&number| vertices[number as usize]).collect();
         let width = landmarks.len().next_multiple_of(LANES);
@@ -145,9 +142,6 @@ impl Pairs {
     }
 
     /// The stress, and its gradient added to `gradient`.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn add(
         &self,
         uv: &[Vector2<f64>],

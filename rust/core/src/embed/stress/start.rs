@@ -28,9 +28,6 @@ pub struct Start<'a> {
 
 impl Start<'_> {
     /// The places, counterclockwise and around the origin, none farther from there than 3.
-    ///
-    /// # Errors
-    /// [`Error::StartMismatch`], [`Error::StartNotFinite`].
     pub(crate) fn counterclockwise(&self, surface: &Surface) -> Result<Vec<Vector2<f64>>> {
         if self.places.len() != surface.len() {
             return Err(Error::StartMismatch { places: self.places.len(), points: surface.len() });

@@ -37,9 +37,6 @@ const STARTS: usize = 128;
 const NARROWEST: f64 = 0.005;
 
 /// The map of a disk whose vertices are about at some places, which may fold.
-///
-/// # Errors
-/// [`crate::Error::TooManySprings`], [`crate::Error::Uneven`], [`crate::Error::Cancelled`].
 pub fn spread(
     surface: &Surface,
     places: &[Vector2<f64>],

@@ -117,18 +117,6 @@ fn a_sphere_is_opened_and_relaxed_and_earlier_cuts_stay() {
 }
 
 #[test]
-fn the_same_bits_for_any_number_of_threads() {
-    let cap = cap(0.2);
-    let with = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| relaxed(&cap, 2.0, 0.0))
-    };
-    let one = with(1);
-    assert!(!one.cuts.is_empty());
-    assert_eq!(one, with(3));
-}
-
-#[test]
 fn what_is_too_small_or_no_disk_or_not_wanted() {
     let triangle = shapes::surface(shapes::sheet(1, 1)).part(&[true, false]);
     assert_eq!(relaxed(&triangle, 9.0, 0.0).surface, triangle);

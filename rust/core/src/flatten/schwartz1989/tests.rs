@@ -98,13 +98,3 @@ fn what_cannot_be_flattened_is_refused() {
     assert_eq!(refused(&[425]), Error::NoSuchPoint { vertex: 425, points });
     assert_eq!(refused(&[4, 5, 4]), Error::DuplicateSource { vertex: 4 });
 }
-
-#[test]
-fn more_distances_need_more_memory() {
-    let surface = cylinder();
-    let control = Control::default();
-    let need = |rings, sources| memory_need(&surface, rings, sources, 2, &control).unwrap();
-    assert!(need(Some(2), 0) < need(Some(5), 0) && need(Some(5), 0) < need(Some(5), 20));
-    assert!(need(Some(5), 20) < need(None, 0) && need(None, 0) == need(None, 20));
-    assert!(need(None, 0) > 16 * (surface.len() as u64).pow(2));
-}

@@ -10,9 +10,6 @@ impl Exact<'_> {
     /// Writes the distances in mm from `source` to every vertex; infinity where it cannot be reached. `wave` then knows the
     /// [paths](Self::path), too.
     ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    ///
     /// # Panics
     /// If `row` has not one value a vertex.
     pub fn distances(&self, source: u32, row: &mut [f64], wave: &mut Wave, control: &Control) -> Result<()> {

@@ -41,9 +41,6 @@ pub struct Marched<'a> {
 
 impl Marching<'_> {
     /// The distances from `source`, kept for paths.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`].
     pub fn march(&self, source: u32, control: &Control) -> Result<Marched<'_>> {
         let mut scratch = self.scratch();
         let mut order = vec![u32::MAX; self.columns()];

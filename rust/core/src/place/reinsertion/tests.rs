@@ -1,5 +1,4 @@
 use super::*;
-use crate::error::Error;
 use crate::orient::map_area;
 use crate::surface::Surface;
 use crate::surface::decimate::{Decimation, Options, decimate};
@@ -112,14 +111,4 @@ fn a_coarse_map_that_folds_is_told() {
     };
     let (uv, turned) = carried(&found, surface.len(), fold, false);
     assert!(turned > 0 && uv.iter().flatten().all(|x| x.is_finite()));
-}
-
-#[test]
-fn it_can_be_cancelled() {
-    let surface = shapes::surface(shapes::sheet(9, 9));
-    let found = decimated(&surface, 20);
-    let control = Control::default();
-    control.cancel();
-    let mut uv = vec![[0.0; 2]; surface.len()];
-    assert_eq!(place(&found.removals, &mut uv, &Placing::default(), &control), Err(Error::Cancelled));
 }

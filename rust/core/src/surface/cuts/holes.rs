@@ -45,9 +45,6 @@ pub fn small_holes(surface: &Surface, longest: f64) -> Vec<Loop> {
 /// filled because every choice needs a triangle without area or an edge that exists already. A slit between two vertices is
 /// closed without a face. Takes O(k³) for a hole of k edges.
 ///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
 /// # Examples
 /// ```
 /// use voxflat::control::Control;

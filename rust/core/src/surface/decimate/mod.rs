@@ -58,9 +58,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// # Errors
-    /// [`Error::DecimationOption`].
-    pub fn validate(&self) -> Result<()> {
+    fn validate(&self) -> Result<()> {
         let refuse = |name, value| Err(Error::DecimationOption { name, value });
         if self.longest_edge.is_nan() || self.longest_edge <= 0.0 {
             return refuse("longest_edge", self.longest_edge);

@@ -141,9 +141,6 @@ impl Surface {
 
     /// The same vertices elsewhere: distances are measured there.
     ///
-    /// # Errors
-    /// [`Error::PointNotFinite`], [`Error::PointTooFar`], [`Error::SurfaceTooSmall`].
-    ///
     /// # Panics
     /// If there is not one point a vertex.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
@@ -186,9 +183,6 @@ impl Surface {
     }
 
     /// The same, and the edges beside it: one that is too short for the box has no direction.
-    ///
-    /// # Errors
-    /// [`Error::PointTooFar`], [`Error::SurfaceTooSmall`], [`Error::EdgeTooShort`].
     fn check_scales(&self) -> Result<()> {
         let size = self.check_size()?;
         match self.edges().find(|&edge| self.length(edge) < SHORTEST_EDGE * size) {

@@ -198,9 +198,6 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 ///
 /// Takes O(n log n) for each stop.
 ///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
-///
 /// # Panics
 /// If there is not one factor a vertex.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
@@ -230,9 +227,6 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 
 /// The vertices of the cheapest path along edges from a vertex to any of those `to`, both included, through vertices that
 /// `may_pass`: a simple path that meets `to` at its end alone. An edge costs its length times the mean of its ends' factors.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`], [`Error::FactorNotPositive`], [`Error::Unreachable`], [`Error::Cancelled`].
 ///
 /// # Panics
 /// If there is not one factor, and one word on each vertex.

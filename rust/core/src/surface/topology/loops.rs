@@ -48,9 +48,6 @@ pub struct Handle {
 /// A short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: each separates nothing
 /// after those before it.
 ///
-/// # Errors
-/// [`crate::Error::Cancelled`].
-///
 /// # Examples
 /// ```
 /// use voxflat::control::Control;
@@ -69,9 +66,6 @@ pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
 
 /// The surface cut open along short loops around all its handles: the way to genus 0 that changes no voxel. Each loop adds one
 /// or two boundary loops, and no component; half-edges keep their numbers.
-///
-/// # Errors
-/// [`crate::Error::Cancelled`].
 pub fn cut_handles(surface: &Surface, control: &Control) -> Result<(Surface, Vec<Handle>)> {
     let mut open = surface.clone();
     let mut handles = Vec::new();

@@ -26,9 +26,6 @@ pub struct CubeTopology {
 
 impl CubeTopology {
     /// The topology of a surface's voxels.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
     pub fn of(surface: &VoxelSurface, control: &Control) -> Result<Self> {
         let grid = VertexGrid::new(surface);
         let euler = euler_characteristic(surface, &grid);

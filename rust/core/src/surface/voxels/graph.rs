@@ -25,9 +25,6 @@ pub struct VoxelGraph {
 impl VoxelGraph {
     /// The 26-neighbour graph of surface voxels. `lengths[kind]` is a link's length in mm; the kind is the set of axes along
     /// which it steps (bit 0 for the first axis, bit 1 for the second, bit 2 for the third).
-    ///
-    /// # Errors
-    /// [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of(surface: &VoxelSurface, lengths: [f64; 8], control: &Control) -> Result<Self> {
         let most = (u32::MAX / 26).min(NEIGHBOUR) as usize;
         if surface.len() > most {

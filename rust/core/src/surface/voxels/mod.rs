@@ -38,9 +38,6 @@ pub struct VoxelSurface {
 
 impl VoxelSurface {
     /// The surface of the mask's foreground, all components of it.
-    ///
-    /// # Errors
-    /// [`Error::VoxelTooFar`], [`Error::Cancelled`].
     pub fn from_mask(mask: &Mask, affine: Affine, control: &Control) -> Result<Self> {
         affine.check_reach(mask.shape())?;
         let on_surface = |v: [i64; 3]| DIRECT.iter().any(|&d| !mask.is_inside(plus(v, d)));

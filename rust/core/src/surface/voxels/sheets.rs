@@ -56,9 +56,6 @@ pub(crate) struct Side {
 }
 
 /// The side of a sheet that has more surfels: the outer one of a closed shell.
-///
-/// # Errors
-/// [`crate::Error::GraphTooLarge`], [`crate::Error::Cancelled`].
 pub(crate) fn side(voxels: &VoxelSurface, surfels: &Surfels, control: &Control) -> Result<Side> {
     let graph = VoxelGraph::of(voxels, [1.0; 8], control)?;
     let mut normals = spread_least(voxels, &graph, control)?;

@@ -58,9 +58,6 @@ const fn turn(edge: u32, by: u32) -> u32 {
 
 impl Surfels {
     /// The surfels of the mask's surface voxels.
-    ///
-    /// # Errors
-    /// [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn new(mask: &Mask, surface: &VoxelSurface, touching: Touching, control: &Control) -> Result<Self> {
         let most = (u32::MAX / 32) as usize;
         if surface.len() > most {

@@ -53,9 +53,6 @@ pub struct VoxelMesh {
 
 impl VoxelMesh {
     /// The surface of a label, solid or sheet, or what it is recognised to be.
-    ///
-    /// # Errors
-    /// Those of [`VoxelMesh::of_solid`] and [`VoxelMesh::of_sheet`].
     pub fn of(
         mask: &Mask,
         affine: &Affine,
@@ -113,9 +110,6 @@ impl VoxelMesh {
 
     /// The boundary of a solid, all components of it. With a level its points lie where the image has that value, as far as it
     /// has it near the mask's border.
-    ///
-    /// # Errors
-    /// [`Error::ShapeMismatch`], [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_solid(mask: &Mask, affine: &Affine, level: Option<&Level>, control: &Control) -> Result<Self> {
         if let Some(level) = level.filter(|level| level.shape() != mask.shape()) {
             let [given, needed] = [level.shape(), mask.shape()].map(|shape| shape.iter().product());
@@ -304,28 +298,6 @@ mod tests {
             let mask = Mask::from_fn([2; 3], |[i, j, k]| pattern >> (4 * i + 2 * j + k) & 1 == 1).unwrap();
             assert_sound(&mask, &mesh_of(&mask));
         }
-    }
-
-    #[test]
-    fn rods_shells_and_checkerboards() {
-        for rule in [
-            (|v: [usize; 3]| v[0] == 2 && v[1] == 2) as fn([usize; 3]) -> bool,
-            |v| v.iter().sum::<usize>() % 2 == 0,
-            |v| v.iter().any(|&x| x == 0 || x == 6),
-            |v| v.iter().filter(|&&x| x % 3 == 1).count() >= 2,
-        ] {
-            let mask = Mask::from_fn([7; 3], rule).unwrap();
-            assert_sound(&mask, &mesh_of(&mask));
-        }
-    }
-
-    #[test]
-    fn long_work_can_be_cancelled() {
-        let control = Control::default();
-        control.cancel();
-        let mask = Mask::from_fn([9; 3], |_| true).unwrap();
-        let affine = Affine::from_spacing([1.0; 3]).unwrap();
-        assert_eq!(VoxelMesh::of_solid(&mask, &affine, None, &control).unwrap_err(), Error::Cancelled);
     }
 
     proptest! {

@@ -269,10 +269,6 @@ fn volume(side: usize) -> impl Strategy<Value = Mask> {
     })
 }
 
-fn with_threads<T: Send>(count: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap().install(work)
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
@@ -319,12 +315,6 @@ proptest! {
     }
 
     #[test]
-    fn threads_change_nothing(mask in volume(9)) {
-        let [one, four] = [1, 4].map(|count| with_threads(count, || repaired(&mask)));
-        prop_assert_eq!((one.cut, one.filled, one.considered), (four.cut, four.filled, four.considered));
-    }
-
-    #[test]
     fn distances_are_exact(mask in volume(6), scale in prop::array::uniform3(0.1..4.0)) {
         let grid = Grid::around(mask.foreground(), &Control::default()).unwrap();
         let is_site = |cell: usize| mask.is_inside(grid.voxel(cell));
@@ -337,23 +327,5 @@ proptest! {
             let nearest = mask.foreground().map(apart).fold(f64::INFINITY, f64::min);
             prop_assert!((f64::from(found) - nearest).abs() <= 1e-6 * nearest, "{} {}", found, nearest);
         }
-    }
-}
-
-proptest! {
-    #[test]
-    fn a_probability_counts_the_same_whatever_the_unit_of_length(
-        bits in prop::collection::vec(prop::bool::weighted(0.55), 216),
-        likely in prop::collection::vec(prop::sample::select(vec![0.0f32, 0.2, 0.7, 1.0, f32::NAN]), 216),
-    ) {
-        let Ok(mask) = Mask::new([6; 3], bits) else { return Ok(()) };
-        let cut = |unit: f64| {
-            let spacing = [1.0, 1.5, 2.0].map(|length| unit * length);
-            let repaired = to_genus_zero(&mask, spacing, Some(&likely), &Control::default()).unwrap();
-            (repaired.cut, repaired.filled)
-        };
-        let expected = cut(1.0);
-        prop_assert_eq!(&cut(8.0), &expected);
-        prop_assert_eq!(&cut(0.0625), &expected);
     }
 }
