@@ -1,9 +1,12 @@
 //! Between numpy arrays and the core's values.
 
 use ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyList};
 use voxflat::distortion::faces::FaceDistortion;
 use voxflat::distortion::overlap::Overlap;
 use voxflat::distortion::{Distortion, Figures};
@@ -15,6 +18,22 @@ use voxflat::volume::Mask;
 
 use crate::work::{InputError, to_python};
 
+pub type Values<'py, T> = Bound<'py, PyArray1<T>>;
+pub type Table<'py, T> = Bound<'py, PyArray2<T>>;
+pub type Dict<'py> = Bound<'py, PyDict>;
+pub type List<'py> = Bound<'py, PyList>;
+
+/// A dictionary of values by their names.
+macro_rules! dict {
+    ($py:expr, $($name:literal = $value:expr),* $(,)?) => {{
+        let dict = pyo3::types::PyDict::new($py);
+        $(dict.set_item($name, $value)?;)*
+        dict
+    }};
+}
+
+pub(crate) use dict;
+
 /// A mask from a boolean array of any strides.
 pub fn mask(array: &PyReadonlyArray3<'_, bool>) -> PyResult<Mask> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
@@ -25,6 +44,11 @@ pub fn mask(array: &PyReadonlyArray3<'_, bool>) -> PyResult<Mask> {
 pub fn level(array: &PyReadonlyArray3<'_, f32>, value: f64) -> PyResult<Level> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Level::new([i, j, k], array.as_array().iter().copied().collect(), value).map_err(to_python)
+}
+
+/// The values of an array.
+pub fn values<T: numpy::Element + Copy>(array: &PyReadonlyArray1<'_, T>) -> Vec<T> {
+    array.as_array().to_vec()
 }
 
 /// Rows of a fixed width from a two-dimensional array.
@@ -76,6 +100,21 @@ pub fn check_vertices(vertices: impl IntoIterator<Item = u32>, points: usize) ->
     }
 }
 
+/// Fails where there are not as many values or rows as the surface has points.
+pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
+    if given == points {
+        return Ok(());
+    }
+    Err(InputError::new_err(format!("{name} has {given} rows; the surface has {points} points")))
+}
+
+/// The numbers of vertices, of which there are `points`.
+pub fn vertices(array: &PyReadonlyArray1<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
+    let vertices = values(array);
+    check_vertices(vertices.iter().copied(), points)?;
+    Ok(vertices)
+}
+
 /// Three-dimensional view of a table.
 pub fn image<'py, T: numpy::Element>(
     table: Bound<'py, PyArray2<T>>,
@@ -105,32 +144,37 @@ pub fn wave(name: &str) -> PyResult<Wave> {
 }
 
 fn figures_dict<'py>(py: Python<'py>, figures: &Figures) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("scale", figures.scale)?;
-    dict.set_item("relative_error", figures.relative_error)?;
-    dict.set_item("relative_error_0_5mm", figures.relative_error_0_5mm)?;
-    dict.set_item("relative_error_5_15mm", figures.relative_error_5_15mm)?;
-    dict.set_item("relative_error_15_30mm", figures.relative_error_15_30mm)?;
-    dict.set_item("relative_error_10mm", figures.relative_error_10mm)?;
-    dict.set_item("relative_error_30mm", figures.relative_error_30mm)?;
-    dict.set_item("absolute_error", figures.absolute_error)?;
-    dict.set_item("stress_1", figures.stress_1)?;
-    dict.set_item("sammon_stress", figures.sammon_stress)?;
-    Ok(dict)
+    Ok(dict!(
+        py,
+        "scale" = figures.scale,
+        "relative_error" = figures.relative_error,
+        "relative_error_0_5mm" = figures.relative_error_0_5mm,
+        "relative_error_5_15mm" = figures.relative_error_5_15mm,
+        "relative_error_15_30mm" = figures.relative_error_15_30mm,
+        "relative_error_10mm" = figures.relative_error_10mm,
+        "relative_error_30mm" = figures.relative_error_30mm,
+        "absolute_error" = figures.absolute_error,
+        "stress_1" = figures.stress_1,
+        "sammon_stress" = figures.sammon_stress
+    ))
 }
 
 /// The figures of distances by their names.
 pub fn distortion_dict(py: Python<'_>, measured: Distortion) -> PyResult<Bound<'_, PyDict>> {
-    let distortion = PyDict::new(py);
-    distortion.set_item("raw", figures_dict(py, &measured.raw)?)?;
-    distortion.set_item("best_scale", figures_dict(py, &measured.best_scale)?)?;
-    distortion.set_item("pearson_r", measured.pearson_r)?;
-    distortion.set_item("mean_geodesic", measured.mean_geodesic)?;
-    let errors = PyDict::new(py);
-    errors.set_item("raw", figures_dict(py, &measured.standard_error.raw)?)?;
-    errors.set_item("best_scale", figures_dict(py, &measured.standard_error.best_scale)?)?;
-    errors.set_item("pearson_r", measured.standard_error.pearson_r)?;
-    errors.set_item("mean_geodesic", measured.standard_error.mean_geodesic)?;
+    let distortion = dict!(
+        py,
+        "raw" = figures_dict(py, &measured.raw)?,
+        "best_scale" = figures_dict(py, &measured.best_scale)?,
+        "pearson_r" = measured.pearson_r,
+        "mean_geodesic" = measured.mean_geodesic
+    );
+    let errors = dict!(
+        py,
+        "raw" = figures_dict(py, &measured.standard_error.raw)?,
+        "best_scale" = figures_dict(py, &measured.standard_error.best_scale)?,
+        "pearson_r" = measured.standard_error.pearson_r,
+        "mean_geodesic" = measured.standard_error.mean_geodesic
+    );
     distortion.set_item("standard_error", errors)?;
     distortion.set_item("sources", measured.sources)?;
     distortion.set_item("pairs", measured.pairs)?;
@@ -145,12 +189,14 @@ pub fn triangles_dict<'py>(
     measured: FaceDistortion,
     overlap: &Overlap,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("areal_median", measured.areal.summary.median)?;
-    dict.set_item("areal_p95", measured.areal.summary.p95)?;
-    dict.set_item("equal_area_scale", measured.equal_area_scale)?;
-    dict.set_item("equal_area_median", measured.equal_area.median)?;
-    dict.set_item("equal_area_p95", measured.equal_area.p95)?;
+    let dict = dict!(
+        py,
+        "areal_median" = measured.areal.summary.median,
+        "areal_p95" = measured.areal.summary.p95,
+        "equal_area_scale" = measured.equal_area_scale,
+        "equal_area_median" = measured.equal_area.median,
+        "equal_area_p95" = measured.equal_area.p95
+    );
     for (name, share) in ["area_beyond_1_25", "area_beyond_1_5", "area_beyond_2"].into_iter().zip(measured.area_beyond)
     {
         dict.set_item(name, share)?;
@@ -172,10 +218,12 @@ pub fn triangles_dict<'py>(
 
 /// A flat map's values by their names.
 pub fn map_dict(py: Python<'_>, map: FlatMap) -> PyResult<Bound<'_, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("uv", array(py, &map.uv)?)?;
-    dict.set_item("normals", array(py, &plain(&map.normals))?)?;
-    dict.set_item("sources", map.sources.into_pyarray(py))?;
+    let dict = dict!(
+        py,
+        "uv" = array(py, &map.uv)?,
+        "normals" = array(py, &plain(&map.normals))?,
+        "sources" = map.sources.into_pyarray(py)
+    );
     let rows = map.rows.map(|rows| (rows.columns(), rows.into_data()));
     dict.set_item("rows", rows.map(|(columns, rows)| table(py, rows, columns)).transpose()?)?;
     dict.set_item("eigenvalues", map.eigenvalues.into_pyarray(py))?;
