@@ -282,11 +282,8 @@ impl VoxelSurface {
 }
 
 fn link_lengths(name: &str) -> PyResult<LinkLengths> {
-    match name {
-        "chain-code" => Ok(LinkLengths::ChainCode),
-        "euclidean" => Ok(LinkLengths::Euclidean),
-        _ => Err(InputError::new_err(format!("link_lengths is {name:?}; give 'chain-code' or 'euclidean'"))),
-    }
+    let all = [("chain-code", LinkLengths::ChainCode), ("euclidean", LinkLengths::Euclidean)];
+    convert::one_of("link_lengths", name, &all)
 }
 
 fn topology_dict<'py>(py: Python<'py>, topology: &CubeTopology) -> PyResult<Dict<'py>> {

@@ -69,17 +69,9 @@ fn values(raw: &Sums, best: &Sums) -> [f64; 2 * FIGURES + 2] {
     let mut values = [0.0; 2 * FIGURES + 2];
     for (part, sums) in values.chunks_mut(FIGURES).zip([raw, best]) {
         let of = sums.figures(1.0);
-        part.copy_from_slice(&[
-            of.relative_error,
-            of.relative_error_0_5mm,
-            of.relative_error_5_15mm,
-            of.relative_error_15_30mm,
-            of.relative_error_10mm,
-            of.relative_error_30mm,
-            of.absolute_error,
-            of.stress_1,
-            of.sammon_stress,
-        ]);
+        for (value, (_, figure)) in part.iter_mut().zip(of.named().into_iter().skip(1)) {
+            *value = figure; // all but the scale
+        }
     }
     values[2 * FIGURES] = raw.correlation();
     values[2 * FIGURES + 1] = raw.mean_geodesic();

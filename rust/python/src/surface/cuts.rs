@@ -23,14 +23,6 @@ impl Surface {
             let boundary: Vec<_> = topology.loops.iter().map(|one| one.vertices(&inner.surface)).collect();
             Ok((topology, boundary))
         })?;
-        let dict = dict!(
-            py,
-            "vertices" = topology.vertices,
-            "edges" = topology.edges,
-            "faces" = topology.faces,
-            "euler" = topology.euler,
-            "handles" = topology.genus
-        );
         let components = PyList::empty(py);
         for component in &topology.components {
             components.append(dict!(
@@ -43,13 +35,20 @@ impl Surface {
                 "loops" = component.loops
             ))?;
         }
-        dict.set_item("components", components)?;
         let loops = PyList::empty(py);
         for (of, vertices) in topology.loops.iter().zip(boundary) {
             loops.append(dict!(py, "length" = of.length, "vertices" = vertices))?;
         }
-        dict.set_item("loops", loops)?;
-        Ok(dict)
+        Ok(dict!(
+            py,
+            "vertices" = topology.vertices,
+            "edges" = topology.edges,
+            "faces" = topology.faces,
+            "euler" = topology.euler,
+            "handles" = topology.genus,
+            "components" = components,
+            "loops" = loops
+        ))
     }
 
     /// A short loop around each handle: its vertices, length (mm) and centre (mm).
@@ -159,15 +158,13 @@ fn handle_list<'py>(py: Python<'py>, handles: &[Handle]) -> PyResult<List<'py>> 
 fn cut_list(py: Python<'_>, cuts: Vec<Cut>) -> PyResult<List<'_>> {
     let list = PyList::empty(py);
     for cut in cuts {
-        let entry = dict!(py, "vertices" = cut.vertices.into_pyarray(py), "length" = cut.length);
         let reason = match cut.reason {
             Reason::Handle => "handle",
             Reason::JoinBoundaries => "boundaries joined",
             Reason::Sphere => "closed sphere",
             Reason::Relaxation => "relaxation",
         };
-        entry.set_item("reason", reason)?;
-        list.append(entry)?;
+        list.append(dict!(py, "vertices" = cut.vertices.into_pyarray(py), "length" = cut.length, "reason" = reason))?;
     }
     Ok(list)
 }

@@ -11,6 +11,7 @@ use voxflat::flatten::saucan2006::{self, Whole};
 use voxflat::flatten::schwartz1989::{Mapped, Options};
 use voxflat::flatten::voxflat::{AfterPlacing, Options as MapOptions, Scale};
 use voxflat::flatten::zigelman2002::Sampling;
+use voxflat::geodesic::marching::Wave;
 use voxflat::orient;
 use voxflat::rows::DistanceRows;
 use voxflat::store::Store;
@@ -26,12 +27,8 @@ impl Surface {
     /// The memory in bytes that flattening needs at most; what becomes of the rows is "dropped", "kept" or "stored".
     #[pyo3(signature = (sources, threads, rows="dropped"))]
     fn memory_need(&self, sources: usize, threads: usize, rows: &str) -> PyResult<u64> {
-        let rows = match rows {
-            "dropped" => AfterPlacing::Dropped,
-            "kept" => AfterPlacing::Kept,
-            "stored" => AfterPlacing::Stored,
-            _ => return Err(InputError::new_err(format!("rows is {rows:?}; give 'dropped', 'kept' or 'stored'"))),
-        };
+        let all = [("dropped", AfterPlacing::Dropped), ("kept", AfterPlacing::Kept), ("stored", AfterPlacing::Stored)];
+        let rows = convert::one_of("rows", rows, &all)?;
         Ok(flatten::voxflat::memory_need(self.0.surface.len(), sources, threads, rows))
     }
 
@@ -62,11 +59,7 @@ impl Surface {
         }
         let start = start.map(|places| convert::rows::<_, 2>(&places, "start")).transpose()?;
         let geodesic = Geodesic::named(geodesic)?;
-        let scale = match scale {
-            "distances" => Scale::Distances,
-            "areas" => Scale::Areas,
-            _ => return Err(InputError::new_err(format!("scale is {scale:?}; give 'distances' or 'areas'"))),
-        };
+        let scale = convert::one_of("scale", scale, &[("distances", Scale::Distances), ("areas", Scale::Areas)])?;
         let sources = self.vertices(&sources)?;
         let (map, found) = self.run(py, threads, &progress, move |inner, control| {
             let surface = &inner.surface;
@@ -112,7 +105,7 @@ impl Surface {
         threads: Option<usize>,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
-        let wave = convert::wave(wave)?;
+        let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
         let vertices: Option<Vec<u32>> = vertices.map(|array| array.as_array().iter().copied().collect());
         let grid =
             grid.map(|(pixels, spacing)| Ok::<_, PyErr>((convert::rows::<_, 2>(&pixels, "the pixels")?, spacing)));

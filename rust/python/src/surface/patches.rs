@@ -2,7 +2,6 @@
 
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
 use voxflat::atlas::glue::{self, Glued, Seams};
 use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
@@ -25,21 +24,12 @@ impl Surface {
         threads: Option<usize>,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
-        let limit = match limit {
-            "angle" => Limit::Angle(value),
-            "bound" => Limit::Bound(value),
-            "count" => Limit::Count(value as usize),
-            _ => return Err(InputError::new_err(format!("limit is {limit:?}; give 'angle', 'bound' or 'count'"))),
-        };
-        let seeds = match seeds {
-            "curvature" => Seeds::Curvature,
-            "flattest" => Seeds::Flattest,
-            "random" => Seeds::Random(seed),
-            _ => {
-                let message = format!("seeds is {seeds:?}; give 'curvature', 'flattest' or 'random'");
-                return Err(InputError::new_err(message));
-            }
-        };
+        let limits =
+            [("angle", Limit::Angle(value)), ("bound", Limit::Bound(value)), ("count", Limit::Count(value as usize))];
+        let limit = convert::one_of("limit", limit, &limits)?;
+        let all_seeds =
+            [("curvature", Seeds::Curvature), ("flattest", Seeds::Flattest), ("random", Seeds::Random(seed))];
+        let seeds = convert::one_of("seeds", seeds, &all_seeds)?;
         let found = self
             .run(py, threads, &progress, move |inner, control| atlas::patches(&inner.surface, limit, seeds, control))?;
         atlas_dict(py, found)
@@ -73,29 +63,29 @@ impl Surface {
 }
 
 fn atlas_dict(py: Python<'_>, atlas: Atlas) -> PyResult<Dict<'_>> {
-    let dict = PyDict::new(py);
-    let certificate = (atlas.certificate.angle, atlas.certificate.c, atlas.certificate.k);
-    dict.set_item("certificate", certificate)?;
-    dict.set_item("labels", atlas.labels.into_pyarray(py))?;
-    dict.set_item("stretch", convert::array(py, &atlas.stretch)?)?;
-    let patches = PyList::empty(py);
-    for patch in atlas.patches {
-        patches.append(patch_dict(py, patch)?)?;
-    }
-    dict.set_item("patches", patches)?;
-    Ok(dict)
+    let patches: Vec<_> = atlas.patches.into_iter().map(|patch| patch_dict(py, patch)).collect::<PyResult<_>>()?;
+    Ok(dict!(
+        py,
+        "certificate" = (atlas.certificate.angle, atlas.certificate.c, atlas.certificate.k),
+        "labels" = atlas.labels.into_pyarray(py),
+        "stretch" = convert::array(py, &atlas.stretch)?,
+        "patches" = patches
+    ))
 }
 
 fn patch_dict(py: Python<'_>, patch: Patch) -> PyResult<Dict<'_>> {
-    let dict = dict!(py, "vertices" = patch.vertices.into_pyarray(py), "uv" = convert::array(py, &patch.uv)?);
     let plane = patch.plane;
     let frame: [[f64; 3]; 4] = [plane.origin, plane.normal, plane.axes[0], plane.axes[1]].map(Into::into);
-    dict.set_item("plane", convert::array(py, &frame)?)?;
-    dict.set_item("tilt", patch.tilt)?;
-    dict.set_item("area", patch.area)?;
-    dict.set_item("isometric", patch.isometric)?;
-    dict.set_item("quasi_conformal", patch.quasi_conformal)?;
-    Ok(dict)
+    Ok(dict!(
+        py,
+        "vertices" = patch.vertices.into_pyarray(py),
+        "uv" = convert::array(py, &patch.uv)?,
+        "plane" = convert::array(py, &frame)?,
+        "tilt" = patch.tilt,
+        "area" = patch.area,
+        "isometric" = patch.isometric,
+        "quasi_conformal" = patch.quasi_conformal
+    ))
 }
 
 /// The pieces of an atlas side by side: as arrays of all of them.

@@ -66,12 +66,6 @@ impl Surface {
         }
         let found =
             self.run(py, threads, &progress, move |inner, control| register(&inner.surface, &made, named, control))?;
-        let dict = dict!(
-            py,
-            "turned_over" = turned_over(self.0.surface.faces(), &found.points),
-            "points" = convert::array(py, &convert::plain(&found.points))?,
-            "template" = found.template
-        );
         let alignments = PyList::empty(py);
         for alignment in found.alignments {
             alignments.append(dict!(
@@ -81,10 +75,15 @@ impl Surface {
                 "score" = alignment.score
             ))?;
         }
-        dict.set_item("alignments", alignments)?;
-        dict.set_item("correlations", found.correlations)?;
-        dict.set_item("affine", found.affine)?;
-        Ok(dict)
+        Ok(dict!(
+            py,
+            "turned_over" = turned_over(self.0.surface.faces(), &found.points),
+            "points" = convert::array(py, &convert::plain(&found.points))?,
+            "template" = found.template,
+            "alignments" = alignments,
+            "correlations" = found.correlations,
+            "affine" = found.affine
+        ))
     }
 }
 
