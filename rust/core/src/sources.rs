@@ -154,43 +154,25 @@ mod tests {
     }
 
     #[test]
-    fn each_farthest_source_is_farthest_from_those_before() {
-        let graph = bent_sheet();
-        let control = Control::default();
-        let chosen = Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap();
-        let mut nearest = vec![f32::INFINITY; graph.vertices()];
-        let mut row = nearest.clone();
-        for (n, &source) in chosen.iter().enumerate() {
-            if n > 0 {
-                let farthest = nearest.iter().copied().fold(0.0, f32::max);
-                assert_eq!(nearest[source as usize], farthest);
-            }
-            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
-            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
-        }
-    }
-
-    #[test]
-    fn weighted_sources_are_farthest_by_weight() {
-        let graph = bent_sheet();
-        let control = Control::default();
+    fn each_source_is_farthest_by_its_weight_from_those_before() {
+        let (graph, control) = (bent_sheet(), Control::default());
         let weights: Vec<f32> = (0..graph.vertices()).map(|v| 1.0 + (v % 7) as f32).collect();
-        let choose = |weights| Sources::Weighted { count: 12, seed: 5, weights }.choose(&graph, &control).unwrap();
-        assert_eq!(
-            choose(vec![2.0; weights.len()]),
-            Sources::Farthest { count: 12, seed: 5 }.choose(&graph, &control).unwrap(),
-            "equal weights change nothing"
-        );
-        let chosen = choose(weights.clone());
-        let mut nearest = vec![f32::INFINITY; graph.vertices()];
-        let mut row = nearest.clone();
-        for (n, &source) in chosen.iter().enumerate() {
-            if n > 0 {
+        let weighted = |weights: &[f32]| Sources::Weighted { count: 12, seed: 5, weights: weights.to_vec() };
+        let equal = vec![2.0; weights.len()];
+        for (sources, weights) in [
+            (Sources::Farthest { count: 12, seed: 5 }, &equal),
+            (weighted(&equal), &equal),
+            (weighted(&weights), &weights),
+        ] {
+            let chosen = sources.choose(&graph, &control).unwrap();
+            let mut nearest = vec![f32::INFINITY; graph.vertices()];
+            let mut row = nearest.clone();
+            for (n, &source) in chosen.iter().enumerate() {
                 let counted = |v: usize| nearest[v] * weights[v];
-                assert_eq!(counted(source as usize), (0..row.len()).map(counted).fold(0.0, f32::max));
+                assert!(n == 0 || counted(source as usize) == (0..row.len()).map(counted).fold(0.0, f32::max));
+                graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
+                nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
             }
-            graph.row(source, &mut row, &mut graph.scratch(), &control).unwrap();
-            nearest.iter_mut().zip(&row).for_each(|(near, &distance)| *near = near.min(distance));
         }
     }
 

@@ -189,37 +189,3 @@ fn no_imports_run_in_a_circle() {
     let lines = left.values().flatten().filter(|import| left.contains_key(&*import.to)).map(|import| &*import.at);
     assert!(left.is_empty(), "in a circle:\n{}", lines.collect::<Vec<_>>().join("\n"));
 }
-
-#[test]
-fn imports_are_found_wherever_they_are() {
-    let module = |text: &str| Module { file: "x.rs".into(), text: text.into() };
-    let mut modules: BTreeMap<Name, Module> = BTreeMap::new();
-    for (name, text) in [
-        ("a", ""),
-        (
-            "a::b",
-            "use super::c::{d, e::{F, G}};\n// use crate::a;\n#[cfg(test)]\nmod tests {\n    use crate::g;\n}\nuse std::fmt;",
-        ),
-        (
-            "a::c",
-            "fn f() -> crate::g::H {\n    super::b::f()\n}\n#[cfg(test)]\nmod tests;\nuse crate::g::{\n    I,\n};",
-        ),
-        ("a::c::e", "pub use crate::Error;\nuse f::x;"),
-        ("a::c::e::f", ""),
-        ("g", "use crate::{a::b, g};"),
-    ] {
-        modules.insert(name.into(), module(text));
-    }
-    let of = |name: &str| {
-        let found = imports(name, &modules[name], &modules);
-        found.into_iter().map(|import| format!("{} {}", import.at.split(' ').next().unwrap(), import.to)).collect()
-    };
-    let expect = |name: &str, wanted: &[&str]| {
-        let found: Vec<String> = of(name);
-        assert_eq!(found, wanted, "{name}");
-    };
-    expect("a::b", &["x.rs:1: a::c", "x.rs:1: a::c::e", "x.rs:1: a::c::e"]);
-    expect("a::c", &["x.rs:6: g", "x.rs:1: g", "x.rs:2: a::b"]);
-    expect("a::c::e", &["x.rs:1: ", "x.rs:2: a::c::e::f"]);
-    expect("g", &["x.rs:1: a::b"]);
-}

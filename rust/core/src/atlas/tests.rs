@@ -10,10 +10,10 @@ use crate::surface::mesh::shapes;
 pub(super) type Mesh = (Vec<[f64; 3]>, Vec<[i64; 3]>);
 
 /// The places of a triangle's corners, bit by bit.
-pub(super) type Corners = [[u64; 3]; 3];
+type Corners = [[u64; 3]; 3];
 
 /// The patch of a triangle, and the places of its corners there, bit by bit.
-pub(super) type Flat = (u32, [[u64; 2]; 3]);
+type Flat = (u32, [[u64; 2]; 3]);
 
 const ALL_SEEDS: [Seeds; 3] = [Seeds::Curvature, Seeds::Flattest, Seeds::Random(7)];
 
@@ -125,7 +125,7 @@ proptest! {
 }
 
 /// The same mesh with vertices and faces in another order, and faces that begin elsewhere.
-pub(super) fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
+fn renumber((points, faces): &Mesh, seed: u64) -> Mesh {
     use rand::{SeedableRng, seq::SliceRandom};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..points.len()).collect();

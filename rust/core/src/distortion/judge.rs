@@ -33,23 +33,6 @@ pub fn reference_sources(points: usize, count: usize, seed: u64) -> Vec<u32> {
 
 /// What several maps of the same vertices do to the distances from the same sources. If their rows take more than `kept` bytes,
 /// they are computed twice instead of being kept; the figures are the same.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::distortion::judge::{KEPT_BYTES, judge_all};
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm, in the plane z = 0
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let uv: Vec<[f64; 2]> = sheet.points().iter().map(|p| [p.x, p.y]).collect();
-/// let squeezed: Vec<[f64; 2]> = sheet.points().iter().map(|p| [0.5 * p.x, p.y]).collect();
-/// let [good, bad] = &judge_all(&graph, &[&uv, &squeezed], &[0, 40, 80], KEPT_BYTES, 0, &control)?[..] else { panic!() };
-/// assert!(good.raw.relative_error < bad.raw.relative_error);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn judge_all<S: Solver>(
     solver: &S,
     maps: &[&[[f64; 2]]],

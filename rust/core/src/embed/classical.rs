@@ -34,20 +34,6 @@ pub struct Scaling {
 }
 
 /// Classical scaling of the distances among sources. The two directions' distances are averaged.
-///
-/// # Examples
-/// ```
-/// use voxflat::embed::classical::classical_scaling;
-/// use voxflat::rows::DistanceRows;
-///
-/// let diagonal = 2.0_f32.sqrt();
-/// let square = vec![0.0, 1.0, diagonal, 1.0, 1.0, 0.0, 1.0, diagonal, diagonal, 1.0, 0.0, 1.0, 1.0, diagonal, 1.0, 0.0];
-/// let scaling = classical_scaling(&DistanceRows::new(vec![0, 1, 2, 3], 4, square))?;
-/// let [a, c] = [scaling.places[0], scaling.places[2]];
-/// assert!(((a[0] - c[0]).hypot(a[1] - c[1]) - f64::from(diagonal)).abs() < 1e-6);
-/// assert!(scaling.planarity > 0.999);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn classical_scaling(distances: &DistanceRows) -> Result<Scaling> {
     let m = distances.sources().len();
     if m < FEWEST_SOURCES {

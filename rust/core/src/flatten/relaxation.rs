@@ -60,23 +60,17 @@ impl Default for Relaxation {
 
 impl Relaxation {
     fn validate(&self) -> Result<()> {
-        let refuse = |name, value| Err(Error::RelaxationOption { name, value });
-        if self.length.is_nan() || self.length < 0.0 {
-            return refuse("length", self.length);
+        let options = [
+            ("length", self.length, f64::INFINITY),
+            ("least_gain", self.least_gain, f64::INFINITY),
+            ("least_relief", self.least_relief, 1.0),
+            ("bearable", self.bearable, f64::INFINITY),
+            ("within", self.within, f64::INFINITY),
+        ];
+        match options.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
+            Some((name, value, _)) => Err(Error::RelaxationOption { name, value }),
+            None => Ok(()),
         }
-        if self.least_gain.is_nan() || self.least_gain < 0.0 {
-            return refuse("least_gain", self.least_gain);
-        }
-        if !(0.0..=1.0).contains(&self.least_relief) {
-            return refuse("least_relief", self.least_relief);
-        }
-        if self.bearable.is_nan() || self.bearable < 0.0 {
-            return refuse("bearable", self.bearable);
-        }
-        if self.within.is_nan() || self.within < 0.0 {
-            return refuse("within", self.within);
-        }
-        Ok(())
     }
 }
 

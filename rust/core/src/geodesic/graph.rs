@@ -104,11 +104,6 @@ impl GeodesicGraph {
     pub fn links(&self) -> usize {
         self.arcs.len()
     }
-
-    /// Where each vertex's links begin, and the end of the last one's.
-    pub fn starts(&self) -> &[u32] {
-        &self.starts
-    }
 }
 
 impl Links for GeodesicGraph {

@@ -75,24 +75,6 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
 ///
 /// # Errors
 /// Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::chain::LinkLengths;
-/// use voxflat::patch::{Disk, Selection, cut_out};
-/// use voxflat::surface::VoxelSurface;
-/// use voxflat::volume::{Affine, Mask};
-///
-/// let control = Control::default();
-/// let mask = Mask::from_fn([8, 8, 3], |[_, _, k]| k == 1)?; // one layer of 8 by 8 voxels
-/// let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3])?, &control)?;
-/// let disk = Disk { seed_point: [4, 4, 1], radius: 1.0 };
-/// let selection = Selection { disk: Some(disk), ..Selection::default() };
-/// let (part, graph) = cut_out(&surface, &selection, LinkLengths::ChainCode, &control)?;
-/// assert_eq!((part.len(), graph.len()), (5, 5));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn cut_out(
     surface: &VoxelSurface,
     selection: &Selection<'_>,

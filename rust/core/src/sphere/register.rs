@@ -120,24 +120,6 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 ///
 /// # Panics
 /// If there is no template, or not the one that is named.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::sphere::pattern::pattern;
-/// use voxflat::sphere::register::{Template, register};
-/// use voxflat::surface::mesh::shapes;
-///
-/// let (points, faces) = shapes::sphere(3);
-/// let bent = points.iter().map(|&[x, y, z]| [x + 0.4 * y * y, y + 0.3 * z, 1.7 * z + 0.5 * x * y]).collect();
-/// let surface = shapes::surface((bent, faces));
-/// let sphere = shapes::surface(shapes::sphere(3));
-/// let of = pattern(&surface, &Control::default())?;
-/// let template = Template::new(sphere, of.depths, of.places, of.areas);
-/// let found = register(&surface, &[template], None, &Control::default())?;
-/// assert!(found.alignments[0].rigid > 0.9);
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn register(
     surface: &Surface,
     templates: &[Template],

@@ -155,20 +155,6 @@ impl Store {
 }
 
 /// Reads rows of a store's table, whoever wrote them: the numbers of those that do not agree with their checksum, where one is known.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::store::{Store, damaged_rows};
-///
-/// let directory = std::env::temp_dir().join(format!("voxflat-damaged-{}", std::process::id()));
-/// std::fs::create_dir_all(&directory).unwrap();
-/// Store::lay_out(&directory, "sheet", 2, 81, &Control::default())?;
-/// let of_zeros = 0x0d15_f915; // CRC-32 of 81 values, of 4 bytes each
-/// assert_eq!(damaged_rows(&directory, 81, &[Some(of_zeros), Some(7)], &Control::default())?, [1]);
-/// # std::fs::remove_dir_all(directory).unwrap();
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn damaged_rows(directory: &Path, columns: usize, known: &[Option<u32>], control: &Control) -> Result<Vec<usize>> {
     let sound = verify(&NpyFile::new(directory.join(TABLE), known.len(), columns), known, control)?;
     Ok((0..known.len()).filter(|&row| sound[row] != known[row]).collect())

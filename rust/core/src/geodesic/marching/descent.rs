@@ -56,11 +56,6 @@ impl Marching<'_> {
 }
 
 impl Marched<'_> {
-    /// The distances to all vertices, mm; infinity where no front came.
-    pub fn distances(&self) -> &[f64] {
-        &self.distance
-    }
-
     /// A path from `target` back to the source. The distance of a march is an estimate, but the path is a line over the
     /// surface: [its length](crate::geodesic::path::length) may be more or less than the distance here, and is never less
     /// than the exact one. Across a triangle that is folded back onto another it may be some per cent more (9 were seen).

@@ -95,10 +95,10 @@ mod tests {
 
     #[test]
     fn smoothing_by_a_length_does_not_ask_for_triangles() {
-        let cancelled = Control::default();
+        let control = Control::default();
         for times in [4, 5] {
             let sphere = shapes::surface(shapes::sphere(times));
-            let smooth = smooth_mean_curvature(&sphere, 0.3, &cancelled).unwrap();
+            let smooth = smooth_mean_curvature(&sphere, 0.3, &control).unwrap();
             assert!(smooth.iter().all(|h| (h - 1.0).abs() < 0.03));
         }
         // on shallow waves z = a cos(k x) the curvature is a k² / 2 cos(k x), and smoothing takes exp(−k² σ² / 2) of it
@@ -108,15 +108,13 @@ mod tests {
             let scaled = |x: f64| x / fine as f64;
             let waves = |p: &Vector3<f64>| [scaled(p.x), scaled(p.y), a * (k * scaled(p.x)).cos()].into();
             let surface = sheet.moved(sheet.points().iter().map(waves).collect()).unwrap();
-            let smooth = smooth_mean_curvature(&surface, sigma, &cancelled).unwrap();
+            let smooth = smooth_mean_curvature(&surface, sigma, &control).unwrap();
             let most = a * k * k / 2.0;
             for (p, h) in surface.points().iter().zip(smooth) {
                 let expected = most * (k * p.x).cos() * (-k * k * sigma * sigma / 2.0).exp();
                 assert!(p.x < 10.0 || p.x > 30.0 || (h - expected).abs() < 0.05 * most, "{p} {h} {expected}");
             }
         }
-        cancelled.cancel();
-        assert!(smooth_mean_curvature(&shapes::surface(shapes::sphere(3)), 1.0, &cancelled).is_err());
     }
 
     #[test]

@@ -376,18 +376,6 @@ mod tests {
     }
 
     #[test]
-    fn known_shapes_have_their_euler_characteristic_and_boundary() {
-        for (shape, expected, loops) in
-            [(shapes::sheet(5, 4), 1, 1), (shapes::torus(12, 7), 0, 0), (shapes::sphere(2), 2, 0)]
-        {
-            let surface = shapes::surface(shape);
-            assert_sound(&surface);
-            assert_eq!((euler(&surface), surface.boundary().len()), (expected, loops));
-            assert_eq!(surface.components().count(), 1);
-        }
-    }
-
-    #[test]
     fn normals_point_outside() {
         let surface = shapes::surface(shapes::sphere(3));
         assert!(surface.points().iter().zip(surface.normals()).all(|(p, n)| p.dot(&n) > 0.99));

@@ -230,19 +230,6 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 ///
 /// # Panics
 /// If there is not one factor, and one word on each vertex.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::paths::path_to_any;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let sheet = shapes::surface(shapes::sheet(4, 4)); // 5 by 5 vertices, 1 mm apart
-/// let to: Vec<bool> = sheet.points().iter().map(|p| p.x == 0.0).collect();
-/// let path = path_to_any(&sheet, 12, &to, &[true; 25], &[1.0; 25], &Control::default())?;
-/// assert_eq!((path[0], path.len(), to[path[2] as usize]), (12, 3, true));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn path_to_any(
     surface: &Surface,
     from: u32,

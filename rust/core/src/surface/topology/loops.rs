@@ -47,19 +47,6 @@ pub struct Handle {
 
 /// A short loop for every handle of all components, in the order in which [`cut_handles`] cuts them: each separates nothing
 /// after those before it.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::surface::mesh::shapes;
-/// use voxflat::surface::topology::loops::handles;
-///
-/// let torus = shapes::surface(shapes::torus(24, 12));
-/// let found = handles(&torus, &Control::default())?;
-/// assert_eq!(found.len(), 1);
-/// assert!(found[0].length < 7.0); // around the tube, whose radius is 1, not along it
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 pub fn handles(surface: &Surface, control: &Control) -> Result<Vec<Handle>> {
     cut_handles(surface, control).map(|(_, handles)| handles)
 }

@@ -123,33 +123,12 @@ fn where_no_front_comes_is_unreachable_and_work_is_cancelled() {
     let control = Control::default();
     let marching = Marching::new(&apart, Wave::Circle, &control).unwrap();
     let marched = marching.march(0, &control).unwrap();
-    let target = marched.distances().iter().position(|d| d.is_infinite()).unwrap();
+    let target = marched.distance.iter().position(|d| d.is_infinite()).unwrap();
     let expected = Error::Unreachable { source_vertex: 0, vertex: target };
     assert_eq!(marched.path(target as u32, &control), Err(expected));
     control.cancel();
     assert_eq!(marched.path(4, &control), Err(Error::Cancelled));
     assert!(matches!(marching.march(0, &control), Err(Error::Cancelled)));
-}
-
-#[test]
-fn a_way_along_edges_leads_to_what_was_final_before() {
-    let surface = shapes::surface(shapes::sphere(3));
-    let control = Control::default();
-    let marching = Marching::new(&surface, Wave::Circle, &control).unwrap();
-    let marched = marching.march(17, &control).unwrap();
-    for half_edge in 0..surface.twins().len() as u32 {
-        let before = marched.order[surface.origin(half_edge) as usize];
-        for site in [Site::Vertex(surface.origin(half_edge)), Site::Edge { half_edge, along: 0.4 }] {
-            let mut path = vec![PathPoint::at(&surface, site)];
-            if before == 0 {
-                continue; // from the source there is no way on
-            }
-            let end = marched.along_edges(site, before, &mut path, &control).unwrap();
-            assert!(marched.order[end as usize] < before);
-            assert!(path.len() > 1 && path[path.len() - 1].site == Site::Vertex(end));
-            assert_on_surface(&surface, &path);
-        }
-    }
 }
 
 proptest! {
