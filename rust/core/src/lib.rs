@@ -83,6 +83,8 @@ pub mod sources;
 pub mod sphere;
 pub mod store;
 pub mod surface;
+#[cfg(test)]
+mod tests;
 mod turns;
 pub mod volume;
 

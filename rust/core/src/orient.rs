@@ -156,8 +156,8 @@ fn up_direction(points: &[Vector3<f64>], uv: &[[f64; 2]], mean: Vector2<f64>) ->
 mod tests {
     use super::*;
     use crate::control::Control;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
+    use crate::geodesic::chain::{LinkLengths, chain_graph};
+    use crate::tests::chained;
     use crate::volume::{Affine, Mask};
 
     /// One side of a block, seen from outside, with the affine given: its map must show `right` to the right and `up` up.
@@ -193,13 +193,10 @@ mod tests {
 
     #[test]
     fn normals_of_a_ball_point_away_from_its_centre() {
-        let control = Control::default();
-        let centre = Vector3::new(18.0, 9.0, 12.0);
-        let affine = Affine::from_spacing([1.5, 0.75, 1.0]).unwrap();
+        let (spacing, centre) = ([1.5, 0.75, 1.0], Vector3::new(18.0, 9.0, 12.0));
+        let affine = Affine::from_spacing(spacing).unwrap();
         let inside = |v: [usize; 3]| (affine.to_mm(v.map(|x| x as f64)) - centre).norm() < 8.5;
-        let mask = Mask::from_fn([24, 24, 24], inside).unwrap();
-        let surface = VoxelSurface::from_mask(&mask, affine, &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&Mask::from_fn([24, 24, 24], inside).unwrap(), spacing);
         for (point, normal) in surface.points().iter().zip(outward_normals(&surface, &graph)) {
             assert!((normal.norm() - 1.0).abs() < 1e-12 && (point - centre).normalize().dot(&normal) > 0.95);
         }
@@ -207,10 +204,7 @@ mod tests {
 
     #[test]
     fn a_sheet_of_one_voxel_has_no_outside() {
-        let control = Control::default();
-        let mask = Mask::from_fn([9, 9, 5], |v| v[2] == 2).unwrap();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&Mask::from_fn([9, 9, 5], |v| v[2] == 2).unwrap(), [1.0; 3]);
         assert!(outward_normals(&surface, &graph).iter().all(|normal| normal.iter().all(|x| x.is_nan())));
     }
 

@@ -200,10 +200,8 @@ fn rotate_lowest_first(face: &mut [u32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
-    use crate::surface::VoxelSurface;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::chained;
+    use crate::volume::Mask;
     use proptest::prelude::*;
 
     fn draw(uv: &[[f64; 2]], corners: &[[u32; 3]], torn: bool, pixel_size: f64) -> Raster {
@@ -277,8 +275,7 @@ mod tests {
         let hole = |i: usize, j: usize| (8..14).contains(&i) && (8..14).contains(&j);
         let mask = Mask::from_fn([20, 20, 1], |[i, j, _]| !hole(i, j)).unwrap();
         let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
+        let (surface, graph) = chained(&mask, [1.0; 3]);
         let uv: Vec<[f64; 2]> = surface.voxels().iter().map(|v| [f64::from(v[0]), f64::from(v[1])]).collect();
         let faces = map_faces(&uv, &graph, &control).unwrap();
         let whole = faces.torn.iter().filter(|&&torn| !torn).count();

@@ -220,21 +220,13 @@ pub(crate) fn fill<S: Solver>(
 mod tests {
     use super::*;
     use crate::adjacency::Links;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
-    use crate::surface::VoxelSurface;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::{chained, with_threads};
+    use crate::volume::Mask;
 
     fn sheet(gap: bool) -> VoxelGraph {
         let mask = Mask::from_fn([60, 50, 9], |[i, j, k]| k == j / 6 && !(gap && i == 30)).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 1.0, 0.7]).unwrap(), &control).unwrap();
-        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
-    }
-
-    fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+        chained(&mask, [1.0, 1.0, 0.7]).1
     }
 
     /// Numbers of sources that are searched one by one, and that are bundled.

@@ -138,19 +138,15 @@ mod tests {
 
     use super::*;
     use crate::geodesic::Solver;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;
     use crate::surface::voxels::graph::VoxelGraph;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::chained;
+    use crate::volume::Mask;
 
     fn bent_sheet() -> VoxelGraph {
         let mask = Mask::from_fn([12, 15, 8], |[i, j, k]| k == j / 3 + usize::from(i > 6)).unwrap();
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap()
+        chained(&mask, [1.0; 3]).1
     }
 
     #[test]

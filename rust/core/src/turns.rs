@@ -52,11 +52,8 @@ where
 mod tests {
     use super::*;
     use crate::error::Error;
+    use crate::tests::with_threads as on;
     use std::sync::atomic::{AtomicUsize, Ordering};
-
-    fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-    }
 
     #[test]
     fn every_item_is_worked_on_once_with_a_scratch_a_thread() {

@@ -244,14 +244,7 @@ mod tests {
 
     #[test]
     fn nothing_crosses_a_cut() {
-        let surface = shapes::surface(shapes::sheet(4, 8));
-        let along: Vec<u32> = (0..surface.twins().len() as u32)
-            .filter(|&h| {
-                let [a, b] = [surface.origin(h), surface.target(h)].map(|v| surface.points()[v as usize]);
-                a.y == 4.0 && b.y == 4.0
-            })
-            .collect();
-        let graph = GeodesicGraph::new(&surface.cut_open(along), &Control::default()).unwrap();
+        let graph = GeodesicGraph::new(&shapes::slit(4, 8, 4.0, 4.0), &Control::default()).unwrap();
         assert_eq!(graph.components().sizes.len(), 2);
     }
 }

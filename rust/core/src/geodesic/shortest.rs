@@ -183,21 +183,11 @@ mod tests {
     use super::*;
     use crate::adjacency::Listed;
     use crate::geodesic::Solver;
-    use crate::geodesic::chain::LinkLengths;
-    use crate::geodesic::chain::chain_graph;
     use crate::geodesic::graph::GeodesicGraph;
-    use crate::surface::VoxelSurface;
     use crate::surface::mesh::shapes;
-    use crate::surface::voxels::graph::VoxelGraph;
-    use crate::volume::{Affine, Mask};
+    use crate::tests::chained;
+    use crate::volume::Mask;
     use proptest::prelude::*;
-
-    fn graph_of(mask: &Mask, spacing: [f64; 3]) -> (VoxelSurface, VoxelGraph) {
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(spacing).unwrap(), &control).unwrap();
-        let graph = chain_graph(&surface, LinkLengths::ChainCode, &control).unwrap();
-        (surface, graph)
-    }
 
     fn row_of(graph: &impl Links, source: u32) -> Vec<f32> {
         let mut row = vec![0.0; graph.vertices()];
@@ -231,14 +221,14 @@ mod tests {
     proptest! {
         #[test]
         fn rows_equal_those_of_relaxation(mask in any_mask(), at in any::<prop::sample::Index>(), z in 0.15f64..7.0) {
-            let (_, graph) = graph_of(&mask, [1.0, 1.3, z]);
+            let (_, graph) = chained(&mask, [1.0, 1.3, z]);
             let source = at.index(graph.len()) as u32;
             prop_assert_eq!(row_of(&graph, source), relaxed(&graph, &[source]));
         }
 
         #[test]
         fn rows_are_a_metric(mask in any_mask(), picks in prop::array::uniform3(any::<prop::sample::Index>())) {
-            let (_, graph) = graph_of(&mask, [1.0; 3]);
+            let (_, graph) = chained(&mask, [1.0; 3]);
             let [a, b, c] = picks.map(|pick| pick.index(graph.len()));
             let (from_a, from_b) = (row_of(&graph, a as u32), row_of(&graph, b as u32));
             prop_assert_eq!(from_a[a], 0.0);
@@ -248,7 +238,7 @@ mod tests {
 
         #[test]
         fn a_traced_path_is_as_long_as_its_distance(mask in any_mask(), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
-            let (_, graph) = graph_of(&mask, [1.0, 2.0, 0.5]);
+            let (_, graph) = chained(&mask, [1.0, 2.0, 0.5]);
             let [source, target] = picks.map(|pick| pick.index(graph.len()) as u32);
             let row = row_of(&graph, source);
             match trace_path(&graph, &row, source, target, &Control::default()) {
@@ -266,7 +256,7 @@ mod tests {
 
         #[test]
         fn adding_a_source_gives_the_distance_to_the_nearer(mask in any_mask(), picks in prop::array::uniform2(any::<prop::sample::Index>())) {
-            let (_, graph) = graph_of(&mask, [1.0; 3]);
+            let (_, graph) = chained(&mask, [1.0; 3]);
             let [a, b] = picks.map(|pick| pick.index(graph.len()) as u32);
             let mut both = row_of(&graph, a);
             both[b as usize] = 0.0;
@@ -301,7 +291,7 @@ mod tests {
     #[test]
     fn a_path_goes_round_an_obstacle() {
         // a plain cut in two by a river with one bridge (figure 3)
-        let (surface, graph) = graph_of(&Mask::from_fn([41, 41, 1], |[i, j, _]| i != 20 || j == 35).unwrap(), [1.0; 3]);
+        let (surface, graph) = chained(&Mask::from_fn([41, 41, 1], |[i, j, _]| i != 20 || j == 35).unwrap(), [1.0; 3]);
         let [start, end, bridge] = [[0, 0, 0], [40, 0, 0], [20, 35, 0]].map(|v| surface.find(v).unwrap() as u32);
         let row = row_of(&graph, start);
         let path = trace_path(&graph, &row, start, end, &Control::default()).unwrap();

@@ -1,17 +1,9 @@
 use super::*;
 use crate::error::Error;
 use crate::surface::mesh::shapes;
-use nalgebra::Vector3;
 
-/// Three quarters of a cylinder, unrolled 16 by 24 mm.
 fn cylinder() -> Surface {
-    let surface = shapes::surface(shapes::sheet(16, 24));
-    let radius = 24.0 / (1.5 * std::f64::consts::PI);
-    let curled = |p: &Vector3<f64>| {
-        let (sin, cos) = (p.y / radius).sin_cos();
-        Vector3::new(p.x, radius * sin, radius * cos)
-    };
-    surface.moved(surface.points().iter().map(curled).collect()).unwrap()
+    shapes::curled(16, 24)
 }
 
 fn flattened(surface: &Surface, options: &Options<'_>) -> Result<Mapped> {

@@ -10,6 +10,24 @@ pub fn sheet(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     (points, grid_faces(m, n, |i, j| i * (n + 1) + j))
 }
 
+/// Such a sheet, rolled to three quarters of a cylinder.
+pub fn curled(m: usize, n: usize) -> Surface {
+    let sheet = surface(sheet(m, n));
+    let radius = n as f64 / (1.5 * std::f64::consts::PI);
+    let place = |p: &Vector3<f64>| Vector3::new(p.x, radius * (p.y / radius).sin(), radius * (p.y / radius).cos());
+    sheet.moved(sheet.points().iter().map(place).collect()).unwrap()
+}
+
+/// Such a sheet, cut open where y is `y` and x no more than `x`.
+pub fn slit(m: usize, n: usize, x: f64, y: f64) -> Surface {
+    let sheet = surface(sheet(m, n));
+    let is_cut = |h: &u32| {
+        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
+        a.y == y && b.y == y && a.x.max(b.x) <= x
+    };
+    sheet.cut_open(sheet.edges().filter(is_cut))
+}
+
 /// A torus of radii 3 and 1 of `m` × `n` squares, outside outwards.
 pub fn torus(m: usize, n: usize) -> (Vec<[f64; 3]>, Vec<[i64; 3]>) {
     let angle = |i: usize, n: usize| std::f64::consts::TAU * i as f64 / n as f64;

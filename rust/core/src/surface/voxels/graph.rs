@@ -117,14 +117,13 @@ fn kind(offset: [i64; 3]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Affine, Mask};
+    use crate::volume::Mask;
     use proptest::prelude::*;
 
     fn graph_of(mask: &Mask) -> (VoxelSurface, VoxelGraph) {
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
+        let surface = crate::tests::voxels(mask, [1.0; 3]);
         let lengths = std::array::from_fn(|kind: usize| f64::from(kind.count_ones()).sqrt());
-        let graph = VoxelGraph::of(&surface, lengths, &control).unwrap();
+        let graph = VoxelGraph::of(&surface, lengths, &Control::default()).unwrap();
         (surface, graph)
     }
 

@@ -236,8 +236,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn surface_of(shape: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> VoxelSurface {
-        let mask = Mask::from_fn(shape, rule).unwrap();
-        VoxelSurface::from_mask(&mask, Affine::from_spacing([1.0, 2.0, 3.0]).unwrap(), &Control::default()).unwrap()
+        crate::tests::voxels(&Mask::from_fn(shape, rule).unwrap(), [1.0, 2.0, 3.0])
     }
 
     #[test]
@@ -271,8 +270,7 @@ mod tests {
         fn surface_voxels_are_those_with_a_background_neighbour(bits in prop::collection::vec(any::<bool>(), 60)) {
             prop_assume!(bits.contains(&true));
             let mask = Mask::new([3, 4, 5], bits).unwrap();
-            let affine = Affine::from_spacing([1.0; 3]).unwrap();
-            let surface = VoxelSurface::from_mask(&mask, affine, &Control::default()).unwrap();
+            let surface = crate::tests::voxels(&mask, [1.0; 3]);
             for voxel in mask.foreground() {
                 let expected = DIRECT.iter().any(|&d| !mask.is_inside(plus(voxel, d)));
                 prop_assert_eq!(surface.find(voxel).is_ok(), expected);

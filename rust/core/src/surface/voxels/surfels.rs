@@ -213,13 +213,11 @@ pub(crate) fn moved(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::Affine;
     use proptest::prelude::*;
 
     fn surfels_of(mask: &Mask, touching: Touching) -> (VoxelSurface, Surfels) {
-        let control = Control::default();
-        let surface = VoxelSurface::from_mask(mask, Affine::from_spacing([1.0; 3]).unwrap(), &control).unwrap();
-        let surfels = Surfels::new(mask, &surface, touching, &control).unwrap();
+        let surface = crate::tests::voxels(mask, [1.0; 3]);
+        let surfels = Surfels::new(mask, &surface, touching, &Control::default()).unwrap();
         (surface, surfels)
     }
 

@@ -232,8 +232,7 @@ mod tests {
         let mut voxels = mesh.voxels.clone();
         voxels.sort_unstable();
         voxels.dedup();
-        let affine = Affine::from_spacing([1.0; 3]).unwrap();
-        let mut expected = VoxelSurface::from_mask(mask, affine, &Control::default()).unwrap().voxels().to_vec();
+        let mut expected = crate::tests::voxels(mask, [1.0; 3]).voxels().to_vec();
         expected.sort_unstable();
         assert_eq!(voxels, expected);
     }

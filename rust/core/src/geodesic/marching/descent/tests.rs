@@ -104,22 +104,15 @@ fn paths_bend_round_the_corner_of_a_hole() {
 
 #[test]
 fn paths_go_round_the_end_of_a_cut() {
-    let sheet = shapes::surface(shapes::sheet(12, 10));
-    let is_slit = |h: &u32| {
-        let [a, b] = [sheet.origin(*h), sheet.target(*h)].map(|v| sheet.points()[v as usize]);
-        a.y == 5.0 && b.y == 5.0 && a.x.max(b.x) <= 9.0
-    };
-    let slit = sheet.cut_open(sheet.edges().filter(is_slit));
-    assert_eq!(slit.len(), sheet.len() + 9);
+    let slit = shapes::slit(12, 10, 9.0, 5.0);
+    assert_eq!(slit.len(), 13 * 11 + 9);
     let excess = excess(&slit, Wave::Circle, 3);
     assert!(mean(&excess) < 1e-3 && greatest(&excess) < 0.015 && least(&excess) > -1e-12, "{excess:?}");
 }
 
 #[test]
 fn where_no_front_comes_is_unreachable_and_work_is_cancelled() {
-    let sheet = shapes::surface(shapes::sheet(4, 8));
-    let is_cut = |h: &u32| [sheet.origin(*h), sheet.target(*h)].iter().all(|&v| sheet.points()[v as usize].y == 4.0);
-    let apart = sheet.cut_open(sheet.edges().filter(is_cut));
+    let apart = shapes::slit(4, 8, 4.0, 4.0);
     let control = Control::default();
     let marching = Marching::new(&apart, Wave::Circle, &control).unwrap();
     let marched = marching.march(0, &control).unwrap();

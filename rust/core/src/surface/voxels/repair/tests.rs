@@ -1,7 +1,5 @@
 use super::*;
-use crate::surface::VoxelSurface;
 use crate::surface::voxels::surfels::{Surfels, Touching};
-use crate::volume::Affine;
 use proptest::prelude::*;
 use std::collections::{BTreeSet, HashSet};
 
@@ -74,9 +72,7 @@ fn euler(voxels: &Voxels) -> i64 {
 fn assert_sphere(mask: &Mask) {
     let voxels = foreground(mask);
     assert_eq!((count_pieces(&voxels, 1), count_pieces(&background(mask), 2), euler(&voxels)), (1, 1, 1));
-    let control = Control::default();
-    let surface = VoxelSurface::from_mask(mask, Affine::from_spacing(CUBE).unwrap(), &control).unwrap();
-    let surfels = Surfels::new(mask, &surface, Touching::Apart, &control).unwrap();
+    let surfels = Surfels::new(mask, &crate::tests::voxels(mask, CUBE), Touching::Apart, &Control::default()).unwrap();
     let mut seen = BTreeSet::from([0]);
     let mut stack = vec![0];
     while let Some(surfel) = stack.pop() {
