@@ -78,9 +78,7 @@ pub fn orient(points: &[Vector3<f64>], seen_from_outside: f64, uv: &mut [[f64; 2
 /// Turns and moves a map, rigidly and without scaling, such that places on it come to lie nearest to others: of all turns the
 /// one with the least sum of squares (Procrustes; Schönemann 1966), about the places' mean, which comes to lie on that of the
 /// others. Returns the turn, radians counterclockwise; 0 where the places leave it open.
-///
-/// # Panics
-/// If there are not as many places as others.
+/// Panics if there are not as many places as others.
 ///
 /// # Examples
 /// ```

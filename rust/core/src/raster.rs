@@ -142,9 +142,7 @@ pub struct Faces {
 
 /// Joins the places of a map into faces: the Delaunay triangles whose sides are about as short in the plane as those
 /// between neighbours on the surface. Of places that coincide only one becomes a corner.
-///
-/// # Errors
-/// [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
+/// Errors: [`Error::TooFewPoints`] if the places span no triangle, [`Error::Cancelled`].
 pub fn map_faces(uv: &[[f64; 2]], graph: &VoxelGraph, control: &Control) -> Result<Faces> {
     control.check()?;
     let places =

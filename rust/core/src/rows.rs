@@ -18,9 +18,7 @@ pub trait Rows {
     fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()>;
 
     /// The columns of some vertices only.
-    ///
-    /// # Panics
-    /// If the rows do not reach to every one of them.
+    /// Panics if the rows do not reach to every one of them.
     fn to(&self, targets: &[u32], control: &Control) -> Result<DistanceRows> {
         let sources = self.sources();
         let mut data = Vec::with_capacity(sources.len() * targets.len());
@@ -35,9 +33,7 @@ pub trait Rows {
     }
 
     /// The columns of the sources only.
-    ///
-    /// # Panics
-    /// Likewise.
+    /// Panics likewise.
     fn among(&self, control: &Control) -> Result<DistanceRows> {
         self.to(self.sources(), control)
     }
@@ -53,9 +49,7 @@ pub struct DistanceRows {
 
 impl DistanceRows {
     /// Rows from every source to every vertex.
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
+    /// Errors: [`Error::Unreachable`] if a vertex lies in another component, [`Error::Cancelled`].
     pub fn compute<S: Solver>(solver: &S, sources: &[u32], control: &Control) -> Result<Self> {
         Self::measured(solver, sources, None, control)
     }
@@ -74,9 +68,7 @@ impl DistanceRows {
     }
 
     /// Rows that are known already, of `columns` distances each, one after the other.
-    ///
-    /// # Panics
-    /// If there is not one row a source.
+    /// Panics if there is not one row a source.
     pub fn new(sources: Vec<u32>, columns: usize, data: Vec<f32>) -> Self {
         assert_eq!(data.len(), sources.len() * columns, "one row a source");
         Self { sources, columns, data }
@@ -114,20 +106,6 @@ impl Rows for DistanceRows {
 
     fn visit(&self, _: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
         visit(0, &self.data)
-    }
-}
-
-impl<R: Rows> Rows for &R {
-    fn sources(&self) -> &[u32] {
-        (**self).sources()
-    }
-
-    fn columns(&self) -> usize {
-        (**self).columns()
-    }
-
-    fn visit(&self, control: &Control, visit: &mut dyn FnMut(usize, &[f32]) -> Result<()>) -> Result<()> {
-        (**self).visit(control, visit)
     }
 }
 

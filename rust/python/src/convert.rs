@@ -17,6 +17,9 @@ use voxflat::volume::Mask;
 
 use crate::work::{InputError, to_python};
 
+pub type Given<'py, T> = PyReadonlyArray1<'py, T>;
+pub type GivenTable<'py, T> = PyReadonlyArray2<'py, T>;
+pub type GivenImage<'py, T> = PyReadonlyArray3<'py, T>;
 pub type Values<'py, T> = Bound<'py, PyArray1<T>>;
 pub type Table<'py, T> = Bound<'py, PyArray2<T>>;
 pub type Dict<'py> = Bound<'py, PyDict>;
@@ -34,27 +37,24 @@ macro_rules! dict {
 pub(crate) use dict;
 
 /// A mask from a boolean array of any strides.
-pub fn mask(array: &PyReadonlyArray3<'_, bool>) -> PyResult<Mask> {
+pub fn mask(array: &GivenImage<'_, bool>) -> PyResult<Mask> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Mask::new([i, j, k], array.as_array().iter().copied().collect()).map_err(to_python)
 }
 
 /// An image and its value on the surface.
-pub fn level(array: &PyReadonlyArray3<'_, f32>, value: f64) -> PyResult<Level> {
+pub fn level(array: &GivenImage<'_, f32>, value: f64) -> PyResult<Level> {
     let [i, j, k] = [0, 1, 2].map(|axis| array.shape()[axis]);
     Level::new([i, j, k], array.as_array().iter().copied().collect(), value).map_err(to_python)
 }
 
 /// The values of an array.
-pub fn values<T: numpy::Element + Copy>(array: &PyReadonlyArray1<'_, T>) -> Vec<T> {
+pub fn values<T: numpy::Element + Copy>(array: &Given<'_, T>) -> Vec<T> {
     array.as_array().to_vec()
 }
 
 /// Rows of a fixed width from a two-dimensional array.
-pub fn rows<T: numpy::Element + Copy, const W: usize>(
-    array: &PyReadonlyArray2<'_, T>,
-    name: &str,
-) -> PyResult<Vec<[T; W]>> {
+pub fn rows<T: numpy::Element + Copy, const W: usize>(array: &GivenTable<'_, T>, name: &str) -> PyResult<Vec<[T; W]>> {
     let view = array.as_array();
     if view.ncols() != W {
         return Err(InputError::new_err(format!("{name} has shape {:?}; it needs {W} columns", view.shape())));
@@ -63,7 +63,7 @@ pub fn rows<T: numpy::Element + Copy, const W: usize>(
 }
 
 /// Triangles in the plane from an array of their corners.
-pub fn triangles(array: &PyReadonlyArray3<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
+pub fn triangles(array: &GivenImage<'_, f64>, name: &str) -> PyResult<Vec<[[f64; 2]; 3]>> {
     let view = array.as_array();
     if view.shape()[1..] != [3, 2] {
         return Err(InputError::new_err(format!("{name} has shape {:?}; it needs (F, 3, 2)", view.shape())));
@@ -108,7 +108,7 @@ pub fn check_length(given: usize, points: usize, name: &str) -> PyResult<()> {
 }
 
 /// The numbers of vertices, of which there are `points`.
-pub fn vertices(array: &PyReadonlyArray1<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
+pub fn vertices(array: &Given<'_, u32>, points: usize) -> PyResult<Vec<u32>> {
     let vertices = values(array);
     check_vertices(vertices.iter().copied(), points)?;
     Ok(vertices)

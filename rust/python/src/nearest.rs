@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::nearest::NearestFinder as CoreFinder;
 use voxflat::ribbon;
 
-use crate::convert::{self, Table, Values};
+use crate::convert::{self, Given, GivenTable, Table, Values};
 use crate::work::{InputError, Progress, run};
 
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>, Values<'py, f64>);
@@ -21,7 +21,7 @@ pub struct NearestFinder(Arc<CoreFinder>);
 impl NearestFinder {
     /// Of points (N, 3) in mm and faces (F, 3).
     #[new]
-    fn new(py: Python<'_>, points: PyReadonlyArray2<'_, f64>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+    fn new(py: Python<'_>, points: GivenTable<'_, f64>, faces: GivenTable<'_, u32>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let faces = convert::rows::<_, 3>(&faces, "faces")?;
         convert::check_vertices(faces.iter().flatten().copied(), points.len())?;
@@ -34,7 +34,7 @@ impl NearestFinder {
 
     /// The triangle nearest to each of the points (P, 3), -1 where none is within the limit, barycentric coordinates (P, 3)
     /// and the distance (P,) in mm, NaN for none.
-    fn find<'py>(&self, py: Python<'py>, points: PyReadonlyArray2<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
+    fn find<'py>(&self, py: Python<'py>, points: GivenTable<'py, f64>, limit: f64) -> PyResult<Found<'py>> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         let finder = Arc::clone(&self.0);
         let found = run(py, None, &None, move |control| finder.find_all(&points, limit, control))?;
@@ -55,10 +55,10 @@ impl NearestFinder {
 #[allow(clippy::too_many_arguments)]
 pub fn ribbon_voxels<'py>(
     py: Python<'py>,
-    inner: PyReadonlyArray2<'py, f64>,
-    outer: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
-    numbers: PyReadonlyArray1<'py, i64>,
+    inner: GivenTable<'py, f64>,
+    outer: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
+    numbers: Given<'py, i64>,
     shape: [usize; 3],
     middle: f64,
     progress: Progress<'py>,

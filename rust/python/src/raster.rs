@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use voxflat::look_up::TriangleFinder as CoreFinder;
 use voxflat::raster::{Faces, Raster};
 
-use crate::convert::{self, Table, Values};
+use crate::convert::{self, Given, GivenImage, GivenTable, Table, Values};
 use crate::work::{InputError, Progress, run};
 
 type Found<'py> = (Values<'py, i64>, Table<'py, f64>);
@@ -21,9 +21,9 @@ type Pixels<'py> = (Bound<'py, PyArray3<u32>>, Bound<'py, PyArray3<f32>>, [f64; 
 #[pyo3(signature = (uv, faces, torn, pixel_size, progress=None))]
 pub fn draw<'py>(
     py: Python<'py>,
-    uv: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
-    torn: PyReadonlyArray1<'py, bool>,
+    uv: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
+    torn: Given<'py, bool>,
     pixel_size: f64,
     progress: Progress<'py>,
 ) -> PyResult<Pixels<'py>> {
@@ -49,13 +49,13 @@ pub struct TriangleFinder(Arc<CoreFinder>);
 impl TriangleFinder {
     /// Of triangles by their corners (F, 3, 2) in mm.
     #[new]
-    fn new(py: Python<'_>, corners: PyReadonlyArray3<'_, f64>) -> PyResult<Self> {
+    fn new(py: Python<'_>, corners: GivenImage<'_, f64>) -> PyResult<Self> {
         let corners = convert::triangles(&corners, "corners")?;
         run(py, Some(1), &None, move |_| Ok(Self(Arc::new(CoreFinder::new(&corners)))))
     }
 
     /// The first triangle that holds each of the places (P, 2), -1 for none, and barycentric coordinates (P, 3), NaN for none.
-    fn find<'py>(&self, py: Python<'py>, places: PyReadonlyArray2<'py, f64>) -> PyResult<Found<'py>> {
+    fn find<'py>(&self, py: Python<'py>, places: GivenTable<'py, f64>) -> PyResult<Found<'py>> {
         let places = convert::rows::<_, 2>(&places, "places")?;
         let finder = Arc::clone(&self.0);
         let (triangles, weights): (Vec<i64>, Vec<[f64; 3]>) = run(py, None, &None, move |control| {

@@ -11,7 +11,7 @@ pub mod spheres;
 use std::sync::{Arc, Mutex};
 
 use ndarray::Array3;
-use numpy::{IntoPyArray, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use voxflat::control::Control;
 use voxflat::geodesic::graph::GeodesicGraph;
@@ -23,8 +23,8 @@ use voxflat::surface::voxels::sheets;
 use voxflat::surface::voxels::voxelmesh::{Kind, VoxelMesh};
 use voxflat::volume::Affine;
 
-use crate::convert::{self, Dict, Table, Values, dict};
-use crate::work::{InputError, Progress, run, run_on, to_python};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
 type FromMask<'py> = (Surface, Table<'py, u32>, Dict<'py>);
 
@@ -64,8 +64,8 @@ impl Surface {
     #[pyo3(signature = (points, faces, mend=false))]
     fn from_triangles<'py>(
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        faces: PyReadonlyArray2<'py, i64>,
+        points: GivenTable<'py, f64>,
+        faces: GivenTable<'py, i64>,
         mend: bool,
     ) -> PyResult<(Self, Dict<'py>)> {
         let points = convert::rows::<_, 3>(&points, "points")?;
@@ -91,11 +91,11 @@ impl Surface {
     #[pyo3(signature = (mask, affine, level=None, sheet=None, threads=None, progress=None))]
     fn from_mask<'py>(
         py: Python<'py>,
-        mask: PyReadonlyArray3<'py, bool>,
+        mask: GivenImage<'py, bool>,
         affine: [[f64; 4]; 4],
-        level: Option<(PyReadonlyArray3<'py, f32>, f64)>,
+        level: Option<(GivenImage<'py, f32>, f64)>,
         sheet: Option<bool>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<FromMask<'py>> {
         let affine = Affine::new(affine).map_err(to_python)?;
@@ -147,7 +147,7 @@ impl Surface {
     }
 
     /// The part of the faces whose corners are all kept (N).
-    fn part(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
+    fn part(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         if keep.len() != self.0.surface.len() {
             let message = format!("keep has {} values; the surface has {} points", keep.len(), self.0.surface.len());
@@ -157,7 +157,7 @@ impl Surface {
     }
 
     /// The part of the faces that are kept (F).
-    fn part_of_faces(&self, py: Python<'_>, keep: PyReadonlyArray1<'_, bool>) -> PyResult<Self> {
+    fn part_of_faces(&self, py: Python<'_>, keep: Given<'_, bool>) -> PyResult<Self> {
         let keep = convert::values(&keep);
         let faces = self.0.surface.faces().len();
         if keep.len() != faces {
@@ -173,7 +173,7 @@ impl Surface {
         py: Python<'_>,
         seed: u32,
         radius: f64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(Self, usize)> {
         let (part, filled) = self.run(py, threads, &progress, move |inner, control| {
@@ -188,7 +188,7 @@ impl Surface {
     fn polygon<'py>(
         &self,
         py: Python<'py>,
-        corners: PyReadonlyArray1<'py, u32>,
+        corners: Given<'py, u32>,
         progress: Progress<'py>,
     ) -> PyResult<(Self, Values<'py, u32>)> {
         let corners = convert::values(&corners);
@@ -203,7 +203,7 @@ impl Surface {
     }
 
     /// The same vertices at other points (N, 3) in mm.
-    fn moved(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+    fn moved(&self, py: Python<'_>, points: GivenTable<'_, f64>) -> PyResult<Self> {
         let points = convert::rows::<_, 3>(&points, "points")?;
         self.check_length(points.len(), "points")?;
         self.run(py, Some(1), &None, move |inner, _| {
@@ -218,7 +218,7 @@ impl Surface {
         convert::check_length(given, self.0.surface.len(), name)
     }
 
-    fn vertices(&self, array: &PyReadonlyArray1<'_, u32>) -> PyResult<Vec<u32>> {
+    fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {
         convert::vertices(array, self.0.surface.len())
     }
 
@@ -226,7 +226,7 @@ impl Surface {
     fn run<T: Send + 'static>(
         &self,
         py: Python<'_>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {
@@ -238,8 +238,8 @@ impl Surface {
 #[pyfunction]
 pub fn vertex_normals<'py>(
     py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, u32>,
+    points: GivenTable<'py, f64>,
+    faces: GivenTable<'py, u32>,
 ) -> PyResult<Table<'py, f64>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
@@ -254,11 +254,7 @@ pub fn vertex_normals<'py>(
 
 /// What is wrong with a mesh: for each defect where it is.
 #[pyfunction]
-pub fn defects<'py>(
-    py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, i64>,
-) -> PyResult<Dict<'py>> {
+pub fn defects<'py>(py: Python<'py>, points: GivenTable<'py, f64>, faces: GivenTable<'py, i64>) -> PyResult<Dict<'py>> {
     let points = convert::rows::<_, 3>(&points, "points")?;
     let faces = convert::rows::<_, 3>(&faces, "faces")?;
     let found = run(py, Some(1), &None, move |_| CoreSurface::defects(&points, &faces))?;
@@ -276,7 +272,7 @@ pub fn defects<'py>(
 
 /// Whether a mask is a sheet one voxel thick.
 #[pyfunction]
-pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bool> {
+pub fn is_sheet(py: Python<'_>, mask: GivenImage<'_, bool>) -> PyResult<bool> {
     let mask = convert::mask(&mask)?;
     Ok(py.detach(|| sheets::is_sheet(&mask)))
 }
@@ -286,9 +282,9 @@ pub fn is_sheet(py: Python<'_>, mask: PyReadonlyArray3<'_, bool>) -> PyResult<bo
 #[pyo3(signature = (mask, spacing, probability=None, progress=None))]
 pub fn repair<'py>(
     py: Python<'py>,
-    mask: PyReadonlyArray3<'py, bool>,
+    mask: GivenImage<'py, bool>,
     spacing: [f64; 3],
-    probability: Option<PyReadonlyArray3<'py, f32>>,
+    probability: Option<GivenImage<'py, f32>>,
     progress: Progress<'py>,
 ) -> PyResult<(Bound<'py, PyArray3<bool>>, Dict<'py>)> {
     let mask = convert::mask(&mask)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
 use voxflat::control::Control;
@@ -21,8 +21,8 @@ use voxflat::surface::voxels::cubes::CubeTopology;
 use voxflat::surface::voxels::graph::VoxelGraph;
 use voxflat::volume::Affine;
 
-use crate::convert::{self, Dict, Table, Values, dict};
-use crate::work::{InputError, Progress, run, run_on, to_python};
+use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
 type Faces<'py> = (Table<'py, u32>, Values<'py, bool>);
 type Csr<'py> = (Values<'py, u32>, Values<'py, u32>, Values<'py, f32>);
@@ -51,7 +51,7 @@ impl VoxelSurface {
     #[pyo3(signature = (mask, affine, link_lengths, progress=None))]
     fn from_mask(
         py: Python<'_>,
-        mask: PyReadonlyArray3<'_, bool>,
+        mask: GivenImage<'_, bool>,
         affine: [[f64; 4]; 4],
         link_lengths: &str,
         progress: Progress<'_>,
@@ -72,7 +72,7 @@ impl VoxelSurface {
     fn cut_out(
         &self,
         py: Python<'_>,
-        keep: Option<PyReadonlyArray3<'_, bool>>,
+        keep: Option<GivenImage<'_, bool>>,
         seed_point: Option<[i64; 3]>,
         radius: Option<f64>,
         progress: Progress<'_>,
@@ -140,7 +140,7 @@ impl VoxelSurface {
     }
 
     /// The vertices at voxels (m, 3).
-    fn find<'py>(&self, py: Python<'py>, voxels: PyReadonlyArray2<'py, i64>) -> PyResult<Values<'py, u32>> {
+    fn find<'py>(&self, py: Python<'py>, voxels: GivenTable<'py, i64>) -> PyResult<Values<'py, u32>> {
         self.check_not_empty()?;
         let voxels = convert::rows::<_, 3>(&voxels, "voxel indices")?;
         let find = |voxel| self.0.surface.find(voxel).map(|vertex| vertex as u32);
@@ -175,8 +175,8 @@ impl VoxelSurface {
     fn rows<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
-        threads: Option<usize>,
+        sources: Given<'py, u32>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Table<'py, f32>> {
         let sources = self.vertices(&sources)?;
@@ -199,8 +199,8 @@ impl VoxelSurface {
         py: Python<'_>,
         directory: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
-        threads: Option<usize>,
+        sources: Given<'_, u32>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let sources = self.vertices(&sources)?;
@@ -232,10 +232,10 @@ impl VoxelSurface {
     fn grossmann2002<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         seed: u64,
         keep_rows: bool,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let given = Sources::Given(sources.as_array().iter().map(|&vertex| vertex as usize).collect());
@@ -250,7 +250,7 @@ impl VoxelSurface {
     fn map_faces<'py>(
         &self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
+        uv: GivenTable<'py, f64>,
         progress: Progress<'py>,
     ) -> PyResult<Faces<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
@@ -261,7 +261,7 @@ impl VoxelSurface {
 }
 
 impl VoxelSurface {
-    fn vertices(&self, array: &PyReadonlyArray1<'_, u32>) -> PyResult<Vec<u32>> {
+    fn vertices(&self, array: &Given<'_, u32>) -> PyResult<Vec<u32>> {
         convert::vertices(array, self.0.surface.len())
     }
 
@@ -269,7 +269,7 @@ impl VoxelSurface {
     fn run<T: Send + 'static>(
         &self,
         py: Python<'_>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: &Progress<'_>,
         work: impl FnOnce(&Inner, &Control) -> voxflat::Result<T> + Send + 'static,
     ) -> PyResult<T> {

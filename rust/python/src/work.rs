@@ -23,11 +23,14 @@ const PATIENCE: Duration = Duration::from_millis(60);
 /// What is called with the stage of long work, the steps that are done and all of them, if anything.
 pub type Progress<'py> = Option<Bound<'py, PyAny>>;
 
+/// How many threads; none is one a core.
+pub type Threads = Option<usize>;
+
 /// Runs `work` on threads of its own (`threads` of them, or one a core) without the GIL. The calling thread passes the
 /// progress to `progress(stage, done, total)`; if that returns False or raises, or Ctrl-C is pressed, the work is cancelled.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
-    threads: Option<usize>,
+    threads: Threads,
     progress: &Progress<'_>,
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
@@ -68,7 +71,7 @@ pub fn run<T: Send + 'static>(
 pub fn run_on<I: Send + Sync + 'static, T: Send + 'static>(
     value: &Arc<I>,
     py: Python<'_>,
-    threads: Option<usize>,
+    threads: Threads,
     progress: &Progress<'_>,
     work: impl FnOnce(&I, &Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {

@@ -107,9 +107,7 @@ impl Atlas {
 /// max(σ1, 1/σ2) ≤ `bound` for every triangle. Seams for which that is not possible stay cuts.
 ///
 /// The pieces do not depend on the numbers of vertices and triangles.
-///
-/// # Panics
-/// If there is not one label and one triple of places a face.
+/// Panics if there is not one label and one triple of places a face.
 ///
 /// # Examples
 /// ```

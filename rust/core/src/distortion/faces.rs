@@ -102,9 +102,7 @@ pub struct Flipped {
 }
 
 /// Measures a flat map of triangles: `points` (mm) on the surface, `uv` (mm) in the plane, the same vertices in both.
-///
-/// # Panics
-/// If there is not one place a vertex.
+/// Panics if there is not one place a vertex.
 pub fn measure_faces(
     points: &[Vector3<f64>],
     faces: &[[u32; 3]],
@@ -159,9 +157,7 @@ pub fn measure_faces(
 }
 
 /// The factor on a map that makes its area that of the surface: √(Σ A_surface / Σ A_flat). NaN where the map has none.
-///
-/// # Panics
-/// If there is not one place a vertex.
+/// Panics if there is not one place a vertex.
 pub fn equal_area_scale(points: &[Vector3<f64>], faces: &[[u32; 3]], uv: &[[f64; 2]]) -> f64 {
     assert_eq!(points.len(), uv.len(), "one place a vertex");
     let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).norm();

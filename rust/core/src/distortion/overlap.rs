@@ -303,20 +303,6 @@ mod tests {
     }
 
     #[test]
-    fn components_overlap_only_where_they_lie_on_each_other() {
-        let (uv, faces) = grid(5, 5);
-        let both: Vec<_> = faces.iter().copied().chain(faces.iter().map(|face| face.map(|v| v + 36))).collect();
-        let beside = |dx: f64, dy: f64| {
-            let second = uv.iter().map(|&[x, y]| [x + dx, y + dy]);
-            uv.iter().copied().chain(second).collect::<Vec<_>>()
-        };
-        assert_eq!(counts(&both, &beside(7.0, 0.0)), (0, 0));
-        assert_eq!(counts(&both, &beside(5.0, 0.0)), (0, 0)); // side on side
-        assert_eq!(counts(&both, &beside(0.0, 0.0)), (0, 100)); // one on the other
-        assert_eq!(counts(&both, &beside(4.5, 4.5)), (2, 4)); // corner over corner
-    }
-
-    #[test]
     fn what_has_no_interior_covers_nothing() {
         let uv = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [1.0, 1.0], [2.0, 2.0], [f64::NAN, 0.0]];
         assert_eq!(counts(&[[0, 1, 2], [0, 3, 4], [3, 3, 1], [1, 2, 5]], &uv), (0, 0));

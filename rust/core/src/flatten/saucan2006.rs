@@ -38,9 +38,7 @@ pub struct Whole {
 
 /// Flattens a surface in certified patches, glues these to one piece such that max(σ1, 1/σ2) ≤ `bound` for every triangle, and cuts
 /// the surface open where seams remain. Distances are measured for the figures only, along the graph's links over what was cut.
-///
-/// # Errors
-/// [`Error::NotOnePiece`] if more than one piece remains, and those of [`patches`], [`glue::glue`] and the stages.
+/// Errors: [`Error::NotOnePiece`] if more than one piece remains, and those of [`patches`], [`glue::glue`] and the stages.
 pub fn saucan2006(surface: &Surface, bound: f64, seed: u64, control: &Control) -> Result<Whole> {
     glue::check_bound(bound)?;
     // C of a projection is 1/cos of the angle; patches must be within the bound before they are glued

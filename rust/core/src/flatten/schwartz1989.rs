@@ -53,9 +53,7 @@ pub struct Mapped {
 
 /// Flattens a disk after Schwartz, Shaw and Wolfson (1989): exact distances within neighbourhoods and from a few sources, and from
 /// random starts Newton steps along each coordinate to the map of least stress. Every vertex takes part.
-///
-/// # Panics
-/// If there is no start.
+/// Panics if there is no start.
 pub fn schwartz1989(
     surface: &Surface,
     graph: &GeodesicGraph,

@@ -22,9 +22,7 @@ use crate::surface::Surface;
 /// Flattens a disk from its levels and the distances on them, of whatever solver: the map of least stress whose triangles
 /// keep their shape, from coarse to fine. No triangle is turned over. In the end the map is brought to its scale, and judged by the graph's
 /// distances; levels and rows are dropped before.
-///
-/// # Errors
-/// [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
+/// Errors: [`Error::NotADisk`], [`Error::TooFewPoints`], [`Error::TooFewSources`] and those of the stages, [`flatten_from`] among them.
 pub fn voxflat(
     mut levels: Levels,
     rows: DistanceRows,

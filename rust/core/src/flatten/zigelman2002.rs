@@ -52,9 +52,7 @@ enum Rest<'a> {
 ///
 /// Vertices that decimation cannot take away without harm to the surface become sources, too. The rows from the sources are kept
 /// in the map if so wished.
-///
-/// # Panics
-/// If there is not one pixel a vertex.
+/// Panics if there is not one pixel a vertex.
 pub fn zigelman2002(
     surface: &Surface,
     graph: &GeodesicGraph,

@@ -141,7 +141,7 @@ mod tests {
     }
 
     /// A surface, and one whose vertices lie elsewhere by chance: no two of its links are equally long.
-    pub(super) fn even_and_uneven(surface: &Surface) -> [Surface; 2] {
+    fn even_and_uneven(surface: &Surface) -> [Surface; 2] {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let by = 0.3 * surface.length(0);
         let elsewhere = |point: &Vector3<f64>| point + Vector3::from_fn(|_, _| rng.random_range(-by..by));

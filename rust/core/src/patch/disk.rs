@@ -13,9 +13,7 @@ const MOST_FILLED: f64 = 0.1;
 
 /// The geodesic disk of a surface: its faces within `radius` mm of a vertex, and small pieces that these enclose. Returns
 /// the number of faces that were taken in, too.
-///
-/// # Errors
-/// [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] where not even one face lies within the radius,
+/// Errors: [`Error::RadiusNotPositive`], [`Error::NoSuchPoint`], [`Error::EmptyDisk`] where not even one face lies within the radius,
 /// [`Error::DiskEncloses`] where a large piece is enclosed, [`Error::Cancelled`].
 pub fn disk(
     surface: &Surface,

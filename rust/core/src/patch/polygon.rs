@@ -7,9 +7,7 @@ use crate::surface::mesh::paths::{along_path, shortest_path};
 
 /// The smaller side, by area, of the closed shortest path along edges through `corners` in their order; and that path, whose
 /// last vertex is its first. Where the path touches itself and cuts off several pieces, all but the largest are taken.
-///
-/// # Errors
-/// [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] where the path does not cut
+/// Errors: [`Error::FewCorners`], [`Error::NoSuchPoint`], [`Error::Unreachable`], [`Error::NotEnclosing`] where the path does not cut
 /// the surface in two, [`Error::Cancelled`].
 pub fn polygon(surface: &Surface, corners: &[u32], control: &Control) -> Result<(Surface, Vec<u32>)> {
     if corners.len() < 3 {

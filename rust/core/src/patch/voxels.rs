@@ -72,9 +72,7 @@ pub fn largest_component(surface: &VoxelSurface, graph: &VoxelGraph) -> VoxelSur
 }
 
 /// What is to be flattened of a surface, with its graph: the patch, or the largest component where none is given.
-///
-/// # Errors
-/// Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
+/// Errors: Those of [`keep`] and [`geodesic_disk`]; [`Error::Disconnected`] if a given patch falls into pieces.
 pub fn cut_out(
     surface: &VoxelSurface,
     selection: &Selection<'_>,

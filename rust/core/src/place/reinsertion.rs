@@ -41,9 +41,7 @@ impl Default for Placing {
 
 /// Gives every removed vertex its place (mm) in `uv`, where all survivors have theirs. Returns how many vertices had no place
 /// from which their triangles keep their orientation.
-///
-/// # Panics
-/// If `uv` is shorter than the surface has vertices.
+/// Panics if `uv` is shorter than the surface has vertices.
 pub fn place(removals: &Removals, uv: &mut [[f64; 2]], placing: &Placing, control: &Control) -> Result<usize> {
     control.begin("placing the rest", removals.len() as u64);
     let hand = if placing.is_mirrored { -1.0 } else { 1.0 }; // the weights are those of a map that is not mirrored

@@ -50,9 +50,7 @@ const LEAST_LEFT: f64 = 0.1;
 /// The vertices' places on the unit sphere: triangles run counterclockwise as seen from outside, and their areas sum to 4π.
 ///
 /// Rotated anyhow; the same for the same surface, bit by bit.
-///
-/// # Errors
-/// [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
+/// Errors: [`Error::NotASphere`] where the surface is not closed, not in one piece, or has handles; [`Error::Folded`] where triangles are
 /// too thin for their areas to be told from nothing; [`Error::Cancelled`].
 pub fn spherical_map(surface: &Surface, control: &Control) -> Result<Vec<Vector3<f64>>> {
     let closed = closed(surface, control)?;

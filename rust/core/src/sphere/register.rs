@@ -75,9 +75,7 @@ pub struct Registration {
 impl Template {
     /// A template from a sphere, counterclockwise as seen from outside, and the [pattern](super::pattern) at its vertices: depths
     /// scale by scale, places, and what each vertex counts.
-    ///
-    /// # Panics
-    /// If there is not one value a vertex, or not every scale.
+    /// Panics if there is not one value a vertex, or not every scale.
     pub fn new(sphere: Surface, depths: Vec<Vec<f64>>, places: Vec<Vector3<f64>>, weights: Vec<f64>) -> Self {
         assert!(depths.len() == SCALES.len() && depths.iter().all(|depth| depth.len() == sphere.len()), "every scale");
         assert!(places.len() == sphere.len() && weights.len() == sphere.len(), "one value a vertex");
@@ -117,9 +115,7 @@ fn slopes(sphere: &Surface, values: &[f64]) -> Vec<Vector3<f64>> {
 }
 
 /// A surface on the sphere of the template whose pattern agrees better after a rotation, or of the one that is named.
-///
-/// # Panics
-/// If there is no template, or not the one that is named.
+/// Panics if there is no template, or not the one that is named.
 pub fn register(
     surface: &Surface,
     templates: &[Template],

@@ -29,9 +29,7 @@ pub fn header(identity: &str, rows: usize, columns: usize) -> String {
 
 /// What the journal at `path` says of so many rows; nothing if there is none. Lines that cannot be read, such as a last
 /// one that was torn, say nothing: their rows are not finished.
-///
-/// # Errors
-/// [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
+/// Errors: [`Error::StoreForeign`] if it begins otherwise than with `header`, [`Error::StoreFailed`].
 pub fn read(path: &Path, header: &str, rows: usize) -> Result<Option<Entries>> {
     let bytes = match fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

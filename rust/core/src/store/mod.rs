@@ -91,9 +91,7 @@ impl Store {
     ///
     /// The directory must exist; of an empty one a store is made. `identity` says what is measured (a hash in letters and
     /// digits): a store of another identity is refused.
-    ///
-    /// # Errors
-    /// [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
+    /// Errors: [`Error::StoreInUse`], [`Error::StoreForeign`], [`Error::StoreFailed`]; [`Error::Unreachable`] if a vertex lies in
     /// another component; [`Error::Cancelled`]. Whatever happens, finished rows are kept.
     pub fn compute<S: Solver>(
         directory: &Path,
@@ -125,9 +123,7 @@ impl Store {
 
     /// Computes some of the rows, by their numbers, of a store that another process has [laid out](Self::lay_out). They are entered in a
     /// journal of their own in the directory `part`, which must exist; what that knows is not computed again.
-    ///
-    /// # Errors
-    /// Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
+    /// Errors: Those of [`Store::compute`]; [`Error::StoreFailed`] if there is no table.
     pub fn compute_part<S: Solver>(
         directory: &Path,
         part: &Path,

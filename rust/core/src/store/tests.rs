@@ -116,18 +116,6 @@ fn a_store_holds_the_rows_that_memory_would() {
 }
 
 #[test]
-fn rows_of_many_sources_are_those_that_memory_would_hold() {
-    let mask = Mask::from_fn([40, 40, 1], |_| true).unwrap();
-    let control = Control::default();
-    let graph = chained(&mask, [1.0; 3]).1;
-    let sources: Vec<u32> = (0..1600).step_by(7).collect();
-    assert!(graph.bundles(&sources, 1, &control).unwrap().len() < sources.len()); // of several rows
-    let folder = Folder::new("many");
-    let store = Store::compute(folder.path(), "a1", &graph, &sources, &control).unwrap();
-    assert_eq!(all_rows(&store), DistanceRows::compute(&graph, &sources, &control).unwrap().into_data());
-}
-
-#[test]
 fn a_complete_store_is_read_and_not_touched() {
     let graph = sheet();
     let folder = Folder::new("complete");

@@ -12,7 +12,7 @@ use voxflat::surface::topology::thin::thin_places;
 
 use super::Surface;
 use crate::convert::{self, Dict, List, dict};
-use crate::work::Progress;
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -53,7 +53,7 @@ impl Surface {
 
     /// A short loop around each handle: its vertices, length (mm) and centre (mm).
     #[pyo3(signature = (threads=None, progress=None))]
-    fn handles<'py>(&self, py: Python<'py>, threads: Option<usize>, progress: Progress<'py>) -> PyResult<List<'py>> {
+    fn handles<'py>(&self, py: Python<'py>, threads: Threads, progress: Progress<'py>) -> PyResult<List<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| handles(&inner.surface, control))?;
         handle_list(py, &found)
     }
@@ -63,7 +63,7 @@ impl Surface {
     fn cut_handles<'py>(
         &self,
         py: Python<'py>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let (cut, found) =
@@ -82,7 +82,7 @@ impl Surface {
     fn open_to_disk<'py>(
         &self,
         py: Python<'py>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>)> {
         let opened =
@@ -103,7 +103,7 @@ impl Surface {
         least_relief: f64,
         bearable: f64,
         within: Option<f64>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<(Self, List<'py>, [f64; 2])> {
         let relaxation = match length {
@@ -133,7 +133,7 @@ impl Surface {
         &self,
         py: Python<'_>,
         thickness: f64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(usize, Option<(u32, f64)>)> {
         let thin =

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use numpy::{IntoPyArray, PyReadonlyArray1};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
 use voxflat::distortion::distances::error_of_distances;
@@ -18,8 +18,8 @@ use voxflat::surface::mesh::paths::{path_to_any, shortest_path};
 
 use super::Surface;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert::{self, Table, Values};
-use crate::work::{Progress, run};
+use crate::convert::{self, Given, Table, Values};
+use crate::work::{Progress, Threads, run};
 
 /// The points (k, 3) of a path in mm, the vertices they lie at, or -1 for those on edges, and its length in mm.
 type LinePath<'py> = (Table<'py, f64>, Values<'py, i64>, f64);
@@ -43,9 +43,9 @@ impl Surface {
         py: Python<'_>,
         directory: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
+        sources: Given<'_, u32>,
         geodesic: &str,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<(usize, usize)> {
         let geodesic = Geodesic::named(geodesic)?;
@@ -83,10 +83,10 @@ impl Surface {
         directory: PathBuf,
         part: PathBuf,
         identity: String,
-        sources: PyReadonlyArray1<'_, u32>,
-        rows: PyReadonlyArray1<'_, u32>,
+        sources: Given<'_, u32>,
+        rows: Given<'_, u32>,
         geodesic: &str,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<()> {
         let geodesic = Geodesic::named(geodesic)?;
@@ -133,9 +133,9 @@ impl Surface {
     fn rows<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         geodesic: &str,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Table<'py, f32>> {
         let geodesic = Geodesic::named(geodesic)?;
@@ -153,7 +153,7 @@ impl Surface {
         py: Python<'_>,
         seed: u64,
         geodesic: &str,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'_>,
     ) -> PyResult<f64> {
         let geodesic = Geodesic::named(geodesic)?;
@@ -221,9 +221,9 @@ impl Surface {
         &self,
         py: Python<'py>,
         source: u32,
-        to: PyReadonlyArray1<'py, bool>,
-        may_pass: PyReadonlyArray1<'py, bool>,
-        factors: PyReadonlyArray1<'py, f64>,
+        to: Given<'py, bool>,
+        may_pass: Given<'py, bool>,
+        factors: Given<'py, f64>,
         progress: Progress<'py>,
     ) -> PyResult<Values<'py, u32>> {
         let to = convert::values(&to);

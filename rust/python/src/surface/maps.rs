@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use voxflat::embed::stress::levels::Levels;
 use voxflat::embed::stress::start::Start;
@@ -19,8 +18,8 @@ use voxflat::store::Store;
 use super::Surface;
 use super::patches::seams_dict;
 use super::solvers::{Geodesic, with_solver};
-use crate::convert::{self, Dict, Table};
-use crate::work::{InputError, Progress};
+use crate::convert::{self, Dict, Given, GivenTable, Table};
+use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -41,16 +40,16 @@ impl Surface {
     fn voxflat<'py>(
         &self,
         py: Python<'py>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         seed: u64,
         geodesic: &str,
         weighting: f64,
         scale: &str,
         keep_rows: bool,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
         store: Option<(PathBuf, String)>,
-        start: Option<PyReadonlyArray2<'py, f64>>,
+        start: Option<GivenTable<'py, f64>>,
         patience: u32,
         max_area: Option<f64>,
     ) -> PyResult<Dict<'py>> {
@@ -98,11 +97,11 @@ impl Surface {
         py: Python<'py>,
         count: usize,
         seed: u64,
-        vertices: Option<PyReadonlyArray1<'py, u32>>,
-        grid: Option<(PyReadonlyArray2<'py, u32>, [f64; 2])>,
+        vertices: Option<Given<'py, u32>>,
+        grid: Option<(GivenTable<'py, u32>, [f64; 2])>,
         wave: &str,
         keep_rows: bool,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let wave = convert::one_of("wave", wave, &[("circle", Wave::Circle), ("plane", Wave::Plane)])?;
@@ -137,11 +136,11 @@ impl Surface {
         &self,
         py: Python<'py>,
         rings: Option<u32>,
-        sources: PyReadonlyArray1<'py, u32>,
+        sources: Given<'py, u32>,
         starts: u32,
         seed: u64,
         keep_rows: bool,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         if starts == 0 {
@@ -187,7 +186,7 @@ impl Surface {
         py: Python<'py>,
         bound: f64,
         seed: u64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let found = self.run(py, threads, &progress, move |inner, control| {
@@ -215,9 +214,9 @@ impl Surface {
 #[pyfunction]
 pub fn turn_onto<'py>(
     py: Python<'py>,
-    uv: PyReadonlyArray2<'py, f64>,
-    places: PyReadonlyArray2<'py, f64>,
-    onto: PyReadonlyArray2<'py, f64>,
+    uv: GivenTable<'py, f64>,
+    places: GivenTable<'py, f64>,
+    onto: GivenTable<'py, f64>,
 ) -> PyResult<(Table<'py, f64>, f64)> {
     let mut uv = convert::rows::<_, 2>(&uv, "uv")?;
     let (places, onto) = (convert::rows::<_, 2>(&places, "places")?, convert::rows::<_, 2>(&onto, "onto")?);

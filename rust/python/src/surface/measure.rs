@@ -1,6 +1,6 @@
 //! What a map does to a surface.
 
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::distortion::faces::measure_faces;
 use voxflat::distortion::judge;
@@ -10,8 +10,8 @@ use voxflat::surface::sulcal_depth::sulcal_depth;
 
 use super::solvers::{Geodesic, with_solver};
 use super::{Inner, Surface};
-use crate::convert::{self, Dict, Values};
-use crate::work::Progress;
+use crate::convert::{self, Dict, Given, GivenTable, Values};
+use crate::work::{Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -21,7 +21,7 @@ impl Surface {
         &self,
         py: Python<'py>,
         smoothing: f64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Values<'py, f64>> {
         let work = move |inner: &Inner, control: &_| smooth_mean_curvature(&inner.surface, smoothing, control);
@@ -34,7 +34,7 @@ impl Surface {
         &self,
         py: Python<'py>,
         flow: f64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Values<'py, f64>> {
         let work = move |inner: &Inner, control: &_| sulcal_depth(&inner.surface, flow, control);
@@ -43,12 +43,7 @@ impl Surface {
 
     /// What a map (N, 2) does to the triangles.
     #[pyo3(signature = (uv, progress=None))]
-    fn measure<'py>(
-        &self,
-        py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
-        progress: Progress<'py>,
-    ) -> PyResult<Dict<'py>> {
+    fn measure<'py>(&self, py: Python<'py>, uv: GivenTable<'py, f64>, progress: Progress<'py>) -> PyResult<Dict<'py>> {
         let uv = convert::rows::<_, 2>(&uv, "uv")?;
         self.check_length(uv.len(), "uv")?;
         let (of_faces, overlap) = self.run(py, None, &progress, move |inner, control| {
@@ -64,12 +59,12 @@ impl Surface {
     fn judge<'py>(
         &self,
         py: Python<'py>,
-        maps: Vec<PyReadonlyArray2<'py, f64>>,
-        sources: PyReadonlyArray1<'py, u32>,
+        maps: Vec<GivenTable<'py, f64>>,
+        sources: Given<'py, u32>,
         geodesic: &str,
         kept: u64,
         seed: u64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Vec<Dict<'py>>> {
         let geodesic = Geodesic::named(geodesic)?;

@@ -1,13 +1,13 @@
 //! Quasi-isometric patches.
 
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::atlas::glue::{self, Glued, Seams};
 use voxflat::atlas::{self, Atlas, Limit, Patch, Seeds};
 
 use super::Surface;
-use crate::convert::{self, Dict, dict};
-use crate::work::{InputError, Progress};
+use crate::convert::{self, Dict, Given, GivenTable, dict};
+use crate::work::{InputError, Progress, Threads};
 
 #[pymethods]
 impl Surface {
@@ -21,7 +21,7 @@ impl Surface {
         value: f64,
         seeds: &str,
         seed: u64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let limits =
@@ -40,10 +40,10 @@ impl Surface {
     fn glue<'py>(
         &self,
         py: Python<'py>,
-        labels: PyReadonlyArray1<'py, u32>,
-        flat: PyReadonlyArray2<'py, f64>,
+        labels: Given<'py, u32>,
+        flat: GivenTable<'py, f64>,
         bound: f64,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let labels = labels.as_array().to_vec();

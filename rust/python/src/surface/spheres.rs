@@ -1,6 +1,6 @@
 //! Surfaces on the sphere.
 
-use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use voxflat::sphere::locate::Locator;
@@ -10,11 +10,11 @@ use voxflat::sphere::register::{Template, register};
 use voxflat::surface::Surface as CoreSurface;
 
 use super::Surface;
-use crate::convert::{self, Dict, Table, Values, dict};
-use crate::work::{InputError, Progress, to_python};
+use crate::convert::{self, Dict, Given, GivenTable, Table, Values, dict};
+use crate::work::{InputError, Progress, Threads, to_python};
 
 /// A template's depths (K, N), places (N, 3) and weights (N,).
-type TemplateValues<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>);
+type TemplateValues<'py> = (GivenTable<'py, f64>, GivenTable<'py, f64>, Given<'py, f64>);
 type Pattern<'py> = (Table<'py, f64>, Table<'py, f64>, Values<'py, f64>);
 type Located<'py> = (Values<'py, u32>, Table<'py, f64>);
 
@@ -41,11 +41,11 @@ impl Surface {
     fn register<'py>(
         &self,
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        faces: PyReadonlyArray2<'py, i64>,
+        points: GivenTable<'py, f64>,
+        faces: GivenTable<'py, i64>,
         templates: Vec<TemplateValues<'py>>,
         named: Option<usize>,
-        threads: Option<usize>,
+        threads: Threads,
         progress: Progress<'py>,
     ) -> PyResult<Dict<'py>> {
         let sphere = sphere(&points, &faces)?;
@@ -92,9 +92,9 @@ impl Surface {
 #[pyfunction]
 pub fn locate_on_sphere<'py>(
     py: Python<'py>,
-    points: PyReadonlyArray2<'py, f64>,
-    faces: PyReadonlyArray2<'py, i64>,
-    places: PyReadonlyArray2<'py, f64>,
+    points: GivenTable<'py, f64>,
+    faces: GivenTable<'py, i64>,
+    places: GivenTable<'py, f64>,
 ) -> PyResult<Located<'py>> {
     let sphere = sphere(&points, &faces)?;
     let places = convert::rows::<_, 3>(&places, "places")?;
@@ -107,7 +107,7 @@ pub fn locate_on_sphere<'py>(
 }
 
 /// A triangulation of the sphere.
-fn sphere(points: &PyReadonlyArray2<'_, f64>, faces: &PyReadonlyArray2<'_, i64>) -> PyResult<CoreSurface> {
+fn sphere(points: &GivenTable<'_, f64>, faces: &GivenTable<'_, i64>) -> PyResult<CoreSurface> {
     let points = convert::rows::<_, 3>(points, "points")?;
     let faces = convert::rows::<_, 3>(faces, "faces")?;
     let (sphere, mended) = CoreSurface::from_triangles(&points, &faces).map_err(to_python)?;

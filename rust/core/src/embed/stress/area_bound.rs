@@ -1,11 +1,10 @@
 //! A bound on what areas change by, on request: a price on what is beyond, which grows until nothing is.
 
-use nalgebra::Vector2;
-
 use super::levels::{APART, Convergence, Levels, weighted};
 use super::pairs::Pairs;
 use super::triangles::AreaBound;
 use crate::control::Control;
+use crate::embed::Place;
 use crate::error::Result;
 use crate::rows::DistanceRows;
 
@@ -19,9 +18,7 @@ const WITHIN: f64 = 0.98;
 /// A map without folds (mm), led on to where no triangle's area changes by more than a factor, against the area of the whole: what is
 /// beyond has a price that grows until nothing is. If that cannot be had the map is the one whose worst triangle is the best that was
 /// found, and is told as not converged.
-///
-/// # Panics
-/// As [`flatten`](super::levels::flatten); or if there is not one place a vertex.
+/// Panics as [`flatten`](super::levels::flatten); or if there is not one place a vertex.
 pub fn bounded(
     levels: &Levels,
     rows: &DistanceRows,
@@ -32,7 +29,7 @@ pub fn bounded(
 ) -> Result<(Vec<[f64; 2]>, Convergence)> {
     let pairs = Pairs::new(rows, levels.judged(), control)?;
     let mut level = levels.prepare(0, &pairs, control)?;
-    let mut uv: Vec<Vector2<f64>> = uv.iter().map(|&place| place.into()).collect();
+    let mut uv: Vec<Place> = uv.iter().map(|&place| place.into()).collect();
     assert_eq!(uv.len(), levels.finest().len(), "one place a vertex");
     level.check_unfolded(&uv)?;
     let is_apart = level.outline.crossings(&uv, control)? == 0;

@@ -3,6 +3,7 @@
 //! What a step of descent lacks in knowledge of the whole map, solving with these springs brings: a pull at one place moves
 //! everything around as far as stiffness carries it.
 
+use crate::embed::Place;
 use faer::Side;
 use faer::linalg::solvers::SolveCore;
 use faer::sparse::linalg::LltError;
@@ -98,7 +99,7 @@ impl Springs {
 
 impl Factor {
     /// The displacements under which the springs balance the forces.
-    pub fn solve(&self, forces: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    pub fn solve(&self, forces: &[Place]) -> Vec<Place> {
         let mut both = Mat::from_fn(forces.len(), 2, |row, column| forces[row][column]);
         self.0.solve_in_place_with_conj(Conj::No, both.as_mut());
         (0..forces.len()).map(|row| Vector2::new(both[(row, 0)], both[(row, 1)])).collect()

@@ -59,9 +59,7 @@ impl Marched<'_> {
     /// A path from `target` back to the source. The distance of a march is an estimate, but the path is a line over the
     /// surface: [its length](crate::geodesic::path::length) may be more or less than the distance here, and is never less
     /// than the exact one. Across a triangle that is folded back onto another it may be some per cent more (9 were seen).
-    ///
-    /// # Errors
-    /// [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
+    /// Errors: [`Error::Unreachable`] if no front came to the target, [`Error::Cancelled`].
     pub fn path(&self, target: u32, control: &Control) -> Result<Vec<PathPoint>> {
         if self.distance[target as usize] == f64::INFINITY {
             return Err(self.unreachable(target));

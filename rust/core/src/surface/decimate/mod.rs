@@ -140,9 +140,7 @@ impl Removals {
 
 /// Takes vertices away, but not those to `keep`, until so many are left or none can go. The same result for the same surface,
 /// bit by bit.
-///
-/// # Errors
-/// [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
+/// Errors: [`Error::DecimationOption`], [`Error::NoSuchPoint`] among those to keep, [`Error::Cancelled`].
 ///
 /// # Examples
 /// ```

@@ -56,9 +56,7 @@ pub const fn previous(half_edge: u32) -> u32 {
 
 /// Unit normals of the vertices of faces, weighted by the faces' areas, on the side from which the faces run counterclockwise;
 /// zero where there is none.
-///
-/// # Panics
-/// If a corner is no point.
+/// Panics if a corner is no point.
 pub fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); points.len()];
     for face in faces {
@@ -99,9 +97,7 @@ impl Surface {
     }
 
     /// The faces for which `keep` is true, and their vertices.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a face.
+    /// Panics if `keep` has not one value a face.
     pub fn part(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.faces.len(), "one value a face");
         let mut number = vec![BORDER; keep.len()];
@@ -118,9 +114,7 @@ impl Surface {
     }
 
     /// The faces with all three corners among the vertices for which `keep` is true.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a vertex.
+    /// Panics if `keep` has not one value a vertex.
     pub fn part_of_vertices(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.points.len(), "one value a vertex");
         let faces: Vec<bool> = self.faces.iter().map(|face| face.iter().all(|&v| keep[v as usize])).collect();
@@ -140,9 +134,7 @@ impl Surface {
     }
 
     /// The same vertices elsewhere: distances are measured there.
-    ///
-    /// # Panics
-    /// If there is not one point a vertex.
+    /// Panics if there is not one point a vertex.
     pub fn moved(&self, points: Vec<Vector3<f64>>) -> Result<Self> {
         assert_eq!(points.len(), self.points.len(), "one point a vertex");
         finite(points.iter().map(|p| (*p).into()))?;

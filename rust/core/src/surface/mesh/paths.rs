@@ -185,9 +185,7 @@ impl EdgeSearch {
 }
 
 /// The half-edges along a path of vertices; where an edge has only one half-edge, that one, which may lead back.
-///
-/// # Errors
-/// [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
+/// Errors: [`Error::NoSuchPoint`]; [`Error::NotAnEdge`] names the first two vertices that no edge joins: let [`shortest_path`] fill in
 /// what lies between.
 pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
     Network::of(surface).along(surface, vertices)
@@ -197,9 +195,7 @@ pub fn along_path(surface: &Surface, vertices: &[u32]) -> Result<Vec<u32>> {
 /// `factors`, one a vertex, make an edge cost its length times the mean of its ends' factors.
 ///
 /// Takes O(n log n) for each stop.
-///
-/// # Panics
-/// If there is not one factor a vertex.
+/// Panics if there is not one factor a vertex.
 pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, control: &Control) -> Result<Vec<u32>> {
     check_points(surface, stops)?;
     let network = match factors {
@@ -227,9 +223,7 @@ pub fn shortest_path(surface: &Surface, stops: &[u32], factors: Option<&[f64]>, 
 
 /// The vertices of the cheapest path along edges from a vertex to any of those `to`, both included, through vertices that
 /// `may_pass`: a simple path that meets `to` at its end alone. An edge costs its length times the mean of its ends' factors.
-///
-/// # Panics
-/// If there is not one factor, and one word on each vertex.
+/// Panics if there is not one factor, and one word on each vertex.
 pub fn path_to_any(
     surface: &Surface,
     from: u32,

@@ -57,9 +57,7 @@ impl VoxelSurface {
     }
 
     /// The voxels for which `keep` is true.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a voxel.
+    /// Panics if `keep` has not one value a voxel.
     pub fn subset(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.voxels.len(), "one value a voxel");
         let kept = || (0..keep.len()).filter(|&v| keep[v]);
@@ -115,9 +113,7 @@ impl VoxelSurface {
     }
 
     /// The number of the vertex at this voxel.
-    ///
-    /// # Errors
-    /// [`Error::NotOnSurface`], which names the nearest surface voxel.
+    /// Errors: [`Error::NotOnSurface`], which names the nearest surface voxel.
     pub fn find(&self, voxel: [i64; 3]) -> Result<usize> {
         let fits = (0..3).all(|axis| voxel[axis] >= 0 && (voxel[axis] as usize) < self.shape[axis]);
         if fits {
@@ -130,9 +126,7 @@ impl VoxelSurface {
     }
 
     /// The surface voxel nearest to a voxel, and its distance in mm.
-    ///
-    /// # Panics
-    /// If the surface is empty.
+    /// Panics if the surface is empty.
     pub fn nearest(&self, voxel: [i64; 3]) -> (usize, f64) {
         let place = self.affine.to_mm(voxel.map(|x| x as f64));
         let distances = self.points().into_iter().map(|point| (point - place).norm());

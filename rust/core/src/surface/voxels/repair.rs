@@ -64,9 +64,7 @@ pub struct Repaired {
 /// `spacing` is the distance between neighbouring voxels along each axis, in mm. A `probability` of being foreground,
 /// one value a voxel in C order, draws cuts to where it is low and fillings to where it is high; values below 0 and above
 /// 1 are clamped, NaN counts as 0. Whatever lies outside the volume is background and stays so.
-///
-/// # Errors
-/// [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
+/// Errors: [`Error::SpacingNotPositive`]; [`Error::ShapeMismatch`] of the probability; [`Error::VolumeTooLarge`] if the
 /// foreground's bounding box has more than 2³² voxels; [`Error::Cancelled`].
 ///
 /// # Examples

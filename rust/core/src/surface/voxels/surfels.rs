@@ -143,9 +143,7 @@ impl Surfels {
     }
 
     /// The surfels for which `keep` is true; the surface ends where they do.
-    ///
-    /// # Panics
-    /// If `keep` has not one value a surfel.
+    /// Panics if `keep` has not one value a surfel.
     pub fn restricted(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.len(), "one value a surfel");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|&s| keep[s as usize]).collect();

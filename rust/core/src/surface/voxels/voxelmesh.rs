@@ -68,9 +68,7 @@ impl VoxelMesh {
 
     /// One surface with a boundary, through the middle of a sheet, all components of it. In a sheet thicker than a voxel the
     /// voxels that are seen from the other side only are no vertices.
-    ///
-    /// # Errors
-    /// [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
+    /// Errors: [`Error::NoFaces`] where the sheet is nowhere wide enough for a face, [`Error::GraphTooLarge`], [`Error::Cancelled`].
     pub fn of_sheet(mask: &Mask, affine: &Affine, control: &Control) -> Result<Self> {
         let voxels = VoxelSurface::from_mask(mask, *affine, control)?;
         let both = Surfels::new(mask, &voxels, Touching::Joined, control)?;
