@@ -9,16 +9,6 @@ use crate::scales::{SMALLEST, is_near};
 const LONGEST_AXIS: usize = 1 << 21;
 
 /// A binary volume: which voxels are foreground. The first index varies slowest (C order).
-///
-/// # Examples
-/// ```
-/// use voxflat::volume::Mask;
-///
-/// let cube = Mask::from_fn([5, 5, 5], |voxel| voxel.iter().all(|x| (1..4).contains(x)))?;
-/// assert_eq!(cube.foreground().count(), 27);
-/// assert!(cube.is_inside([2, 2, 2]) && !cube.is_inside([-1, 2, 2]));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct Mask {
     shape: [usize; 3],
@@ -88,15 +78,6 @@ impl Mask {
 }
 
 /// From voxel indices to millimetres (RAS+): x = linear · (i, j, k) + translation, with orthogonal axes.
-///
-/// # Examples
-/// ```
-/// use voxflat::volume::Affine;
-///
-/// let affine = Affine::from_spacing([1.0, 1.0, 2.0])?;
-/// assert_eq!(affine.to_mm([3.0, 4.0, 5.0]), nalgebra::Vector3::new(3.0, 4.0, 10.0));
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine {
     linear: Matrix3<f64>,

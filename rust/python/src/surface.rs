@@ -1,7 +1,7 @@
 //! Surfaces of triangles and what is done with them.
 
 mod cuts;
-mod distances;
+pub mod distances;
 pub mod maps;
 pub mod measure;
 mod patches;

@@ -10,7 +10,6 @@ use voxflat::control::Control;
 use voxflat::flatten::{check_flattenable, grossmann2002};
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::chain::{ChainWeights, LinkLengths, chain_graph};
-use voxflat::geodesic::shortest::trace_path;
 use voxflat::patch::{Disk, Selection, cut_out};
 use voxflat::raster::map_faces;
 use voxflat::rows::DistanceRows;
@@ -22,6 +21,7 @@ use voxflat::surface::voxels::graph::VoxelGraph;
 use voxflat::volume::Affine;
 
 use crate::convert::{self, Dict, Given, GivenImage, GivenTable, Table, Values, dict};
+use crate::surface::distances::shortest;
 use crate::work::{InputError, Progress, Threads, run, run_on, to_python};
 
 type Faces<'py> = (Table<'py, u32>, Values<'py, bool>);
@@ -213,12 +213,8 @@ impl VoxelSurface {
     /// The vertices of a shortest path, both ends included, and its length in mm.
     fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
-        let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
-            let graph = &inner.graph;
-            let mut row = vec![0.0; graph.len()];
-            graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
-        })?;
+        let (path, length) =
+            self.run(py, Some(1), &None, move |inner, control| shortest(&inner.graph, source, target, control))?;
         Ok((path.into_pyarray(py), length))
     }
 

@@ -258,16 +258,6 @@ mod tests {
     }
 
     #[test]
-    fn an_embedding_has_none() {
-        let (uv, faces) = grid(30, 20);
-        assert_eq!(counts(&faces, &uv), (0, 0));
-        // triangles of very different sizes, places that are no round numbers
-        let polar = |&[x, y]: &[f64; 2]| [(0.4 * y).exp() * (0.2 * x).cos(), (0.4 * y).exp() * (0.2 * x).sin()];
-        assert_eq!(counts(&faces, &uv.iter().map(polar).collect::<Vec<_>>()), (0, 0));
-        assert_eq!(counts(&[], &[]), (0, 0));
-    }
-
-    #[test]
     fn a_seam_is_no_overlap() {
         // a grid that is cut along a column: the vertices there are doubled and lie on each other
         let (mut uv, faces) = grid(6, 4);

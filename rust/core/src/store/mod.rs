@@ -54,28 +54,6 @@ pub struct Found {
 }
 
 /// All rows from some sources, on disk. No other process can compute them while this lives.
-///
-/// # Examples
-/// ```
-/// use voxflat::control::Control;
-/// use voxflat::geodesic::graph::GeodesicGraph;
-/// use voxflat::rows::{DistanceRows, Rows};
-/// use voxflat::store::Store;
-/// use voxflat::surface::mesh::shapes;
-///
-/// let control = Control::default();
-/// let sheet = shapes::surface(shapes::sheet(8, 8)); // 8 by 8 squares of 1 mm
-/// let graph = GeodesicGraph::new(&sheet, &control)?;
-/// let directory = std::env::temp_dir().join(format!("voxflat-example-{}", std::process::id()));
-/// std::fs::create_dir_all(&directory).unwrap();
-/// drop(Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?);
-/// let again = Store::compute(&directory, "sheet", &graph, &[0, 80], &control)?;
-/// assert_eq!(again.found().rows, 2); // nothing is computed twice
-/// assert_eq!(again.among(&control)?, DistanceRows::compute(&graph, &[0, 80], &control)?.among(&control)?);
-/// # drop(again);
-/// # std::fs::remove_dir_all(directory).unwrap();
-/// # Ok::<(), voxflat::Error>(())
-/// ```
 #[derive(Debug)]
 pub struct Store {
     table: NpyFile,

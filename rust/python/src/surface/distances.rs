@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use voxflat::adjacency::Links;
+use voxflat::control::Control;
 use voxflat::distortion::distances::error_of_distances;
 use voxflat::geodesic::Solver;
 use voxflat::geodesic::exact::Exact;
@@ -166,10 +167,7 @@ impl Surface {
     fn path<'py>(&self, py: Python<'py>, source: u32, target: u32) -> PyResult<(Values<'py, u32>, f32)> {
         convert::check_vertices([source, target], self.0.surface.len())?;
         let (path, length) = self.run(py, Some(1), &None, move |inner, control| {
-            let graph = &*inner.graph(control)?;
-            let mut row = vec![0.0; graph.vertices()];
-            graph.row(source, &mut row, &mut graph.scratch(), control)?;
-            Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
+            shortest(&*inner.graph(control)?, source, target, control)
         })?;
         Ok((path.into_pyarray(py), length))
     }
@@ -244,4 +242,16 @@ fn line_path<'py>(py: Python<'py>, path: &[PathPoint], length: f64) -> PyResult<
     let vertex = |site| if let Site::Vertex(vertex) = site { i64::from(vertex) } else { -1 };
     let vertices: Vec<i64> = path.iter().map(|passed| vertex(passed.site)).collect();
     Ok((convert::array(py, &points)?, vertices.into_pyarray(py), length))
+}
+
+/// The vertices of a shortest path along links, and its length in mm.
+pub fn shortest<G: Links + Solver>(
+    graph: &G,
+    source: u32,
+    target: u32,
+    control: &Control,
+) -> voxflat::Result<(Vec<u32>, f32)> {
+    let mut row = vec![0.0; graph.vertices()];
+    graph.row(source, &mut row, &mut graph.scratch(), control)?;
+    Ok((trace_path(graph, &row, source, target, control)?, row[target as usize]))
 }

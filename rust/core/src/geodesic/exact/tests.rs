@@ -254,15 +254,6 @@ fn assert_paths(surface: &Surface, source: u32) {
 }
 
 #[test]
-fn paths_on_flat_and_regular_shapes_are_as_long_as_their_distances() {
-    for shape in [shapes::sheet(7, 6), shapes::torus(12, 7), shapes::sphere(3)] {
-        let surface = shapes::surface(shape);
-        [0, 5, surface.len() as u32 - 1].into_iter().for_each(|source| assert_paths(&surface, source));
-    }
-    assert_paths(&cube(4), 3);
-}
-
-#[test]
 fn distances_within_reach_are_those_without() {
     let surface = bumpy(20, 20, 5);
     let whole = row(&surface, 210);

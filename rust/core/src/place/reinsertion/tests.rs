@@ -89,19 +89,6 @@ proptest! {
 }
 
 #[test]
-fn vertices_move_into_the_kernel_of_their_ring() {
-    // an L of which the corner is seen from one square only; weights alone may lie anywhere
-    let ring = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]].map(Place::from);
-    let kernel = kernel(&ring, true).unwrap();
-    assert!(!sees(&ring, true, Place::new(2.5, 0.5)));
-    for outside in [Place::new(2.5, 0.5), Place::new(0.5, 2.9), Place::new(-4.0, -4.0)] {
-        assert!(sees(&ring, true, inside(&kernel, outside)));
-    }
-    let none = [[0.0, 0.0], [9.0, 0.0], [9.0, 3.0], [8.0, 3.0], [8.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
-    assert_eq!(super::kernel(&none.map(Place::from), true), None);
-}
-
-#[test]
 fn a_coarse_map_that_folds_is_told() {
     let surface = shapes::surface(shapes::sheet(12, 12));
     let found = decimated(&surface, 40);

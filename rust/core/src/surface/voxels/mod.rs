@@ -234,12 +234,6 @@ mod tests {
     }
 
     #[test]
-    fn a_full_block_has_its_shell_as_surface() {
-        let surface = surface_of([5, 6, 7], |_| true);
-        assert_eq!(surface.len(), 5 * 6 * 7 - 3 * 4 * 5);
-    }
-
-    #[test]
     fn outward_points_to_the_background() {
         let surface = surface_of([7, 7, 7], |v| v.iter().all(|&x| (1..6).contains(&x)));
         let top = surface.find([3, 3, 5]).unwrap();
